@@ -1,0 +1,92 @@
+"""What every command shares: how commands are found, how they print, how they fail.
+
+Results go to stdout, progress and errors to stderr; `--json` prints one object. Exit 0 is
+success, 2 bad use, 1 any other failure. rich honours `NO_COLOR` and drops colour and progress
+where the stream is no terminal.
+"""
+
+import json
+import sys
+from collections.abc import Callable
+from functools import wraps
+from importlib.metadata import entry_points
+from typing import Annotated, Any, Final
+
+import typer
+from rich.console import Console
+
+from taxel import __version__
+from taxel.errors import MissingDependency, TaxelError
+
+COMMANDS: Final = "taxel.commands"
+
+OUT: Final = Console(highlight=False)
+"""Results."""
+
+ERR: Final = Console(stderr=True, highlight=False)
+"""Progress and errors."""
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
+
+
+def print_json(value: Any) -> None:
+    """Print one JSON object on stdout, for programs."""
+    sys.stdout.write(json.dumps(value, indent=1, allow_nan=False) + "\n")
+
+
+def new_app(help_text: str) -> typer.Typer:
+    """A command group in the style that all of ours have."""
+    return typer.Typer(
+        help=help_text,
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode="markdown",
+    )
+
+
+def failing_clearly(command: Callable[..., None]) -> Callable[..., None]:
+    """Turn the errors that we raise on purpose into one line on stderr and exit code 1."""
+
+    @wraps(command)
+    def run(*args: Any, **kwargs: Any) -> None:
+        try:
+            command(*args, **kwargs)
+        except TaxelError as error:
+            ERR.print("[bold red]error:[/]", end=" ")
+            ERR.print(str(error), markup=False, soft_wrap=True)
+            raise typer.Exit(1) from None
+        except ModuleNotFoundError as error:
+            if error.name is None or error.name.startswith("taxel"):
+                raise
+            missing = MissingDependency("this command", error.name, "all")
+            ERR.print(f"[bold red]error:[/] {missing}", soft_wrap=True)
+            raise typer.Exit(1) from None
+
+    return run
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        OUT.print(f"taxel {__version__}")
+        raise typer.Exit
+
+
+def build() -> typer.Typer:
+    """The `taxel` command with every installed subcommand."""
+    app = new_app("Taxel plays a BioTac tactile fingertip for robot simulators.")
+
+    @app.callback()
+    def frame(
+        version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True)] = False,
+    ) -> None:
+        """Taxel plays a BioTac tactile fingertip for robot simulators."""
+
+    for entry in sorted(entry_points(group=COMMANDS), key=lambda entry: entry.name):
+        app.command(entry.name)(failing_clearly(entry.load()))
+    return app
+
+
+def main() -> None:
+    """Entry point of the `taxel` command."""
+    build()()

@@ -1,0 +1,48 @@
+"""`taxel models`: what a server or a repository offers."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from taxel.commands.frame import OUT, Json, print_json
+from taxel.errors import SettingsError
+from taxel.predictor import PredictorSource
+
+Connect = Annotated[
+    str | None, typer.Option("--connect", metavar="ENDPOINT", help="A running server, as tcp/HOST:PORT.")
+]
+Repository = Annotated[
+    Path | None, typer.Option("--repository", metavar="REPO", help="A repository folder, in this process.")
+]
+
+
+def open_source(connect: str | None, repository: Path | None) -> PredictorSource:
+    """The server or the repository that a command line names.
+
+    Raises:
+        SettingsError: neither or both are named.
+    """
+    import taxel
+
+    if connect is not None and repository is None:
+        return taxel.connect(connect)
+    if repository is not None and connect is None:
+        return taxel.load(repository)
+    raise SettingsError("name either --connect ENDPOINT or --repository REPO")
+
+
+def models(connect: Connect = None, repository: Repository = None, as_json: Json = False) -> None:
+    """List the models of a server or a repository."""
+    with open_source(connect, repository) as source:
+        offered = source.models()
+    if as_json:
+        print_json({"models": [asdict(model) for model in offered]})
+        return
+    table = Table("model", "version", "state", "inputs", "platform", "reason")
+    for model in offered:
+        combination = "" if model.combination is None else str(model.combination)
+        table.add_row(model.name, model.version, model.state, combination, model.platform, model.reason)
+    OUT.print(table)

@@ -1,0 +1,123 @@
+"""Every error that Taxel raises on purpose, in one tree.
+
+    TaxelError
+    ├── RequestError            an inference request was not answered with a prediction
+    │   ├── InvalidArgument     the request itself is wrong: shape, datatype, NaN, bytes
+    │   ├── NotFound            no such model, version or key
+    │   ├── ResourceExhausted   the server's queue is full, or the request is too large
+    │   ├── DeadlineExceeded    the answer would have come too late
+    │   ├── Unavailable         nobody answers, or the server is stopping
+    │   ├── Unauthenticated     the server does not know the caller
+    │   └── Internal            a fault of the server
+    ├── ArtifactError           a model on disk is damaged, inconsistent or unsupported
+    ├── RecordingError          a recording is damaged; names the file, line and expectation
+    ├── SettingsError           an option or a settings file is wrong
+    └── MissingDependency       an optional package is needed; names the extra to install
+
+Where they come from: a `RequestError` crosses the wire as its `code` and text and is raised
+again, as the same class, by the client. The others never cross it: they stop a command before
+anything has been overwritten.
+"""
+
+from typing import ClassVar, Final, Literal
+
+Code = Literal[
+    "INVALID_ARGUMENT",
+    "NOT_FOUND",
+    "RESOURCE_EXHAUSTED",
+    "DEADLINE_EXCEEDED",
+    "UNAVAILABLE",
+    "UNAUTHENTICATED",
+    "INTERNAL",
+]
+
+
+class TaxelError(Exception):
+    """Base of every error that Taxel raises on purpose."""
+
+
+class RequestError(TaxelError):
+    """A request was refused or could not be answered; `code` is what the wire carries."""
+
+    code: ClassVar[Code] = "INTERNAL"
+
+
+class InvalidArgument(RequestError):
+    """The request is wrong, and would be wrong again: its text names the field."""
+
+    code = "INVALID_ARGUMENT"
+
+
+class NotFound(RequestError):
+    """The model, version or key does not exist."""
+
+    code = "NOT_FOUND"
+
+
+class ResourceExhausted(RequestError):
+    """The queue is full (try again later) or the request exceeds a limit (split it)."""
+
+    code = "RESOURCE_EXHAUSTED"
+
+
+class DeadlineExceeded(RequestError):
+    """No answer within the time that the caller allowed."""
+
+    code = "DEADLINE_EXCEEDED"
+
+
+class Unavailable(RequestError):
+    """No server answers at this endpoint, or it is stopping."""
+
+    code = "UNAVAILABLE"
+
+
+class Unauthenticated(RequestError):
+    """The server refuses to talk to this caller."""
+
+    code = "UNAUTHENTICATED"
+
+
+class Internal(RequestError):
+    """The server failed; its log says more."""
+
+    code = "INTERNAL"
+
+
+class ArtifactError(TaxelError):
+    """A model on disk is damaged, inconsistent or not supported."""
+
+
+class RecordingError(TaxelError):
+    """A recording is damaged: the text names the file, the line and what was expected."""
+
+
+class SettingsError(TaxelError):
+    """An option, environment variable or settings file is wrong."""
+
+
+class MissingDependency(TaxelError):
+    """An optional package is not installed."""
+
+    def __init__(self, purpose: str, package: str, extra: str) -> None:
+        super().__init__(f"{purpose} needs {package}: pip install 'taxel[{extra}]'")
+
+
+_BY_CODE: Final[dict[str, type[RequestError]]] = {
+    error.code: error
+    for error in (
+        InvalidArgument,
+        NotFound,
+        ResourceExhausted,
+        DeadlineExceeded,
+        Unavailable,
+        Unauthenticated,
+        Internal,
+    )
+}
+
+
+def from_code(code: str, text: str) -> RequestError:
+    """The error that a wire `code` stands for; an unknown code is `Internal` and says so."""
+    error = _BY_CODE.get(code)
+    return error(text) if error else Internal(f"{text} (unknown error code {code!r})")

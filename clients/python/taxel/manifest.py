@@ -1,0 +1,174 @@
+"""What an artifact says of itself: `manifest.json`, checked whenever it is read."""
+
+from typing import Annotated, Any, Final, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, StringConstraints, model_validator
+
+from taxel.channels import CHANNELS
+from taxel.windows import COMBINATIONS, PERIOD_NS, WindowSpec
+
+SCHEMA: Final = 1
+
+INPUT_NAME: Final = "window"
+OUTPUT_NAME: Final = "channels"
+
+Platform = Literal["xgboost_json", "onnxruntime_onnx"]
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
+Version = Annotated[str, StringConstraints(pattern=r"^[1-9][0-9]{0,8}$")]
+Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Tensor(_Part):
+    """A tensor as the Open Inference Protocol describes it; -1 stands for the batch axis."""
+
+    name: str
+    datatype: Literal["FP32"] = "FP32"
+    shape: tuple[Literal[-1], Annotated[int, Field(gt=0)]]
+
+
+class WindowLayout(_Part):
+    """The window that a model was trained on, spelled out so that nothing is left to memory."""
+
+    combination: int
+    sample_period_ms: float = PERIOD_NS / 1e6
+    features: tuple[str, ...]
+    look_ahead: int
+
+    @classmethod
+    def of(cls, spec: WindowSpec) -> Self:
+        """The layout of an input combination."""
+        return cls(combination=spec.combination, features=spec.features, look_ahead=spec.look_ahead)
+
+    @model_validator(mode="after")
+    def _agrees_with_the_builder(self) -> Self:
+        if self.combination not in COMBINATIONS:
+            raise ValueError(f"combination {self.combination}: expected one of 1 to 8")
+        spec = WindowSpec.of(self.combination)
+        if self.features != spec.features:
+            raise ValueError(f"features {list(self.features)} are not those built: {list(spec.features)}")
+        if self.look_ahead != spec.look_ahead:
+            raise ValueError(f"look_ahead {self.look_ahead}: expected {spec.look_ahead} ticks")
+        if self.sample_period_ms != PERIOD_NS / 1e6:
+            raise ValueError(f"sample_period_ms {self.sample_period_ms}: expected {PERIOD_NS / 1e6}")
+        return self
+
+
+class Normalisation(_Part):
+    """Mean and standard deviation of inputs and outputs over the training part.
+
+    `folded` says that the model file already takes raw windows and gives counts; otherwise
+    whoever evaluates it normalises before and after.
+    """
+
+    input_mean: tuple[FiniteFloat, ...]
+    input_std: tuple[Positive, ...]
+    output_mean: tuple[FiniteFloat, ...]
+    output_std: tuple[Positive, ...]
+    folded: bool = False
+
+
+class Source(_Part):
+    """One recording that a model was trained on."""
+
+    name: str
+    format: str
+    rows: int
+    sha256: Sha256
+
+
+class Training(_Part):
+    """How a model came to be: enough to make it again."""
+
+    family: str
+    data: tuple[Source, ...]
+    windows: dict[str, int]
+    split: dict[str, Any]
+    seed: int
+    hyperparameters: dict[str, Any]
+    metrics: dict[str, Any]
+
+
+class Parity(_Part):
+    """How far the exported model's predictions are from the trained one's, in counts."""
+
+    windows: int
+    largest_difference: FiniteFloat
+    tolerance: Positive
+
+
+class ModelFile(_Part):
+    """The model's bytes."""
+
+    name: Annotated[str, StringConstraints(pattern=r"^model\.(onnx|json)$")]
+    sha256: Sha256
+    size: Annotated[int, Field(gt=0)]
+
+
+class Manifest(_Part):
+    """Everything there is to know of an artifact besides its weights.
+
+    Raises:
+        pydantic.ValidationError: any part is missing, unknown or at odds with another.
+    """
+
+    schema_version: Literal[1] = SCHEMA
+    name: Name
+    version: Version
+    description: str
+    platform: Platform
+    inputs: tuple[Tensor]
+    outputs: tuple[Tensor]
+    window: WindowLayout
+    channels: tuple[str, ...] = CHANNELS
+    normalisation: Normalisation
+    effects: tuple[dict[str, Any], ...] = ()
+    parameters: int
+    training: Training
+    parity: Parity
+    model_file: ModelFile
+    taxel_version: str
+
+    @property
+    def spec(self) -> WindowSpec:
+        """The window to build for this model."""
+        return WindowSpec.of(self.window.combination)
+
+    @model_validator(mode="after")
+    def _is_consistent(self) -> Self:
+        features, channels = len(self.window.features), len(CHANNELS)
+        if self.channels != CHANNELS:
+            raise ValueError(f"channels {list(self.channels)}: expected {list(CHANNELS)}")
+        for where, tensor, name, length in (
+            ("inputs[0]", self.inputs[0], INPUT_NAME, features),
+            ("outputs[0]", self.outputs[0], OUTPUT_NAME, channels),
+        ):
+            if tensor.name != name or tensor.shape[1] != length:
+                raise ValueError(f"{where} is {tensor.name} {tensor.shape}: expected {name} (-1, {length})")
+        for field, length in (
+            ("input_mean", features),
+            ("input_std", features),
+            ("output_mean", channels),
+            ("output_std", channels),
+        ):
+            values = getattr(self.normalisation, field)
+            if len(values) != length:
+                raise ValueError(f"normalisation.{field} has {len(values)} values: expected {length}")
+        suffix = "json" if self.platform == "xgboost_json" else "onnx"
+        if self.model_file.name != f"model.{suffix}":
+            raise ValueError(
+                f"model_file.name {self.model_file.name}: {self.platform} needs model.{suffix}"
+            )
+        return self
+
+
+def tensors(spec: WindowSpec) -> tuple[tuple[Tensor], tuple[Tensor]]:
+    """The inputs and outputs of a model that takes these windows."""
+    return (
+        (Tensor(name=INPUT_NAME, shape=(-1, spec.length)),),
+        (Tensor(name=OUTPUT_NAME, shape=(-1, len(CHANNELS))),),
+    )

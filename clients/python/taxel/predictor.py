@@ -1,0 +1,94 @@
+"""What a user holds: a predictor, and the source it came from; local and remote are alike."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.manifest import Manifest
+from taxel.windows import WindowSpec, WindowStream
+
+
+@dataclass(frozen=True)
+class ModelInfo:
+    """One version of a model that a source offers.
+
+    `state` is `READY`, or `UNAVAILABLE` with the `reason`.
+    """
+
+    name: str
+    version: str
+    state: str
+    reason: str
+    platform: str
+    combination: int | None
+
+
+class Predictor(ABC):
+    """Turns windows into the 21 channels.
+
+    Attributes:
+        manifest: everything known of the model.
+    """
+
+    def __init__(self, manifest: Manifest) -> None:
+        self.manifest = manifest
+
+    @property
+    def window(self) -> WindowSpec:
+        """What one window holds, for `build_windows` and `WindowStream`."""
+        return self.manifest.spec
+
+    def stream(self, *, rate_hz: float = 100.0, fingers: int = 1) -> WindowStream:
+        """A builder of this model's windows from live samples."""
+        return WindowStream(self.window, rate_hz=rate_hz, fingers=fingers)
+
+    @abstractmethod
+    def predict(self, windows: NDArray[Any], *, timeout: float | None = None) -> NDArray[np.float32]:
+        """Predict the channels of each window.
+
+        Args:
+            windows: (n, f), raw values in m and N, columns as `window.features`; best float32.
+            timeout: seconds to wait for the answer; a local predictor never waits.
+
+        Returns:
+            (n, 21) float32, counts, columns as `taxel.CHANNELS`.
+
+        Raises:
+            InvalidArgument: wrong shape or datatype, no rows, or a value that is not finite.
+            RequestError: no prediction could be had; see `taxel.errors`.
+        """
+
+
+class PredictorSource(ABC):
+    """Where predictors come from: a server (`taxel.connect`) or a repository (`taxel.load`)."""
+
+    @abstractmethod
+    def models(self) -> list[ModelInfo]:
+        """Every version of every model, sorted."""
+
+    @abstractmethod
+    def predictor(self, name: str, version: str | None = None) -> Predictor:
+        """A predictor for a model, its newest version if none is named.
+
+        Raises:
+            NotFound: there is no such model or version.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """Release what the source holds; its predictors stop working."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

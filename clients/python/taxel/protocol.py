@@ -1,0 +1,262 @@
+"""The wire protocol: the Open Inference Protocol v2's words on zenoh keys, packed with msgpack.
+
+Keys, below a prefix (`taxel` unless configured):
+
+    <prefix>/v2                                      server metadata
+    <prefix>/v2/health/live, /v2/health/ready        is it up; is it ready to predict
+    <prefix>/v2/models/<name>[/versions/<v>]         model metadata
+    …/ready, …/infer, …/stats                        of one model
+    <prefix>/v2/repository/index                     every model and its state
+
+An error is a zenoh error reply, `{"error": text, "code": one of taxel.errors.Code}`.
+The rest of this file is the hot path: it checks by hand and copies nothing.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import msgpack
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.channels import CHANNELS
+from taxel.errors import Internal, InvalidArgument, RequestError, ResourceExhausted, from_code
+from taxel.manifest import INPUT_NAME, OUTPUT_NAME
+
+PREFIX: Final = "taxel"
+MAX_ROWS: Final = 65_536
+"""Most windows in one request, unless a server allows fewer."""
+
+_FLOAT: Final = np.dtype("<f4")
+
+
+def model_key(prefix: str, name: str, version: str | None, action: str = "") -> str:
+    """The key of a model, or of an `action` on it such as `infer`."""
+    where = f"/versions/{version}" if version else ""
+    return f"{prefix}/v2/models/{name}{where}{'/' + action if action else ''}"
+
+
+@dataclass(frozen=True)
+class InferRequest:
+    """A decoded request: windows (n, f) float32, all finite."""
+
+    windows: NDArray[np.float32]
+    id: str | None = None
+    timeout_ms: float | None = None
+
+
+@dataclass(frozen=True)
+class InferResponse:
+    """A decoded reply: counts (n, 21) float32, and how long the server took."""
+
+    outputs: NDArray[np.float32]
+    model_name: str
+    model_version: str
+    id: str | None
+    queue_us: int
+    compute_us: int
+    batch_rows: int
+
+
+def check_windows(windows: NDArray[Any], features: tuple[str, ...]) -> NDArray[np.float32]:
+    """Windows as a C-contiguous (n, f) float32 array.
+
+    Raises:
+        InvalidArgument: wrong shape or datatype, no rows, or a value that is not finite.
+    """
+    array = np.asarray(windows)
+    if array.dtype.kind not in "fiu":
+        raise InvalidArgument(f"window: datatype {array.dtype}: expected numbers, best float32")
+    if array.ndim != 2 or array.shape[1] != len(features):
+        raise InvalidArgument(f"window: shape {array.shape}: expected (n, {len(features)})")
+    if not len(array):
+        raise InvalidArgument("window: no rows: expected at least one window")
+    with np.errstate(over="ignore"):
+        result = np.ascontiguousarray(array, dtype=np.float32)
+    check_finite(result, features)
+    return result
+
+
+def check_finite(windows: NDArray[np.float32], features: tuple[str, ...]) -> None:
+    """Refuse NaN and infinities, naming the first by row and feature.
+
+    Raises:
+        InvalidArgument: a value is not finite.
+    """
+    finite = np.isfinite(windows)
+    if not finite.all():
+        row, column = (int(index) for index in np.argwhere(~finite)[0])
+        value = windows[row, column]
+        raise InvalidArgument(f"window[{row}, {features[column]!r}] is {value}: expected a finite number")
+
+
+def pack_infer_request(
+    windows: NDArray[np.float32], *, request_id: str | None = None, timeout_ms: float | None = None
+) -> bytes:
+    """Encode windows, (n, f) float32 C-contiguous, as an infer request."""
+    request: dict[str, Any] = {
+        "inputs": [
+            {
+                "name": INPUT_NAME,
+                "datatype": "FP32",
+                "shape": windows.shape,
+                "data": windows.astype(_FLOAT, copy=False).data,
+            }
+        ]
+    }
+    if request_id is not None:
+        request["id"] = request_id
+    if timeout_ms is not None:
+        request["parameters"] = {"timeout_ms": timeout_ms}
+    return packb(request)
+
+
+def unpack_infer_request(payload: bytes, max_rows: int = MAX_ROWS) -> InferRequest:
+    """Decode an infer request; the windows are a read-only view of its bytes.
+
+    The number of features and their being finite are the model's to check.
+
+    Raises:
+        InvalidArgument: the bytes are no request; the text names the field.
+        ResourceExhausted: more than `max_rows` windows.
+    """
+    request = _mapping(unpackb(payload), "request")
+    request_id = request.get("id")
+    if request_id is not None and not isinstance(request_id, str):
+        raise InvalidArgument(f"id: {_kind(request_id)}: expected text")
+    inputs = request.get("inputs")
+    if not isinstance(inputs, list) or len(inputs) != 1:
+        raise InvalidArgument(f"inputs: {_kind(inputs)}: expected a list of one tensor, {INPUT_NAME!r}")
+    windows = _tensor(_mapping(inputs[0], "inputs[0]"), "inputs[0]", INPUT_NAME, max_rows)
+    return InferRequest(windows, request_id, _timeout(request.get("parameters")))
+
+
+def _timeout(parameters: object) -> float | None:
+    if parameters is None:
+        return None
+    timeout = _mapping(parameters, "parameters").get("timeout_ms")
+    if timeout is None:
+        return None
+    if isinstance(timeout, bool) or not isinstance(timeout, (int, float)) or not 0 < timeout < 1e9:
+        raise InvalidArgument(f"parameters.timeout_ms: {timeout!r}: expected milliseconds above 0")
+    return float(timeout)
+
+
+def _tensor(tensor: dict[str, Any], where: str, name: str, max_rows: int) -> NDArray[np.float32]:
+    if tensor.get("name") != name:
+        raise InvalidArgument(f"{where}.name: {_short(tensor.get('name'))}: expected {name!r}")
+    if tensor.get("datatype") != "FP32":
+        raise InvalidArgument(f"{where}.datatype: {_short(tensor.get('datatype'))}: expected 'FP32'")
+    shape = tensor.get("shape")
+    if not isinstance(shape, list) or len(shape) != 2 or not all(type(size) is int for size in shape):
+        raise InvalidArgument(f"{where}.shape: {_short(shape)}: expected [n, f], two whole numbers")
+    rows, columns = shape
+    if rows < 1 or columns < 1:
+        raise InvalidArgument(f"{where}.shape: {shape}: expected at least one row and one column")
+    if rows > max_rows:
+        raise ResourceExhausted(f"{where}.shape: {rows} rows: expected at most {max_rows} in one request")
+    data = tensor.get("data")
+    if not isinstance(data, bytes):
+        raise InvalidArgument(f"{where}.data: {_kind(data)}: expected bytes, little-endian float32")
+    if len(data) != rows * columns * _FLOAT.itemsize:
+        expected = rows * columns * _FLOAT.itemsize
+        raise InvalidArgument(f"{where}.data: {len(data)} bytes: expected {expected} for shape {shape}")
+    return np.frombuffer(data, _FLOAT).reshape(rows, columns)
+
+
+def pack_infer_response(response: InferResponse) -> bytes:
+    """Encode predictions."""
+    reply: dict[str, Any] = {
+        "model_name": response.model_name,
+        "model_version": response.model_version,
+        "outputs": [
+            {
+                "name": OUTPUT_NAME,
+                "datatype": "FP32",
+                "shape": response.outputs.shape,
+                "data": np.ascontiguousarray(response.outputs, _FLOAT).data,
+            }
+        ],
+        "parameters": {
+            "queue_us": response.queue_us,
+            "compute_us": response.compute_us,
+            "batch_rows": response.batch_rows,
+        },
+    }
+    if response.id is not None:
+        reply["id"] = response.id
+    return packb(reply)
+
+
+def unpack_infer_response(payload: bytes) -> InferResponse:
+    """Decode predictions.
+
+    Raises:
+        Internal: the reply is not one that a Taxel server sends.
+    """
+    try:
+        reply = _mapping(unpackb(payload), "reply")
+        (tensor,) = reply["outputs"]
+        outputs = _tensor(_mapping(tensor, "outputs[0]"), "outputs[0]", OUTPUT_NAME, 2**31)
+        if outputs.shape[1] != len(CHANNELS):
+            raise InvalidArgument(f"outputs[0].shape: {outputs.shape}: expected (n, {len(CHANNELS)})")
+        times = reply["parameters"]
+        return InferResponse(
+            outputs,
+            reply["model_name"],
+            reply["model_version"],
+            reply.get("id"),
+            times["queue_us"],
+            times["compute_us"],
+            times["batch_rows"],
+        )
+    except (RequestError, KeyError, TypeError, ValueError) as error:
+        raise Internal(f"the server's reply is malformed: {error!r}") from None
+
+
+def pack_error(error: RequestError) -> bytes:
+    """Encode an error reply."""
+    return packb({"error": str(error), "code": error.code})
+
+
+def unpack_error(payload: bytes) -> RequestError:
+    """The error that an error reply stands for; `Internal` where it is not one of ours."""
+    try:
+        reply = _mapping(unpackb(payload), "error")
+        return from_code(str(reply["code"]), str(reply["error"]))
+    except (InvalidArgument, KeyError):
+        return Internal(f"the server answered with an error that is not Taxel's: {payload[:80]!r}")
+
+
+def packb(value: Any) -> bytes:
+    """Encode any metadata."""
+    packed: bytes = msgpack.packb(value, use_bin_type=True)
+    return packed
+
+
+def unpackb(payload: bytes) -> Any:
+    """Decode any metadata.
+
+    Raises:
+        InvalidArgument: the bytes are not msgpack.
+    """
+    try:
+        return msgpack.unpackb(payload, raw=False, strict_map_key=True)
+    except (ValueError, msgpack.UnpackException) as error:
+        reason = str(error) or type(error).__name__
+        raise InvalidArgument(f"payload: {len(payload)} bytes that are not msgpack: {reason}") from None
+
+
+def _mapping(value: object, where: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise InvalidArgument(f"{where}: {_kind(value)}: expected a map")
+    return value
+
+
+def _kind(value: object) -> str:
+    return "missing" if value is None else f"a {type(value).__name__}"
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return "missing" if value is None else text if len(text) <= 60 else text[:57] + "…"

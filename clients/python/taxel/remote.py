@@ -1,0 +1,144 @@
+"""Predictors that a Taxel server evaluates, reached over zenoh."""
+
+import json
+import time
+from typing import Any, Final
+
+import numpy as np
+import zenoh
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from taxel.errors import DeadlineExceeded, Internal, InvalidArgument, Unavailable
+from taxel.manifest import Manifest
+from taxel.predictor import ModelInfo, Predictor, PredictorSource
+from taxel.protocol import (
+    PREFIX,
+    check_windows,
+    model_key,
+    pack_infer_request,
+    unpack_error,
+    unpack_infer_response,
+    unpackb,
+)
+
+_GRACE_S: Final = 0.25
+"""How much longer than the server's deadline a client waits for the server to say so."""
+
+
+class RemoteSource(PredictorSource):
+    """A connection to a server. Thread-safe; one serves any number of predictors.
+
+    Args:
+        endpoint: where the server listens, such as `tcp/127.0.0.1:7447`.
+        timeout: seconds to wait for the connection, and for an answer where a call names none.
+        prefix: the server's key prefix.
+
+    Raises:
+        Unavailable: nobody listens there.
+    """
+
+    def __init__(self, endpoint: str, *, timeout: float = 5.0, prefix: str = PREFIX) -> None:
+        self.endpoint = endpoint
+        self.timeout = checked_timeout(timeout)
+        self.prefix = prefix
+        self._session = _open(endpoint, timeout)
+
+    def models(self) -> list[ModelInfo]:
+        index = unpackb(self.get(f"{self.prefix}/v2/repository/index"))
+        return [ModelInfo(**model) for model in index["models"]]
+
+    def predictor(self, name: str, version: str | None = None) -> "RemotePredictor":
+        metadata = unpackb(self.get(model_key(self.prefix, name, version)))
+        try:
+            manifest = Manifest.model_validate(metadata["parameters"]["manifest"])
+        except (ValidationError, KeyError, TypeError) as error:
+            raise Internal(f"the server's description of {name!r} is malformed: {error}") from None
+        return RemotePredictor(self, manifest)
+
+    def ready(self) -> bool:
+        """Whether the server is ready to predict; False also where nobody answers."""
+        try:
+            return bool(unpackb(self.get(f"{self.prefix}/v2/health/ready"))["ready"])
+        except Unavailable:
+            return False
+
+    def get(self, key: str, payload: bytes | None = None, timeout: float | None = None) -> bytes:
+        """One query, one answer.
+
+        Raises:
+            RequestError: the server's typed error; `Unavailable` where nobody answers,
+                `DeadlineExceeded` where the answer does not come in time.
+        """
+        wait = self.timeout if timeout is None else timeout
+        started = time.monotonic()
+        try:
+            replies = self._session.get(key, payload=payload, timeout=wait)
+            reply = next(iter(replies), None)
+        except zenoh.ZError as error:
+            raise Unavailable(f"{self.endpoint}: {error}") from None
+        if reply is None:
+            if time.monotonic() - started >= wait:
+                raise DeadlineExceeded(f"{self.endpoint}: no answer to {key} within {wait:g} s")
+            raise Unavailable(f"{self.endpoint}: nobody answers {key}")
+        if reply.ok is not None:
+            return reply.ok.payload.to_bytes()
+        text = reply.err.payload.to_bytes() if reply.err is not None else b""
+        if text == b"Timeout":
+            raise DeadlineExceeded(f"{self.endpoint}: no answer to {key} within {wait:g} s")
+        raise unpack_error(text)
+
+    def close(self) -> None:
+        self._session.close()  # type: ignore[no-untyped-call]
+
+
+class RemotePredictor(Predictor):
+    """One model of a server; made by `RemoteSource.predictor`."""
+
+    def __init__(self, source: RemoteSource, manifest: Manifest) -> None:
+        super().__init__(manifest)
+        self._source = source
+        self._features = manifest.window.features
+        self._key = model_key(source.prefix, manifest.name, manifest.version, "infer")
+
+    def predict(self, windows: NDArray[Any], *, timeout: float | None = None) -> NDArray[np.float32]:
+        wait = self._source.timeout if timeout is None else checked_timeout(timeout)
+        rows = check_windows(windows, self._features)
+        payload = pack_infer_request(rows, timeout_ms=wait * 1e3)
+        response = unpack_infer_response(self._source.get(self._key, payload, wait + _GRACE_S))
+        if len(response.outputs) != len(rows):
+            raise Internal(f"the server answered {len(response.outputs)} rows to {len(rows)} windows")
+        return response.outputs
+
+
+def connect(endpoint: str, *, timeout: float = 5.0, prefix: str = PREFIX) -> RemoteSource:
+    """Connect to the server at an endpoint; the arguments are `RemoteSource`'s.
+
+    Raises:
+        Unavailable: nobody listens there.
+    """
+    return RemoteSource(endpoint, timeout=timeout, prefix=prefix)
+
+
+def checked_timeout(timeout: float) -> float:
+    """A timeout in seconds.
+
+    Raises:
+        InvalidArgument: it is not a positive, finite number.
+    """
+    if not (np.isfinite(timeout) and timeout > 0):
+        raise InvalidArgument(f"timeout is {timeout!r}: expected seconds above 0")
+    return timeout
+
+
+def _open(endpoint: str, timeout: float) -> zenoh.Session:
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("connect/timeout_ms", str(round(timeout * 1e3)))
+    config.insert_json5("connect/exit_on_failure", "true")
+    try:
+        config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise Unavailable(f"no server at {endpoint} within {timeout:g} s: {error}") from None

@@ -1,0 +1,163 @@
+"""Windows of a live stream, tick by tick, for one fingertip or many that share a clock."""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from taxel.errors import InvalidArgument
+from taxel.windows.combinations import PERIOD_NS, WindowSpec
+from taxel.windows.neighbours import nearest_moved, steps_of
+from taxel.windows.samples import gap_of, period_of, rows_are_ticks
+
+_INTERVALS_CHECKED: Final = 20
+
+
+class LiveWindow(NamedTuple):
+    """The windows of all fingertips for one moment.
+
+    Attributes:
+        time_ns: the moment T that they describe, `look_ahead` ticks before the newest sample.
+        values: (fingers, f) float32, ready for `Predictor.predict`.
+    """
+
+    time_ns: int
+    values: NDArray[np.float32]
+
+
+class WindowStream:
+    """Builds windows incrementally; the same numbers as `build_windows` on the whole stream.
+
+    Args:
+        spec: what a window holds; `predictor.window` for a loaded model.
+        rate_hz: how often samples come. Near 100 Hz each sample is a tick; at any other rate
+            ticks are interpolated between samples.
+        fingers: fingertips sampled together at each step.
+    """
+
+    def __init__(self, spec: WindowSpec, *, rate_hz: float = 100.0, fingers: int = 1) -> None:
+        if fingers < 1:
+            raise InvalidArgument(f"fingers is {fingers}: expected at least 1")
+        self.spec = spec
+        self.fingers = fingers
+        period = period_of(rate_hz)
+        self._rows_are_ticks = rows_are_ticks(period)
+        self._gap_ns = gap_of(period)
+        self._depth = spec.look_back + spec.look_ahead + 1
+        # Rings of the newest `depth` ticks: columns 0..2 position, 3..5 force.
+        self._ticks = np.empty((self._depth, fingers, 6))
+        self._times = np.empty(self._depth, np.int64)
+        self._previous = np.empty((fingers, 6))
+        self._intervals: list[int] = []
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every sample, as at the start of a new episode."""
+        self._count = 0
+        self._previous_ns: int | None = None
+        self._next_tick_ns = 0
+
+    def push(self, time_s: float, position: ArrayLike, force: ArrayLike) -> list[LiveWindow]:
+        """Take one sample at `time_s` seconds; see `push_ns`."""
+        if not np.isfinite(time_s):
+            raise InvalidArgument(f"time_s is {time_s!r}: expected a finite number of seconds")
+        return self.push_ns(round(time_s * 1e9), position, force)
+
+    def push_ns(self, time_ns: int, position: ArrayLike, force: ArrayLike) -> list[LiveWindow]:
+        """Take one sample of every fingertip and return the windows it completes.
+
+        Args:
+            time_ns: when the sample was taken, after every earlier one. After a gap of more
+                than 50 ms the stream starts afresh, so that no window reaches across it.
+            position: (3,) or (fingers, 3), m, in each sensor's own frame.
+            force: likewise, N.
+
+        Returns:
+            Usually one window, or none until enough samples have come; above one where samples
+            come more slowly than ticks.
+
+        Raises:
+            InvalidArgument: a shape is wrong, a value is not finite, time does not increase,
+                or samples come at a rate that `rate_hz` does not say. The stream is unchanged.
+        """
+        sample = np.empty((self.fingers, 6))
+        sample[:, :3] = self._checked("position", position)
+        sample[:, 3:] = self._checked("force", force)
+        self._check_time(time_ns)
+        if self._previous_ns is None or time_ns - self._previous_ns > self._gap_ns:
+            self.reset()
+            self._next_tick_ns = time_ns
+        windows = (
+            self._tick(time_ns, sample) if self._rows_are_ticks else self._interpolate(time_ns, sample)
+        )
+        self._previous_ns, self._previous = time_ns, sample
+        return windows
+
+    def _checked(self, name: str, values: ArrayLike) -> NDArray[np.float64]:
+        try:
+            array = np.asarray(values, dtype=np.float64).reshape(self.fingers, 3)
+        except (TypeError, ValueError):
+            expected = "(3,)" if self.fingers == 1 else f"({self.fingers}, 3)"
+            raise InvalidArgument(
+                f"{name} is {np.shape(values) or values!r}: expected numbers of shape {expected}"
+            ) from None
+        if not np.isfinite(array).all():
+            raise InvalidArgument(f"{name} is {array.tolist()}: expected finite numbers")
+        return array
+
+    def _check_time(self, time_ns: int) -> None:
+        if self._previous_ns is None:
+            return
+        interval = time_ns - self._previous_ns
+        if interval <= 0:
+            raise InvalidArgument(f"time {time_ns} ns is not after {self._previous_ns} ns before it")
+        if self._rows_are_ticks and len(self._intervals) < _INTERVALS_CHECKED:
+            self._intervals.append(interval)
+            if len(self._intervals) == _INTERVALS_CHECKED:
+                self._check_rate(float(np.median(self._intervals)))
+
+    def _check_rate(self, median_ns: float) -> None:
+        if not 0.5 < median_ns / PERIOD_NS < 2:
+            self._intervals.clear()
+            raise InvalidArgument(
+                f"samples come every {median_ns / 1e6:g} ms but the stream was made for 100 Hz: "
+                f"make it with rate_hz={1e9 / median_ns:g}"
+            )
+
+    def _interpolate(self, time_ns: int, sample: NDArray[np.float64]) -> list[LiveWindow]:
+        windows: list[LiveWindow] = []
+        while self._next_tick_ns <= time_ns:
+            tick_ns = self._next_tick_ns
+            if tick_ns == time_ns or self._previous_ns is None:
+                values = sample
+            else:
+                weight = (tick_ns - self._previous_ns) / (time_ns - self._previous_ns)
+                values = self._previous + weight * (sample - self._previous)
+            windows += self._tick(tick_ns, values)
+            self._next_tick_ns += PERIOD_NS
+        return windows
+
+    def _tick(self, time_ns: int, values: NDArray[np.float64]) -> list[LiveWindow]:
+        slot = self._count % self._depth
+        self._ticks[slot] = values
+        self._times[slot] = time_ns
+        self._count += 1
+        if self._count < self._depth:
+            return []
+        now = self._at(0)[:, :3]
+        columns = [
+            nearest_moved(now, (self._at(step)[:, :3] for step in steps_of(which)))
+            for which in self.spec.positions
+        ]
+        columns += [self._at(step)[:, 3:] for step in self.spec.force_steps]
+        moment = int(self._times[self._slot(0)])
+        return [LiveWindow(moment, np.concatenate(columns, axis=1).astype(np.float32))]
+
+    def _at(self, step: int) -> NDArray[np.float64]:
+        """The tick `step` ticks after T, (fingers, 6)."""
+        tick: NDArray[np.float64] = self._ticks[self._slot(step)]
+        return tick
+
+    def _slot(self, step: int) -> int:
+        """Where the ring holds the tick `step` ticks after T."""
+        return (self._count - 1 - self.spec.look_ahead + step) % self._depth

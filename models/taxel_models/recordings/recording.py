@@ -1,0 +1,128 @@
+"""A recording: samples over time with the channels that a real or simulated sensor measured."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from taxel.channels import CHANNELS
+from taxel.errors import InvalidArgument, RecordingError
+from taxel.windows import Samples, resample
+
+AUXILIARY: Final = ("pac1", "tac", "tdc")
+"""Measured beside the 21 channels: second vibration sample, heat flow, temperature."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Samples, measured channels, and whatever else was recorded.
+
+    Attributes:
+        samples: n rows of time, contact position and force.
+        channels: (n, 21) float64, counts, columns as `CHANNELS`.
+        auxiliary: `pac1`, `tac` and `tdc`, each (n,) float64, counts.
+        covariates: any other column by name, each (n,) float64.
+        name: what to call it in tables and errors.
+        format: `ruppel`, `biotac_slide` or `twin`.
+        sha256: of the files it was read from; empty for one made in memory.
+        dropped: how many rows were left out while reading, by reason.
+    """
+
+    samples: Samples
+    channels: NDArray[np.float64]
+    auxiliary: Mapping[str, NDArray[np.float64]]
+    covariates: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    name: str = "recording"
+    format: str = "ruppel"
+    sha256: str = ""
+    dropped: Mapping[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        rows = len(self.samples)
+        auxiliary = {name: self.auxiliary.get(name, np.empty(0)) for name in AUXILIARY}
+        columns: dict[str, tuple[NDArray[np.float64], tuple[int, ...]]] = {
+            "channels": (self.channels, (rows, len(CHANNELS))),
+            **{name: (values, (rows,)) for name, values in {**auxiliary, **self.covariates}.items()},
+        }
+        for name, (values, shape) in columns.items():
+            if values.shape != shape:
+                raise RecordingError(f"{self.name}: {name} has shape {values.shape}: expected {shape}")
+            if not np.isfinite(values).all():
+                row = int(np.argwhere(~np.isfinite(values))[0, 0])
+                raise RecordingError(f"{self.name}: {name} is not finite in row {row}")
+
+    @classmethod
+    def of(
+        cls,
+        time_ns: ArrayLike,
+        position: ArrayLike,
+        force: ArrayLike,
+        channels: ArrayLike,
+        auxiliary: Mapping[str, ArrayLike],
+        covariates: Mapping[str, ArrayLike] | None = None,
+        **about: object,
+    ) -> Self:
+        """Check and wrap raw columns.
+
+        Raises:
+            RecordingError: shapes disagree, a value is not finite or time does not increase.
+        """
+        name = str(about.get("name", "recording"))
+        try:
+            samples = Samples.of(time_ns, position, force)
+        except InvalidArgument as error:
+            raise RecordingError(f"{name}: {error}") from None
+        return cls(
+            samples,
+            _floats(channels),
+            {key: _floats(column) for key, column in auxiliary.items()},
+            {key: _floats(column) for key, column in (covariates or {}).items()},
+            **about,  # type: ignore[arg-type]
+        )
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    @property
+    def segments(self) -> tuple[slice, ...]:
+        """Stretches without a gap; in trial-wise data each is a trial."""
+        return self.samples.segments
+
+    def rows(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> Self:
+        """A recording of some of the rows, in their order; where rows are left out, a gap opens."""
+        samples = replace(
+            self.samples,
+            time_ns=self.samples.time_ns[keep],
+            position=self.samples.position[keep],
+            force=self.samples.force[keep],
+        )
+        return replace(
+            self,
+            samples=samples,
+            channels=self.channels[keep],
+            auxiliary={name: column[keep] for name, column in self.auxiliary.items()},
+            covariates={name: column[keep] for name, column in self.covariates.items()},
+        )
+
+    def ticks(self) -> Self:
+        """This recording at 10 ms ticks: itself if its rows are ticks, else interpolated."""
+        if self.samples.are_ticks:
+            return self
+        names = [*self.auxiliary, *self.covariates]
+        columns = [*self.auxiliary.values(), *self.covariates.values()]
+        _, values = resample(self.samples, np.column_stack([self.channels, *columns]))
+        split = len(CHANNELS)
+        extra = dict(zip(names, values[:, split:].T, strict=True))
+        return replace(
+            self,
+            samples=self.samples.ticks(),
+            channels=values[:, :split],
+            auxiliary={name: extra[name] for name in self.auxiliary},
+            covariates={name: extra[name] for name in self.covariates},
+        )
+
+
+def _floats(column: ArrayLike) -> NDArray[np.float64]:
+    return np.ascontiguousarray(column, dtype=np.float64)
