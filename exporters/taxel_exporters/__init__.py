@@ -1,0 +1,1 @@
+"""From a trained model to an artifact that a server loads, checked against each other."""

@@ -1,0 +1,1 @@
+"""Serving: artifacts in, predictions out, in this process or over zenoh."""

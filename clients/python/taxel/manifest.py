@@ -129,7 +129,7 @@ class Manifest(_Part):
     effects: tuple[dict[str, Any], ...] = ()
     parameters: int
     training: Training
-    parity: Parity
+    parity: Parity | None = None
     model_file: ModelFile
     taxel_version: str
 

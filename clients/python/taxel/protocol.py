@@ -27,6 +27,9 @@ PREFIX: Final = "taxel"
 MAX_ROWS: Final = 65_536
 """Most windows in one request, unless a server allows fewer."""
 
+_MAX_PARTS: Final = 64
+"""Most lists and maps in one request, and most entries in each."""
+
 _FLOAT: Final = np.dtype("<f4")
 
 
@@ -120,7 +123,7 @@ def unpack_infer_request(payload: bytes, max_rows: int = MAX_ROWS) -> InferReque
         InvalidArgument: the bytes are no request; the text names the field.
         ResourceExhausted: more than `max_rows` windows.
     """
-    request = _mapping(unpackb(payload), "request")
+    request = _mapping(_unpack_frugally(payload), "request")
     request_id = request.get("id")
     if request_id is not None and not isinstance(request_id, str):
         raise InvalidArgument(f"id: {_kind(request_id)}: expected text")
@@ -234,17 +237,33 @@ def packb(value: Any) -> bytes:
     return packed
 
 
-def unpackb(payload: bytes) -> Any:
-    """Decode any metadata.
+def unpackb(payload: bytes, **limits: Any) -> Any:
+    """Decode any metadata; `limits` are msgpack's own.
 
     Raises:
         InvalidArgument: the bytes are not msgpack.
     """
     try:
-        return msgpack.unpackb(payload, raw=False, strict_map_key=True)
+        return msgpack.unpackb(payload, raw=False, strict_map_key=True, **limits)
     except (ValueError, msgpack.UnpackException) as error:
         reason = str(error) or type(error).__name__
         raise InvalidArgument(f"payload: {len(payload)} bytes that are not msgpack: {reason}") from None
+
+
+def _unpack_frugally(payload: bytes) -> Any:
+    """Decode what a stranger sent: bytes by the million may not become objects by the million."""
+    parts = 0
+
+    def count(part: Any) -> Any:
+        nonlocal parts
+        parts += 1
+        if parts > _MAX_PARTS:
+            raise ValueError(f"more than {_MAX_PARTS} lists and maps")
+        return part
+
+    return unpackb(
+        payload, object_hook=count, list_hook=count, max_array_len=_MAX_PARTS, max_map_len=_MAX_PARTS
+    )
 
 
 def _mapping(value: object, where: str) -> dict[str, Any]:

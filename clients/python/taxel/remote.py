@@ -2,14 +2,17 @@
 
 import json
 import time
-from typing import Any, Final
+from collections.abc import Callable
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import zenoh
 from numpy.typing import NDArray
 from pydantic import ValidationError
+from typing_extensions import override
 
-from taxel.errors import DeadlineExceeded, Internal, InvalidArgument, Unavailable
+from taxel.artifacts import is_name, is_version
+from taxel.errors import DeadlineExceeded, Internal, InvalidArgument, NotFound, Unavailable
 from taxel.manifest import Manifest
 from taxel.predictor import ModelInfo, Predictor, PredictorSource
 from taxel.protocol import (
@@ -21,6 +24,8 @@ from taxel.protocol import (
     unpack_infer_response,
     unpackb,
 )
+
+T = TypeVar("T")
 
 _GRACE_S: Final = 0.25
 """How much longer than the server's deadline a client waits for the server to say so."""
@@ -35,6 +40,7 @@ class RemoteSource(PredictorSource):
         prefix: the server's key prefix.
 
     Raises:
+        InvalidArgument: that is no endpoint.
         Unavailable: nobody listens there.
     """
 
@@ -44,24 +50,37 @@ class RemoteSource(PredictorSource):
         self.prefix = prefix
         self._session = _open(endpoint, timeout)
 
+    @override
     def models(self) -> list[ModelInfo]:
-        index = unpackb(self.get(f"{self.prefix}/v2/repository/index"))
-        return [ModelInfo(**model) for model in index["models"]]
+        return self._read(
+            f"{self.prefix}/v2/repository/index",
+            lambda index: [ModelInfo(**model) for model in index["models"]],
+        )
 
+    @override
     def predictor(self, name: str, version: str | None = None) -> "RemotePredictor":
-        metadata = unpackb(self.get(model_key(self.prefix, name, version)))
-        try:
-            manifest = Manifest.model_validate(metadata["parameters"]["manifest"])
-        except (ValidationError, KeyError, TypeError) as error:
-            raise Internal(f"the server's description of {name!r} is malformed: {error}") from None
+        if not is_name(name) or not (version is None or is_version(version)):
+            raise NotFound(f"no model can be called {name!r}, version {version!r}")
+        manifest = self._read(
+            model_key(self.prefix, name, version),
+            lambda described: Manifest.model_validate(described["parameters"]["manifest"]),
+        )
         return RemotePredictor(self, manifest)
 
     def ready(self) -> bool:
         """Whether the server is ready to predict; False also where nobody answers."""
         try:
-            return bool(unpackb(self.get(f"{self.prefix}/v2/health/ready"))["ready"])
+            return self._read(f"{self.prefix}/v2/health/ready", lambda health: bool(health["ready"]))
         except Unavailable:
             return False
+
+    def _read(self, key: str, read: Callable[[Any], T]) -> T:
+        """What the server says at a key."""
+        answer = self.get(key)
+        try:
+            return read(unpackb(answer))
+        except (InvalidArgument, ValidationError, KeyError, TypeError) as error:
+            raise Internal(f"{self.endpoint}: the answer to {key} is malformed: {error!r}") from None
 
     def get(self, key: str, payload: bytes | None = None, timeout: float | None = None) -> bytes:
         """One query, one answer.
@@ -88,6 +107,7 @@ class RemoteSource(PredictorSource):
             raise DeadlineExceeded(f"{self.endpoint}: no answer to {key} within {wait:g} s")
         raise unpack_error(text)
 
+    @override
     def close(self) -> None:
         self._session.close()  # type: ignore[no-untyped-call]
 
@@ -101,6 +121,7 @@ class RemotePredictor(Predictor):
         self._features = manifest.window.features
         self._key = model_key(source.prefix, manifest.name, manifest.version, "infer")
 
+    @override
     def predict(self, windows: NDArray[Any], *, timeout: float | None = None) -> NDArray[np.float32]:
         wait = self._source.timeout if timeout is None else checked_timeout(timeout)
         rows = check_windows(windows, self._features)
@@ -115,6 +136,7 @@ def connect(endpoint: str, *, timeout: float = 5.0, prefix: str = PREFIX) -> Rem
     """Connect to the server at an endpoint; the arguments are `RemoteSource`'s.
 
     Raises:
+        InvalidArgument: that is no endpoint.
         Unavailable: nobody listens there.
     """
     return RemoteSource(endpoint, timeout=timeout, prefix=prefix)
@@ -139,6 +161,13 @@ def _open(endpoint: str, timeout: float) -> zenoh.Session:
     config.insert_json5("connect/exit_on_failure", "true")
     try:
         config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+    except zenoh.ZError:
+        raise InvalidArgument(
+            f"endpoint {endpoint!r}: expected PROTOCOL/ADDRESS, such as tcp/127.0.0.1:7447"
+        ) from None
+    try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise Unavailable(f"no server at {endpoint} within {timeout:g} s: {error}") from None
+        # What follows ' at /' is where zenoh was built.
+        reason = str(error).partition(" at /")[0]
+        raise Unavailable(f"no server at {endpoint} within {timeout:g} s: {reason}") from None

@@ -1,5 +1,6 @@
 """A recording: samples over time with the channels that a real or simulated sensor measured."""
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final, Self
@@ -62,14 +63,17 @@ class Recording:
         channels: ArrayLike,
         auxiliary: Mapping[str, ArrayLike],
         covariates: Mapping[str, ArrayLike] | None = None,
-        **about: object,
+        *,
+        name: str = "recording",
+        format: str = "ruppel",  # noqa: A002
+        sha256: str = "",
+        dropped: Mapping[str, int] | None = None,
     ) -> Self:
         """Check and wrap raw columns.
 
         Raises:
             RecordingError: shapes disagree, a value is not finite or time does not increase.
         """
-        name = str(about.get("name", "recording"))
         try:
             samples = Samples.of(time_ns, position, force)
         except InvalidArgument as error:
@@ -79,7 +83,10 @@ class Recording:
             _floats(channels),
             {key: _floats(column) for key, column in auxiliary.items()},
             {key: _floats(column) for key, column in (covariates or {}).items()},
-            **about,  # type: ignore[arg-type]
+            name=name,
+            format=format,
+            sha256=sha256,
+            dropped=dict(dropped or {}),
         )
 
     def __len__(self) -> int:
@@ -90,7 +97,23 @@ class Recording:
         """Stretches without a gap; in trial-wise data each is a trial."""
         return self.samples.segments
 
-    def rows(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> Self:
+    @property
+    def fingerprint(self) -> str:
+        """The sha256 of the files it was read from, or of its own columns where there are none."""
+        if self.sha256:
+            return self.sha256
+        digest = hashlib.sha256(self.samples.time_ns.tobytes())
+        for column in (
+            self.samples.position,
+            self.samples.force,
+            self.channels,
+            *self.auxiliary.values(),
+            *self.covariates.values(),
+        ):
+            digest.update(np.ascontiguousarray(column).tobytes())
+        return digest.hexdigest()
+
+    def rows(self, keep: NDArray[np.bool_] | NDArray[np.int64] | slice) -> Self:
         """A recording of some of the rows, in their order; where rows are left out, a gap opens."""
         samples = replace(
             self.samples,

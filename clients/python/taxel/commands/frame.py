@@ -16,7 +16,7 @@ import typer
 from rich.console import Console
 
 from taxel import __version__
-from taxel.errors import MissingDependency, TaxelError
+from taxel.errors import MissingDependency, SettingsError, TaxelError
 
 COMMANDS: Final = "taxel.commands"
 
@@ -46,7 +46,7 @@ def new_app(help_text: str) -> typer.Typer:
 
 
 def failing_clearly(command: Callable[..., None]) -> Callable[..., None]:
-    """Turn the errors that we raise on purpose into one line on stderr and exit code 1."""
+    """Turn the errors that we raise on purpose into one line on stderr and an exit code."""
 
     @wraps(command)
     def run(*args: Any, **kwargs: Any) -> None:
@@ -55,7 +55,7 @@ def failing_clearly(command: Callable[..., None]) -> Callable[..., None]:
         except TaxelError as error:
             ERR.print("[bold red]error:[/]", end=" ")
             ERR.print(str(error), markup=False, soft_wrap=True)
-            raise typer.Exit(1) from None
+            raise typer.Exit(2 if isinstance(error, SettingsError) else 1) from None
         except ModuleNotFoundError as error:
             if error.name is None or error.name.startswith("taxel"):
                 raise

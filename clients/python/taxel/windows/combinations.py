@@ -56,7 +56,7 @@ class WindowSpec:
 
     @cached_property
     def features(self) -> tuple[str, ...]:
-        """Names in column order: `x`, `x[last]`, `fx`, `fx[-10]`, `fx[+10]` …"""
+        """Names in column order, such as `x`, `x[last]`, `fx`, `fx[-10]`, `fx[+10]`."""
         positions = tuple(
             axis if which == "now" else f"{axis}[{which}]"
             for which in self.positions

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -97,7 +98,7 @@ class Samples:
             return ()
         breaks = np.flatnonzero(np.diff(self.time_ns) > gap_of(self.period_ns)) + 1
         edges = [0, *breaks.tolist(), len(self)]
-        return tuple(slice(start, stop) for start, stop in zip(edges[:-1], edges[1:], strict=True))
+        return tuple(slice(start, stop) for start, stop in pairwise(edges))
 
     @property
     def are_ticks(self) -> bool:

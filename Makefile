@@ -1,0 +1,82 @@
+# `make demo` runs the main job; `make test` runs every check. Both set up what they need in .venv.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+MODEL ?= xgb
+
+.PHONY: help demo install test check unit format artifacts clean
+
+help:
+	@echo "make demo      serve a shipped model and replay a recording through it (MODEL=xgb)"
+	@echo "make test      install everything; format, lint, types, import contract, tests"
+	@echo "make install   install everything into $(VENV): $(BIN)/taxel and $(BIN)/bench"
+	@echo "make format    format and fix what can be fixed"
+	@echo "make clean     remove $(VENV) and caches"
+
+demo: $(VENV)/.server
+	@$(BIN)/taxel demo --model $(MODEL)
+
+install: $(VENV)/.all
+	@echo "Installed. Try: $(BIN)/taxel --help, $(BIN)/bench --help"
+
+test: $(VENV)/.all
+	@$(MAKE) --no-print-directory check unit
+
+check:
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+unit:
+	$(BIN)/python -m pytest
+
+format: $(VENV)/.all
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+# The shipped artifacts, made again from a seed; the same versions give the same files.
+artifacts: $(VENV)/.all
+	mkdir -p build
+	$(BIN)/taxel twin --rows 120000 --seed 1 -o build/twin.csv
+	$(BIN)/taxel train --model xgb --inputs 1 --data build/twin.csv -o build/xgb --overwrite \
+	  --set n_estimators=40 --set max_depth=7 --set eta=0.2
+	rm -rf models/repository/xgb
+	$(BIN)/taxel export build/xgb --repository models/repository --name xgb --version 1
+
+clean:
+	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+
+# A virtual environment, or a plain word on what is missing for one.
+$(BIN)/python:
+	@command -v $(PYTHON) >/dev/null 2>&1 || { \
+	  echo "Taxel needs Python 3.11 or newer, and '$(PYTHON)' was not found."; \
+	  echo "Install it (on Debian: apt install python3 python3-venv), or name it: make PYTHON=python3.12 …"; \
+	  exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "Taxel needs Python 3.11 or newer; '$(PYTHON)' is $$($(PYTHON) --version)."; \
+	  echo "Name a newer one: make PYTHON=python3.12 …"; \
+	  exit 1; }
+	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { \
+	  echo "Python's venv module is missing (on Debian: apt install python3-venv)."; \
+	  exit 1; }
+	@$(PYTHON) -m venv $(VENV)
+
+# Only what serving needs.
+$(VENV)/.server: $(BIN)/python pyproject.toml constraints.txt
+	@test -e $(VENV)/.all || echo "Installing what serving needs into $(VENV) …"
+	@$(PIP) install -q -c constraints.txt -e '.[server]' || { $(MAKE) -s no-packages; exit 1; }
+	@touch $@
+
+# Everything: training, benchmarks, plots, tests.
+$(VENV)/.all: $(BIN)/python pyproject.toml constraints.txt
+	@echo "Installing everything into $(VENV) …"
+	@$(PIP) install -q -c constraints.txt -e '.[all,dev]' || { $(MAKE) -s no-packages; exit 1; }
+	@touch $@ $(VENV)/.server
+
+.PHONY: no-packages
+no-packages:
+	@echo "pip could not install the packages named above it. Taxel needs a package index once, at set-up:"
+	@echo "check the network, or point pip at a mirror (pip config set global.index-url URL)."

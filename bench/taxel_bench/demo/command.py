@@ -1,0 +1,91 @@
+"""`taxel demo`: the main job from end to end, on what Taxel ships."""
+
+from typing import Annotated, Any
+
+import typer
+from rich.progress import Progress
+from rich.table import Table
+
+from taxel.commands.frame import ERR, OUT, Json, print_json
+
+_SEED = 2024
+"""Of the replayed recording; the shipped models were trained on other seeds."""
+
+
+def demo(
+    model: Annotated[str, typer.Option(help="Which shipped model to serve.")] = "xgb",
+    seconds: Annotated[float, typer.Option(min=1.0, help="How long to replay at 100 Hz.")] = 10.0,
+    rows: Annotated[int, typer.Option(min=100, help="Samples to replay flat out.")] = 6000,
+    as_json: Json = False,
+) -> None:
+    """Serve a shipped model and replay a recording through it as a simulator would."""
+    import taxel
+    from taxel_bench.demo.replay import replay
+    from taxel_bench.demo.server import running_server
+    from taxel_models.evaluation.metrics import Errors
+    from taxel_models.evaluation.table import error_table
+    from taxel_models.shipped import shipped_repository
+    from taxel_models.twin import simulate
+
+    paced_rows = round(seconds * 100)
+    recording = simulate(max(rows, paced_rows), _SEED)
+    with (
+        running_server(shipped_repository()) as endpoint,
+        taxel.connect(endpoint) as server,
+        Progress(console=ERR, disable=not ERR.is_terminal) as progress,
+    ):
+        predictor = server.predictor(model)
+        bar = progress.add_task("replaying at 100 Hz", total=paced_rows)
+        paced = replay(
+            recording.rows(slice(paced_rows)),
+            predictor,
+            paced=True,
+            watch=lambda done: progress.update(bar, completed=done),
+        )
+        bar = progress.add_task("replaying flat out", total=rows)
+        flat_out = replay(
+            recording.rows(slice(rows)),
+            predictor,
+            paced=False,
+            watch=lambda done: progress.update(bar, completed=done),
+        )
+    manifest = predictor.manifest
+    errors = Errors.of(flat_out.measured, flat_out.predicted, manifest.normalisation.output_std)
+    runs = {"100 Hz": paced, "flat out": flat_out}
+    if as_json:
+        timings = {name: {**run.latencies.report(), "late": run.late} for name, run in runs.items()}
+        print_json({"model": f"{manifest.name}/{manifest.version}", "latency": timings, **errors.report()})
+        return
+    OUT.print(f"[bold]Predicted against measured[/], {manifest.name} version {manifest.version}:")
+    OUT.print(error_table(errors))
+    OUT.print(_latency_table(runs))
+    _say_where_next(predictor.window.delay_s)
+
+
+def _latency_table(runs: dict[str, Any]) -> Table:
+    table = Table("replay", "windows", "median, ms", "p90, ms", "p99, ms", "over 10 ms", "windows/s")
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for name, run in runs.items():
+        figures = run.latencies.report()
+        table.add_row(
+            name,
+            str(figures["repetitions"]),
+            *(f"{figures[key]:.3f}" for key in ("median_ms", "p90_ms", "p99_ms")),
+            str(run.late),
+            f"{len(run.predicted) / run.seconds:,.0f}",
+        )
+    return table
+
+
+def _say_where_next(delay_s: float) -> None:
+    OUT.print(
+        "Each latency is a sample pushed, its window built, sent to the server process and answered.\n"
+        f"This model looks {delay_s * 1e3:g} ms ahead: a sample's window is whole only then.\n"
+        "The recording is simulated (docs/twin.md). Where next:\n"
+        "  taxel serve --repository models/repository     a server of your own\n"
+        "  taxel train --data YOUR.csv -o trained         your own recordings (docs/recordings.md)\n"
+        "  bench run --model xgb                          the bare model's latency",
+        markup=False,
+        soft_wrap=True,
+    )

@@ -1,0 +1,114 @@
+"""Export: a trained model becomes a new version in a repository, or nothing is written."""
+
+import hashlib
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from taxel import __version__, artifacts
+from taxel.artifacts import MANIFEST, manifest_json
+from taxel.errors import ArtifactError, NotFound, SettingsError
+from taxel.manifest import Manifest, ModelFile, WindowLayout, tensors
+from taxel_exporters import formats
+from taxel_exporters.card import card
+from taxel_exporters.parity import check_parity
+from taxel_models.training import trained as trained_models
+from taxel_models.training.dataset import examples
+
+CARD: Final = "README.md"
+
+
+def export(
+    folder: Path,
+    repository: Path,
+    *,
+    name: str | None = None,
+    version: str | None = None,
+    description: str | None = None,
+) -> Manifest:
+    """Export the trained model in `folder` as `<repository>/<name>/<version>`.
+
+    The artifact is built aside, loaded as a server would, and compared with the trained model on
+    its held-out windows; only then does it take its place.
+
+    Args:
+        name: the family's name if none is given.
+        version: the next free one if none is given.
+
+    Raises:
+        ArtifactError: the trained model is damaged, or the artifact's predictions differ.
+        SettingsError: the name or version is not possible, or the version exists.
+    """
+    trained = trained_models.load(folder)
+    windows = np.concatenate(
+        [examples(recording, trained.spec).windows for recording in trained_models.held_out(folder)]
+    )
+    if not len(windows):
+        raise ArtifactError(f"{folder}: its held-out recordings give no window to check the export with")
+    training = trained.record.training
+    name = name or training.family
+    version = version or _next_version(repository, name)
+    place = _free_place(repository, name, version)
+    model = formats.write(trained)
+    inputs, outputs = tensors(trained.spec)
+    manifest = Manifest(
+        name=name,
+        version=version,
+        description=description
+        or _describe(training.family, trained.spec.combination, training.data[0].format),
+        platform=model.platform,
+        inputs=inputs,
+        outputs=outputs,
+        window=WindowLayout.of(trained.spec),
+        normalisation=trained.record.normalisation.model_copy(update={"folded": model.folded}),
+        parameters=trained.record.parameters,
+        training=training,
+        model_file=ModelFile(
+            name=model.file_name,
+            sha256=hashlib.sha256(model.content).hexdigest(),
+            size=len(model.content),
+        ),
+        taxel_version=__version__,
+    )
+    repository.mkdir(parents=True, exist_ok=True)
+    staging = Path(tempfile.mkdtemp(prefix=".export.", dir=repository))
+    try:
+        staged = staging / name / version
+        staged.mkdir(parents=True)
+        (staged / model.file_name).write_bytes(model.content)
+        (staged / MANIFEST).write_text(manifest_json(manifest), encoding="utf-8")
+        parity = check_parity(staging, name, trained, windows, model.tolerance)
+        manifest = manifest.model_copy(update={"parity": parity})
+        (staged / MANIFEST).write_text(manifest_json(manifest), encoding="utf-8")
+        (staged / CARD).write_text(card(manifest), encoding="utf-8")
+        artifacts.read(staged)
+        place.parent.mkdir(exist_ok=True)
+        staged.rename(place)
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+    return manifest
+
+
+def _describe(family: str, combination: int, data: str) -> str:
+    return f"A BioTac fingertip: {family} on input combination {combination}, trained on {data} data."
+
+
+def _next_version(repository: Path, name: str) -> str:
+    try:
+        return str(int(artifacts.versions(repository, name)[-1]) + 1)
+    except (ArtifactError, NotFound, IndexError):
+        return "1"
+
+
+def _free_place(repository: Path, name: str, version: str) -> Path:
+    if not artifacts.is_name(name):
+        raise SettingsError(f"--name {name!r}: expected letters, digits, '.', '_' or '-', at most 64")
+    if not artifacts.is_version(version):
+        raise SettingsError(f"--version {version!r}: expected a positive whole number")
+    place = repository / name / version
+    if place.exists():
+        raise SettingsError(f"{place} exists already: versions do not change; choose another")
+    return place

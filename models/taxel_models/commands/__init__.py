@@ -1,0 +1,1 @@
+"""The `taxel` commands that need recordings or models: one file each."""

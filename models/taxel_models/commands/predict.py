@@ -1,0 +1,113 @@
+"""`taxel predict`: a recording through a model, on a server or in this process."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+from rich.progress import track
+
+from taxel.channels import CHANNELS
+from taxel.commands.frame import ERR, OUT, Json, print_json
+from taxel.commands.models import Connect, Repository, open_source
+from taxel.errors import SettingsError
+from taxel.predictor import Predictor
+from taxel.windows import Samples, build_windows
+
+_ROWS_A_REQUEST = 4096
+
+
+def predict(
+    recording: Annotated[
+        Path, typer.Argument(help="A recording, a CSV file or a folder; or a CSV file of contacts alone.")
+    ],
+    model: Annotated[
+        str, typer.Option(metavar="NAME[/VERSION]", help="The model; newest version if none.")
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="CSV file to write.")],
+    connect: Connect = None,
+    repository: Repository = None,
+    report: Annotated[
+        Path | None, typer.Option(help="Folder to write figures, a table and plots of the errors to.")
+    ] = None,
+    timeout: Annotated[float, typer.Option(help="Seconds to wait for each answer.")] = 30.0,
+    as_json: Json = False,
+) -> None:
+    """Predict the channels of a recording and compare them with what was measured."""
+    from taxel_models.evaluation.predictions import write_predictions
+
+    samples, channels = _read(recording)
+    if report is not None and channels is None:
+        raise SettingsError(f"--report: {recording} has no measured channels to compare with")
+    name, _, version = model.partition("/")
+    with open_source(connect, repository) as source:
+        predictor = source.predictor(name, version or None)
+        windows = build_windows(samples, predictor.window)
+        predicted = _predict_all(predictor, windows.values, timeout)
+    time_ns = samples.time_ns[windows.rows]
+    write_predictions(time_ns, predicted, output)
+    if channels is None or not len(windows):
+        if as_json:
+            print_json({"rows": len(windows)})
+    else:
+        measured = channels[windows.rows]
+        _compare(predictor, recording.name, time_ns, measured, predicted, report, as_json)
+    if not as_json:
+        OUT.print(f"{len(windows)} windows. Wrote {output}.", soft_wrap=True)
+
+
+def _read(path: Path) -> tuple[Samples, NDArray[np.float64] | None]:
+    """The ticks of a recording and their measured channels, if it has any."""
+    from taxel_models.recordings import has_channels, read_contacts, read_recording
+
+    if path.is_file() and not has_channels(path):
+        return read_contacts(path).ticks(), None
+    ticks = read_recording(path).ticks()
+    return ticks.samples, ticks.channels
+
+
+def _predict_all(predictor: Predictor, windows: NDArray[np.float32], timeout: float) -> NDArray[np.float32]:
+    starts = range(0, len(windows), _ROWS_A_REQUEST)
+    watched = track(starts, "predicting", console=ERR, disable=not ERR.is_terminal)
+    parts = [
+        predictor.predict(windows[start : start + _ROWS_A_REQUEST], timeout=timeout) for start in watched
+    ]
+    return np.concatenate([np.empty((0, len(CHANNELS)), np.float32), *parts])
+
+
+def _compare(
+    predictor: Predictor,
+    recording: str,
+    time_ns: NDArray[np.int64],
+    measured: NDArray[np.float64],
+    predicted: NDArray[np.float32],
+    report: Path | None,
+    as_json: bool,
+) -> None:
+    from taxel_models.evaluation.metrics import Errors
+    from taxel_models.evaluation.table import error_table
+
+    normalisation = predictor.manifest.normalisation
+    errors = Errors.of(measured, predicted, normalisation.output_std)
+    if report is not None:
+        from taxel_models.evaluation.report import write_report
+
+        means = np.broadcast_to(np.asarray(normalisation.output_mean, np.float32), predicted.shape)
+        write_report(
+            report,
+            about={
+                "model": f"{predictor.manifest.name}/{predictor.manifest.version}",
+                "inputs": f"input combination {predictor.window.combination}",
+                "recording": recording,
+            },
+            time_ns=time_ns,
+            measured=measured,
+            predicted=predicted,
+            errors=errors,
+            baseline=Errors.of(measured, means, normalisation.output_std),
+        )
+    if as_json:
+        print_json(errors.summary())
+    else:
+        OUT.print(error_table(errors))

@@ -1,0 +1,128 @@
+"""`taxel train`: fit a model to recordings."""
+
+import os
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from taxel.commands.frame import ERR, OUT, Json, print_json
+from taxel.errors import SettingsError
+
+
+def train(
+    data: Annotated[
+        list[Path],
+        typer.Option("--data", metavar="PATH", help="A recording: a CSV file or a folder. Repeatable."),
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write the trained model to.")],
+    model: Annotated[str, typer.Option(help="Model family.")] = "xgb",
+    inputs: Annotated[int, typer.Option(min=1, max=8, help="Input combination.")] = 1,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="Replace a hyperparameter. Repeatable."),
+    ] = None,
+    holdout: Annotated[
+        str, typer.Option(help="What to hold out: `trials`, `chunks` (of 1000 rows) or `auto`.")
+    ] = "auto",
+    test: Annotated[float, typer.Option(help="Share of trials or chunks held out for testing.")] = 0.1,
+    validation: Annotated[float, typer.Option(help="Share held out for early stopping.")] = 0.1,
+    split_seed: Annotated[int, typer.Option(help="Which trials or chunks are held out.")] = 0,
+    seed: Annotated[int, typer.Option(help="Every other random choice.")] = 0,
+    jobs: Annotated[
+        int, typer.Option(min=0, help="Cores to use; 0 takes all. Never changes the result.")
+    ] = 0,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing folder.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Train a model on recordings; whole trials or chunks are held out to test it."""
+    from taxel.atomic import check_free
+    from taxel_models.recordings import read_recording
+    from taxel_models.training.split import SplitPlan
+    from taxel_models.training.train import TrainingPlan
+    from taxel_models.training.train import train as fit
+    from taxel_models.training.trained import save
+
+    if holdout not in ("auto", "trials", "chunks"):
+        raise SettingsError(f"--holdout {holdout}: expected trials, chunks or auto")
+    check_free(output, overwrite=overwrite)
+    plan = TrainingPlan(
+        model=model,
+        combination=inputs,
+        split=SplitPlan(holdout, test, validation, split_seed),  # type: ignore[arg-type]
+        seed=seed,
+        overrides=parse_settings(settings or []),
+        jobs=jobs or os.cpu_count() or 1,
+    )
+    with _progress() as progress:
+        bar = progress.add_task("reading", total=None, note="")
+        recordings = [read_recording(path) for path in data]
+        progress.update(bar, description="training", total=1.0)
+        trained, held_out = fit(
+            recordings, plan, lambda done, note: progress.update(bar, completed=done, note=note)
+        )
+        progress.update(bar, description="writing", completed=1.0, note="")
+        save(trained, held_out, output, overwrite=overwrite)
+    record = trained.record
+    if as_json:
+        print_json({"output": str(output), **record.model_dump(mode="json")})
+        return
+    OUT.print(_table(record.training.metrics))
+    counts = record.training.windows
+    OUT.print(
+        f"Windows: {counts['train']} to train, {counts['validation']} to stop early, {counts['test']} to test. "
+        f"Parameters: {record.parameters}."
+    )
+    OUT.print(f"Wrote {output}. Next: taxel export {output} --repository REPO", soft_wrap=True)
+
+
+def parse_settings(settings: list[str]) -> dict[str, Any]:
+    """`name=value` pairs; a value that reads as a number is one.
+
+    Raises:
+        SettingsError: a pair has no '='.
+    """
+    chosen: dict[str, Any] = {}
+    for setting in settings:
+        name, sign, text = setting.partition("=")
+        if not sign or not name:
+            raise SettingsError(f"--set {setting}: expected NAME=VALUE")
+        chosen[name] = _number_or_text(text)
+    return chosen
+
+
+def _number_or_text(text: str) -> int | float | str:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
+
+
+def _progress() -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.fields[note]}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=ERR,
+        disable=not ERR.is_terminal,
+    )
+
+
+def _table(metrics: dict[str, Any]) -> Table:
+    table = Table("on held-out data", "MAE", "norm. MAE", "MAE electrodes", "norm. MAE electrodes")
+    for label, key in (("model", "test"), ("mean predictor", "mean_predictor")):
+        errors = metrics[key]
+        table.add_row(
+            label,
+            f"{errors['mae']:.3f}",
+            f"{errors['norm_mae']:.3f}",
+            f"{errors['mae_electrodes']:.3f}",
+            f"{errors['norm_mae_electrodes']:.3f}",
+        )
+    return table

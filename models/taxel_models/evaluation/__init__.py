@@ -1,0 +1,1 @@
+"""Predictions against measurements: errors, tables, plots and files."""

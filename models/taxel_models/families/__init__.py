@@ -1,0 +1,1 @@
+"""Model families: how each is configured, fitted, kept and evaluated."""

@@ -1,0 +1,180 @@
+"""XGBoost: one gradient-boosted forest for each of the 21 channels, as in the paper."""
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from threading import Lock
+from typing import Annotated, Any
+
+import numpy as np
+import xgboost
+from numpy.typing import NDArray
+from pydantic import Field
+from typing_extensions import override
+
+from taxel.channels import CHANNELS
+from taxel.errors import ArtifactError
+from taxel_models.families.family import Family, FitTask, FittedModel, Hyperparameters, Progress
+from taxel_models.families.published import published
+
+Share = Annotated[float, Field(gt=0, le=1)]
+
+
+class XgbHyperparameters(Hyperparameters):
+    """The paper's search space, and what it left at XGBoost's defaults.
+
+    `early_stopping_rounds`: trees without gain on the validation part before a channel stops;
+    0 never stops early.
+    """
+
+    eta: Annotated[float, Field(gt=0, le=1)]
+    gamma: Annotated[float, Field(ge=0)]
+    n_estimators: Annotated[int, Field(ge=1, le=100_000)]
+    max_depth: Annotated[int, Field(ge=1, le=32)]
+    min_child_weight: Annotated[float, Field(ge=0)]
+    max_delta_step: Annotated[float, Field(ge=0)]
+    subsample: Share
+    colsample_bytree: Share
+    colsample_bylevel: Share
+    colsample_bynode: Share
+    max_bin: Annotated[int, Field(ge=2, le=65_536)] = 256
+    early_stopping_rounds: Annotated[int, Field(ge=0)] = 20
+
+
+class XgbModel(FittedModel):
+    """21 fitted boosters in channel order."""
+
+    def __init__(self, boosters: tuple[xgboost.Booster, ...], history: dict[str, Any]) -> None:
+        self.boosters = boosters
+        self._history = history
+
+    @property
+    @override
+    def parameters(self) -> int:
+        return sum(count_nodes(booster) for booster in self.boosters)
+
+    @override
+    def predict(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
+        columns = [booster.inplace_predict(windows, iteration_range=(0, 0)) for booster in self.boosters]
+        return np.stack(columns, axis=1).astype(np.float32, copy=False)
+
+    @override
+    def save(self, folder: Path) -> None:
+        for channel, booster in zip(CHANNELS, self.boosters, strict=True):
+            booster.save_model(folder / f"{channel}.json")
+
+    @override
+    def history(self) -> dict[str, Any]:
+        return self._history
+
+
+class _Watch(xgboost.callback.TrainingCallback):  # type: ignore[misc]
+    """Counts the trees of all channels for the progress display."""
+
+    def __init__(self, progress: Progress, total: int) -> None:
+        super().__init__()
+        self._progress = progress
+        self._total = total
+        self._done = 0
+        self._lock = Lock()
+
+    @override
+    def after_iteration(self, *_: Any) -> bool:
+        self.advance(1)
+        return False
+
+    def advance(self, trees: int) -> None:
+        """Count trees that were built, or that stopping early made needless."""
+        with self._lock:
+            self._done += trees
+            self._progress(self._done / self._total, f"{self._done} of {self._total} trees")
+
+
+class XgbFamily(Family):
+    """Gradient-boosted trees with the absolute error as objective."""
+
+    name = "xgb"
+    hyperparameters = XgbHyperparameters
+
+    @override
+    def paper_hyperparameters(self, combination: int) -> Mapping[str, Any]:
+        return published(self.name, combination)
+
+    @override
+    def fit(self, task: FitTask, hyperparameters: Hyperparameters) -> XgbModel:
+        chosen = XgbHyperparameters.model_validate(hyperparameters.model_dump())
+        watch = _Watch(task.progress, chosen.n_estimators * len(CHANNELS))
+
+        def fit_some(columns: range) -> list[tuple[int, xgboost.Booster]]:
+            # One thread and one binned matrix a worker: no result depends on how many there are.
+            train = xgboost.QuantileDMatrix(task.train.windows, max_bin=chosen.max_bin, nthread=1)
+            validation = xgboost.QuantileDMatrix(
+                task.validation.windows, max_bin=chosen.max_bin, nthread=1, ref=train
+            )
+            fitted = []
+            for column in columns:
+                train.set_label(task.train.channels[:, column])
+                validation.set_label(task.validation.channels[:, column])
+                fitted.append((column, _fit_channel(train, validation, chosen, task.seed, watch)))
+            return fitted
+
+        workers = max(1, min(task.jobs, len(CHANNELS)))
+        shares = [range(start, len(CHANNELS), workers) for start in range(workers)]
+        with ThreadPoolExecutor(workers) as pool:
+            fitted = dict(pair for share in pool.map(fit_some, shares) for pair in share)
+        boosters = tuple(fitted[column] for column in range(len(CHANNELS)))
+        trees = {
+            channel: booster.num_boosted_rounds()
+            for channel, booster in zip(CHANNELS, boosters, strict=True)
+        }
+        return XgbModel(boosters, {"trees": trees})
+
+    @override
+    def load(self, folder: Path) -> XgbModel:
+        boosters = []
+        for channel in CHANNELS:
+            path = folder / f"{channel}.json"
+            booster = xgboost.Booster()
+            try:
+                booster.load_model(path)
+            except (xgboost.core.XGBoostError, OSError, ValueError) as error:
+                reason = str(error).strip().splitlines()[-1]
+                raise ArtifactError(f"{path}: not a model that XGBoost reads: {reason}") from None
+            boosters.append(booster)
+        return XgbModel(tuple(boosters), {})
+
+
+def _fit_channel(
+    train: xgboost.QuantileDMatrix,
+    validation: xgboost.QuantileDMatrix,
+    chosen: XgbHyperparameters,
+    seed: int,
+    watch: _Watch,
+) -> xgboost.Booster:
+    own = {"n_estimators", "early_stopping_rounds"}
+    booster = xgboost.train(
+        {
+            **chosen.model_dump(exclude=own),
+            "objective": "reg:absoluteerror",
+            "eval_metric": "mae",
+            "tree_method": "hist",
+            "nthread": 1,
+            "seed": seed,
+        },
+        train,
+        num_boost_round=chosen.n_estimators,
+        evals=[(validation, "validation")],
+        early_stopping_rounds=chosen.early_stopping_rounds or None,
+        verbose_eval=False,
+        callbacks=[watch],
+    )
+    watch.advance(chosen.n_estimators - booster.num_boosted_rounds())
+    if chosen.early_stopping_rounds:
+        booster = booster[: booster.best_iteration + 1]
+    booster.set_attr(best_iteration=None, best_score=None)
+    return booster
+
+
+def count_nodes(booster: xgboost.Booster) -> int:
+    """Nodes of all trees, leaves included: the paper's parameter count."""
+    return sum(text.count("\n") for text in booster.get_dump())

@@ -1,0 +1,41 @@
+"""Electrode glitches: samples that jump far away and straight back."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+GLITCH_COUNTS: Final = 1000
+"""An electrode above this, between neighbours in time that are near 0, is a glitch."""
+
+NEAR_ZERO_COUNTS: Final = 500
+"""What counts as near 0 there; the set's electrodes stay below 240 otherwise."""
+
+GLITCH_ROWS: Final = 3
+"""A glitch lasts at most this many rows; what stays high for longer is a signal."""
+
+
+def glitches(electrodes: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Rows in which an electrode jumps from near 0 above `GLITCH_COUNTS` and straight back.
+
+    Judged per electrode: a run of at most `GLITCH_ROWS` rows above `GLITCH_COUNTS`, with a row
+    below `NEAR_ZERO_COUNTS` on either side. At an end of the trial the one side there is decides.
+
+    Args:
+        electrodes: (n, e), counts, the rows of one trial.
+
+    Returns:
+        (n,) bool.
+    """
+    rows = len(electrodes)
+    found = np.zeros(electrodes.shape, bool)
+    high = electrodes > GLITCH_COUNTS
+    near_zero = np.pad(electrodes < NEAR_ZERO_COUNTS, ((1, 1), (0, 0)), constant_values=True)
+    for length in range(1, min(GLITCH_ROWS, rows - 1) + 1):
+        starts = rows - length + 1
+        run = near_zero[:starts] & near_zero[length + 1 :]
+        for offset in range(length):
+            run &= high[offset : offset + starts]
+        for offset in range(length):
+            found[offset : offset + starts] |= run
+    return np.asarray(found.any(axis=1))

@@ -1,0 +1,106 @@
+"""Windows and targets of recordings, divided into parts and ready to fit."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.channels import CHANNELS
+from taxel.errors import SettingsError
+from taxel.windows import WindowSpec, build_windows
+from taxel_models.recordings import Recording
+from taxel_models.training.split import Part, SplitPlan, split
+
+
+@dataclass(frozen=True)
+class Examples:
+    """Windows with the channels measured at their time T.
+
+    Attributes:
+        windows: (n, f) float32, m and N.
+        channels: (n, 21) float64, counts.
+    """
+
+    windows: NDArray[np.float32]
+    channels: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.windows)
+
+
+def examples(recording: Recording, spec: WindowSpec) -> Examples:
+    """Every window of a recording with what was measured at its T."""
+    ticks = recording.ticks()
+    windows = build_windows(ticks.samples, spec)
+    return Examples(windows.values, ticks.channels[windows.rows])
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Three parts that share no sample.
+
+    Attributes:
+        test_recordings: the test rows as recordings, one for each that has any.
+    """
+
+    train: Examples
+    validation: Examples
+    test: Examples
+    test_recordings: tuple[Recording, ...]
+
+    @classmethod
+    def of(cls, recordings: Sequence[Recording], spec: WindowSpec, plan: SplitPlan) -> Self:
+        """Split recordings and build their windows.
+
+        A window belongs to a part if every sample it is built from does; those that straddle two
+        parts are dropped.
+
+        Raises:
+            SettingsError: a part would be empty.
+        """
+        ticks = [recording.ticks() for recording in recordings]
+        row_parts = split(ticks, plan)
+        found: dict[Part, list[Examples]] = {part: [] for part in Part}
+        for recording, of_row in zip(ticks, row_parts, strict=True):
+            windows = build_windows(recording.samples, spec)
+            of_window = _part_of_windows(of_row, windows.rows, spec)
+            for part in Part:
+                chosen = of_window == part
+                rows = windows.rows[chosen]
+                found[part].append(Examples(windows.values[chosen], recording.channels[rows]))
+        parts = {part: _concatenate(found[part], spec) for part in Part}
+        for part, content in parts.items():
+            if not len(content):
+                raise SettingsError(
+                    f"the {part.name.lower()} part has no window: segments are shorter than "
+                    f"the {spec.look_back + spec.look_ahead + 1} samples of one, or too few"
+                )
+        held_out = [
+            recording.rows(of_row == Part.TEST)
+            for recording, of_row in zip(ticks, row_parts, strict=True)
+            if (of_row == Part.TEST).any()
+        ]
+        return cls(parts[Part.TRAIN], parts[Part.VALIDATION], parts[Part.TEST], tuple(held_out))
+
+    def counts(self) -> dict[str, int]:
+        """Windows in each part."""
+        return {"train": len(self.train), "validation": len(self.validation), "test": len(self.test)}
+
+
+def _part_of_windows(
+    of_row: NDArray[np.int8], rows: NDArray[np.int64], spec: WindowSpec
+) -> NDArray[np.int8]:
+    """The part of each window, -1 where its samples are not all of one part."""
+    changes = np.concatenate([[0], np.cumsum(np.diff(of_row) != 0)])
+    whole = changes[rows - spec.look_back] == changes[rows + spec.look_ahead]
+    return np.where(whole, of_row[rows], np.int8(-1))
+
+
+def _concatenate(parts: list[Examples], spec: WindowSpec) -> Examples:
+    empty = Examples(np.empty((0, spec.length), np.float32), np.empty((0, len(CHANNELS))))
+    return Examples(
+        np.concatenate([empty.windows, *(part.windows for part in parts)]),
+        np.concatenate([empty.channels, *(part.channels for part in parts)]),
+    )

@@ -1,0 +1,107 @@
+"""A trained model on disk: what training writes and exporting reads.
+
+DIR/trained.json          family, inputs, hyperparameters, normalisation, split, metrics
+DIR/weights/              the family's own files
+DIR/held_out/*.csv        the test rows of each recording, to evaluate any model on
+"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from taxel.artifacts import describe
+from taxel.atomic import whole_folder
+from taxel.errors import ArtifactError
+from taxel.manifest import Normalisation, Training
+from taxel.scaling import Scaler
+from taxel.windows import WindowSpec
+from taxel_models.families.family import FittedModel
+from taxel_models.families.registry import family
+from taxel_models.recordings import Recording, read_ruppel, write_ruppel
+
+RECORD: Final = "trained.json"
+
+
+class TrainedRecord(BaseModel):
+    """The content of `trained.json`."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    schema_version: Literal[1] = 1
+    combination: Annotated[int, Field(ge=1, le=8)]
+    parameters: int
+    normalisation: Normalisation
+    training: Training
+    history: dict[str, Any]
+    taxel_version: str
+
+
+@dataclass(frozen=True)
+class TrainedModel:
+    """A fitted model with everything known of how it came to be."""
+
+    record: TrainedRecord
+    fitted: FittedModel
+
+    @property
+    def spec(self) -> WindowSpec:
+        """The window that it takes."""
+        return WindowSpec.of(self.record.combination)
+
+    def predict(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(n, f) windows in m and N to (n, 21) counts, by the library it was trained with."""
+        normalisation = self.record.normalisation
+        inputs = Scaler.of(normalisation.input_mean, normalisation.input_std)
+        outputs = Scaler.of(normalisation.output_mean, normalisation.output_std)
+        return outputs.restore(self.fitted.predict(inputs.normalise(windows)))
+
+
+def save(
+    model: TrainedModel, held_out: tuple[Recording, ...], folder: Path, *, overwrite: bool = False
+) -> None:
+    """Write a trained model and its held-out recordings; the folder appears whole or not at all.
+
+    Raises:
+        SettingsError: the folder exists and is not to be overwritten.
+    """
+    with whole_folder(folder, overwrite=overwrite) as place:
+        (place / "weights").mkdir()
+        model.fitted.save(place / "weights")
+        (place / "held_out").mkdir()
+        for number, recording in enumerate(held_out, start=1):
+            write_ruppel(recording, place / "held_out" / f"{number}_{Path(recording.name).stem}.csv")
+        record = json.dumps(model.record.model_dump(mode="json"), indent=1) + "\n"
+        (place / RECORD).write_text(record, encoding="utf-8")
+
+
+def load(folder: Path) -> TrainedModel:
+    """Read a trained model.
+
+    Raises:
+        ArtifactError: the folder is not one, or its content is damaged.
+    """
+    path = folder / RECORD
+    try:
+        record = TrainedRecord.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise ArtifactError(f"{path}: {error.strerror}; expected what `taxel train` wrote") from None
+    except ValidationError as error:
+        raise ArtifactError(f"{path}: {describe(error)}") from None
+    return TrainedModel(record, family(record.training.family).load(folder / "weights"))
+
+
+def held_out(folder: Path) -> list[Recording]:
+    """The test rows that were kept with a trained model.
+
+    Raises:
+        ArtifactError: there are none.
+    """
+    paths = sorted((folder / "held_out").glob("*.csv"))
+    if not paths:
+        raise ArtifactError(f"{folder / 'held_out'}: no recording; expected the held-out rows")
+    return [read_ruppel(path) for path in paths]

@@ -1,0 +1,5 @@
+"""The twin: a seeded simulation of one BioTac 2P fingertip, for machines without a recording."""
+
+from taxel_models.twin.simulation import simulate
+
+__all__ = ["simulate"]

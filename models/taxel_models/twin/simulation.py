@@ -1,0 +1,119 @@
+"""From contacts to counts: the twin's parts, put together in the order in which nature has them."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.channels import ELECTRODES
+from taxel.errors import SettingsError
+from taxel_models.recordings.recording import Recording
+from taxel_models.twin.contacts import Contacts, contacts
+from taxel_models.twin.converter import NOISE, convert, electrode_noise, one_after_another
+from taxel_models.twin.fluid import counts_of, film_log_ratio, log_impedance, thickness
+from taxel_models.twin.lag import PERIOD_S, lagged
+from taxel_models.twin.pressure import static_counts, vibration_counts
+from taxel_models.twin.sensor import Sensor
+from taxel_models.twin.skin import STROKE, Skin, dent, fluid_force, sunk_share
+from taxel_models.twin.temperature import (
+    LOG_IMPEDANCE_PER_KELVIN,
+    REFERENCE_C,
+    core_celsius,
+    flow_counts,
+    tdc_counts,
+)
+
+EPOCH_NS: Final = 1_500_000_000_000_000_000
+PERIOD_NS: Final = round(PERIOD_S * 1e9)
+
+POSITION_EVERY: Final = 10
+"""Rows for which one tracked position is held: positions come at 10 Hz (the paper's data set)."""
+
+TRACKING_MM: Final = 0.556
+"""SD of a contact's tracking error in each axis: light touches then lie off the skin by the mean of
+0.444 mm that the paper's data set keeps after its calibration."""
+
+JITTER_MM: Final = 0.05
+FORCE_NOISE_N: Final = 0.01
+"""SDs of one position and of one force. Assumptions."""
+
+FLUID_LAG_S: Final = 0.02
+"""The fluid flows out from under the indenter within 2 to 3 rows (LASA recordings)."""
+
+
+def simulate(rows: int, seed: int) -> Recording:
+    """A recording of one finger, touched over and over; the same for the same arguments.
+
+    Time runs as on a clock: 100 rows are a second, and the finger warms up over the hour. The force
+    is the one that acts on the finger.
+
+    Args:
+        rows: how many, 10 ms apart.
+        seed: of every random choice; the parts draw from generators of their own.
+
+    Raises:
+        SettingsError: `rows` is not positive or `seed` is negative.
+    """
+    if rows < 1 or seed < 0:
+        raise SettingsError(f"rows is {rows} and seed {seed}: expected at least 1 row and a seed from 0")
+    paths, tracking, cell, texture, spread, noise = np.random.default_rng(seed).spawn(6)
+    sensor = Sensor.biotac_2p()
+    skin = Skin.of(sensor)
+    touch = contacts(rows + 1, sensor.skin_radius, paths)
+    squared = skin.squared_distances(touch.places.point)
+    sunk = sunk_share(touch.press)
+    indented = STROKE * sunk * skin.fluid_near(squared)
+
+    core = core_celsius(rows + 1, np.minimum(touch.press, 1.0))
+    warmer = core - REFERENCE_C
+    film = thickness(
+        sensor, skin, squared, touch.places.normal, lagged(dent(sunk, indented), FLUID_LAG_S), touch.shear
+    )
+    impedance = log_impedance(sensor.electrode_rest) + film_log_ratio(film)
+    electrodes = one_after_another(counts_of(impedance + LOG_IMPEDANCE_PER_KELVIN * warmer[:, None]))
+
+    static = static_counts(fluid_force(touch.press), warmer)
+    pac0, pac1 = vibration_counts(static, touch.rubbing, texture)
+    tdc = tdc_counts(core)
+
+    def read(name: str, counts: NDArray[np.float64]) -> NDArray[np.float64]:
+        return convert(counts[:rows], NOISE[name[:3]], noise)
+
+    channels = np.column_stack(
+        [
+            read("pac0", sensor.rest["pac0"] + pac0),
+            read("pdc", sensor.rest["pdc"] + static),
+            convert(electrodes, electrode_noise(len(ELECTRODES), spread), noise),
+        ]
+    )
+    return Recording.of(
+        EPOCH_NS + PERIOD_NS * np.arange(rows, dtype=np.int64),
+        _tracked(touch, indented, tracking)[:rows] / 1000.0,
+        _force(touch, cell)[:rows],
+        channels,
+        {
+            "pac1": read("pac1", sensor.rest["pac1"] + pac1),
+            "tac": read("tac", sensor.rest["tac"] + flow_counts(tdc)),
+            "tdc": read("tdc", tdc),
+        },
+        name=f"twin-{seed}",
+        format="twin",
+    )
+
+
+def _tracked(
+    touch: Contacts, indented: NDArray[np.float64], tracking: np.random.Generator
+) -> NDArray[np.float64]:
+    """The tip of the indenter as the tracker reports it, mm: a new position every tenth row."""
+    above = (touch.clearance - indented)[:, None]
+    offset = TRACKING_MM * tracking.standard_normal((int(touch.cycle.max()) + 1, 3))
+    true = touch.places.point + above * touch.places.normal
+    seen = true + offset[touch.cycle] + JITTER_MM * tracking.standard_normal(true.shape)
+    rows = np.arange(len(seen))
+    return np.asarray(seen[rows - rows % POSITION_EVERY])
+
+
+def _force(touch: Contacts, cell: np.random.Generator) -> NDArray[np.float64]:
+    """The force on the finger as the force sensor reports it, N."""
+    true = touch.shear - touch.press[:, None] * touch.places.normal
+    return np.asarray(true + FORCE_NOISE_N * cell.standard_normal(true.shape))

@@ -1,0 +1,65 @@
+"""The fingertip's warm-up, what a colder indenter takes from it, and the channels tdc and tac."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.channels import COUNTS_MAX
+from taxel_models.twin.lag import PERIOD_S, lagged
+
+START_COUNTS: Final = 1850.0
+END_COUNTS: Final = 2040.0
+MEAN_COUNTS: Final = 1968.75
+RECORDED_S: Final = 2922.0
+"""tdc's first, last and mean value over the paper's recording of 292,200 rows."""
+
+WARM_UP_S: Final = 1870.0
+"""The one time constant of a first-order rise from first to last that has the paper's mean."""
+
+LOG_IMPEDANCE_PER_KELVIN: Final = -0.06 / 2.9
+"""Of the fluid, common to all electrodes: about -2 %/K (unverified), so -6 % over the paper's 2.9 K."""
+
+COOLING_K: Final = 0.12
+COOLING_S: Final = 8.0
+"""What a long contact with the indenter cools the core by, and how fast. Assumptions."""
+
+FLOW_CORNER_S: Final = 1.0 / (2.0 * np.pi * 0.35)
+"""tac is tdc above a corner of about 0.25 to 0.45 Hz (SynTouch manual)."""
+
+FLOW_GAIN: Final = 80.0
+"""tac counts for one tdc count. Assumption."""
+
+
+def celsius(tdc: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Temperature of tdc counts (SynTouch manual)."""
+    x = tdc / COUNTS_MAX
+    return np.asarray(4025.0 / np.log((155183.0 - 46555.0 * x) / x) - 273.15)
+
+
+def tdc_counts(temperature: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The counts tdc of a temperature, the inverse of `celsius`."""
+    return np.asarray(COUNTS_MAX * 155183.0 / (np.exp(4025.0 / (temperature + 273.15)) + 46555.0))
+
+
+REFERENCE_C: Final = float(celsius(np.array([MEAN_COUNTS]))[0])
+"""Where the resting counts are taken to hold: at the recording's mean temperature. Assumption."""
+
+
+def core_celsius(rows: int, touched: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The core's temperature (rows,), °C, warming in real time from the paper's first value.
+
+    Args:
+        rows: how many, 10 ms apart.
+        touched: (rows,), 0 in free air to 1 in full contact with the colder indenter.
+    """
+    first, last = celsius(np.array([START_COUNTS, END_COUNTS]))
+    reached = 1.0 - np.exp(-RECORDED_S / WARM_UP_S)
+    elapsed = np.arange(rows) * PERIOD_S
+    warming = first + (last - first) / reached * (1.0 - np.exp(-elapsed / WARM_UP_S))
+    return np.asarray(warming - COOLING_K * lagged(touched, COOLING_S))
+
+
+def flow_counts(tdc: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The heat flow tac about rest (n,): the fast part of the temperature."""
+    return np.asarray(FLOW_GAIN * (tdc - lagged(tdc, FLOW_CORNER_S)))

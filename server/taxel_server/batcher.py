@@ -1,0 +1,197 @@
+"""Greedy batching: take one request, add what is queued, evaluate; knows no transport.
+
+Nothing waits for a batch to fill: requests gather while the batch before is computed. A request
+larger than a batch is evaluated a batch at a time and goes back behind the others each time, so
+that it does not hold them up, and so that deadlines and stopping reach it.
+"""
+
+import logging
+import time
+from collections import defaultdict
+from collections.abc import Sequence
+from math import inf
+from queue import Empty, SimpleQueue
+from threading import Lock, Thread
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.channels import CHANNELS
+from taxel.errors import Internal, RequestError, ResourceExhausted, Unavailable
+from taxel.protocol import InferResponse
+from taxel_server.engine import LoadedModel
+from taxel_server.jobs import Job, Work
+from taxel_server.statistics import ModelStatistics
+
+_LOG: Final = logging.getLogger(__name__)
+
+Piece = tuple[Work, int]
+"""A request and how many of its windows a batch takes."""
+
+
+class Batcher:
+    """One worker thread that answers every job submitted to it, exactly once.
+
+    Args:
+        max_batch_rows: most windows evaluated in one go.
+        max_queue_rows: most windows submitted and not yet answered.
+        max_queue_requests: most jobs submitted and not yet answered.
+    """
+
+    def __init__(self, *, max_batch_rows: int, max_queue_rows: int, max_queue_requests: int) -> None:
+        self._max_batch_rows = max_batch_rows
+        self._max_queue_rows = max_queue_rows
+        self._max_queue_requests = max_queue_requests
+        self._queue: SimpleQueue[Job | Work | None] = SimpleQueue()
+        self._lock = Lock()
+        self._rows = 0
+        self._requests = 0
+        self._stopping = False
+        self._draining = False
+        self._give_up_at = inf
+        self._statistics: defaultdict[LoadedModel, ModelStatistics] = defaultdict(ModelStatistics)
+        self._worker = Thread(target=self._run, name="taxel-batcher", daemon=True)
+        self._worker.start()
+
+    def submit(self, job: Job) -> None:
+        """Queue a job; returns at once.
+
+        Raises:
+            ResourceExhausted: the queue is full; the job is not answered here.
+            Unavailable: the batcher was closed; the job is not answered here.
+        """
+        with self._lock:
+            if self._stopping:
+                raise Unavailable("the server is stopping")
+            if (
+                self._rows + job.rows > self._max_queue_rows
+                or self._requests + 1 > self._max_queue_requests
+            ):
+                error = ResourceExhausted(
+                    f"the queue is full: {self._rows} of {self._max_queue_rows} rows, "
+                    f"{self._requests} of {self._max_queue_requests} requests; try again later"
+                )
+                self._statistics[job.model].add_error(error.code)
+                raise error
+            self._requests += 1
+            self._rows += job.rows
+            self._queue.put(job)
+
+    @property
+    def queued_rows(self) -> int:
+        """Windows submitted and not yet answered."""
+        return self._rows
+
+    def statistics(self, model: LoadedModel) -> dict[str, Any]:
+        """What a model has done so far."""
+        with self._lock:
+            return self._statistics[model].as_dict()
+
+    def stop(self, drain_seconds: float) -> None:
+        """Take no more jobs; returns at once.
+
+        What is not finished in time is answered with `Unavailable`, as soon as the evaluation
+        that is going on ends.
+        """
+        with self._lock:
+            self._give_up_at = min(self._give_up_at, time.monotonic() + drain_seconds)
+            if not self._stopping:
+                self._stopping = True
+                self._queue.put(None)
+
+    def join(self) -> None:
+        """Return when every job has its answer, after `stop`."""
+        self._worker.join()
+
+    def _run(self) -> None:
+        while (batch := self._next_batch()) is not None:
+            for model, pieces in batch.items():
+                self._evaluate(model, pieces)
+
+    def _next_batch(self) -> dict[LoadedModel, list[Piece]] | None:
+        """What is queued, up to a batch; waits for the first; None when closed and all is done."""
+        batch: dict[LoadedModel, list[Piece]] = defaultdict(list)
+        room = self._max_batch_rows
+        while room:
+            try:
+                item = self._queue.get(block=not batch and not self._draining)
+            except Empty:
+                break
+            if item is None:
+                self._draining = True
+            elif (work := self._admit(item)) is not None:
+                rows = min(room, work.left)
+                batch[work.job.model].append((work, rows))
+                room -= rows
+        return None if self._draining and not batch else batch
+
+    def _admit(self, item: Job | Work) -> Work | None:
+        """The request, checked, if it is still worth evaluating; else it has got its answer."""
+        job = item.job if isinstance(item, Work) else item
+        try:
+            now = time.monotonic()
+            if now >= self._give_up_at:
+                raise Unavailable("the server is stopping")
+            work = item if isinstance(item, Work) else Work(item)
+            work.check_deadline(now)
+        except RequestError as error:
+            self._settle(job, error)
+        except Exception:
+            _LOG.exception("%s: a request could not be decoded", job.model.label)
+            self._settle(job, Internal("the request could not be decoded: the server's log says more"))
+        else:
+            return work
+        return None
+
+    def _evaluate(self, model: LoadedModel, pieces: Sequence[Piece]) -> None:
+        """Evaluate pieces together; if that fails, one by one, so that only the guilty fails."""
+        windows = [work.next_windows(rows) for work, rows in pieces]
+        joined = windows[0] if len(windows) == 1 else np.concatenate(windows)
+        started = time.monotonic()
+        try:
+            outputs = model.evaluate(joined)
+            if outputs.shape != (len(joined), len(CHANNELS)):
+                raise ValueError(f"predicted {outputs.shape} for {joined.shape}")
+        except Exception:
+            if len(pieces) > 1:
+                for piece in pieces:
+                    self._evaluate(model, [piece])
+                return
+            _LOG.exception("%s: evaluation failed", model.label)
+            self._settle(pieces[0][0].job, Internal(f"{model.label} failed: the server's log says more"))
+            return
+        ended = time.monotonic()
+        with self._lock:
+            self._statistics[model].add_batch(len(joined))
+        self._hand_out(pieces, outputs, started, ended)
+
+    def _hand_out(
+        self, pieces: Sequence[Piece], outputs: NDArray[np.float32], started: float, ended: float
+    ) -> None:
+        first = 0
+        for work, rows in pieces:
+            part = outputs[first : first + rows]
+            work.keep(part, started=started, ended=ended, batch_rows=len(outputs))
+            first += rows
+            if work.left:
+                self._queue.put(work)
+            else:
+                self._settle(work.job, work.response())
+
+    def _settle(self, job: Job, result: InferResponse | RequestError) -> None:
+        """Give a job its answer and take it off the books."""
+        with self._lock:
+            self._rows -= job.rows
+            self._requests -= 1
+            if isinstance(result, RequestError):
+                self._statistics[job.model].add_error(result.code)
+            else:
+                self._statistics[job.model].add_response(result)
+        if isinstance(result, RequestError):
+            _LOG.debug("%s: %s: %s", job.model.label, result.code, result)
+        try:
+            job.answer(result)
+        except Exception:
+            # The worker outlives a caller who has gone.
+            _LOG.exception("%s: an answer could not be given", job.model.label)

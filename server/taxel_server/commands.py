@@ -1,0 +1,131 @@
+"""`taxel serve`: a repository's models, answered over zenoh."""
+
+import json
+import logging
+import os
+import signal
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from threading import Event
+from types import FrameType
+from typing import Annotated, Any, Final, Literal
+
+import typer
+from rich.table import Table
+
+from taxel.commands.frame import ERR, OUT, Json
+from taxel.errors import ArtifactError
+from taxel.predictor import ModelInfo
+from taxel_server.options import ServerOptions
+
+STOPPING: Final = (signal.SIGINT, signal.SIGTERM)
+
+LogLevel = Literal["debug", "info", "warning", "error"]
+
+
+def _option(field: str, metavar: str) -> Any:
+    """The command line's form of a server option; unset, the other sources decide."""
+    described = ServerOptions.model_fields[field]
+    default = described.get_default()
+    shown = ", ".join(default) if isinstance(default, tuple) else str(default)
+    return typer.Option(
+        f"--{field.replace('_', '-')}",
+        metavar=metavar,
+        help=described.description,
+        show_default=False if described.is_required() else shown,
+    )
+
+
+def serve(
+    repository: Annotated[Path | None, _option("repository", "REPO")] = None,
+    listen: Annotated[list[str] | None, _option("listen", "ENDPOINT")] = None,
+    prefix: Annotated[str | None, _option("prefix", "KEY")] = None,
+    max_batch_rows: Annotated[int | None, _option("max_batch_rows", "N")] = None,
+    max_request_rows: Annotated[int | None, _option("max_request_rows", "N")] = None,
+    max_queue_rows: Annotated[int | None, _option("max_queue_rows", "N")] = None,
+    max_queue_requests: Annotated[int | None, _option("max_queue_requests", "N")] = None,
+    threads: Annotated[int | None, _option("threads", "N")] = None,
+    drain_seconds: Annotated[float | None, _option("drain_seconds", "S")] = None,
+    log_level: Annotated[LogLevel, typer.Option(help="What to log on stderr.")] = "warning",
+    as_json: Json = False,
+) -> None:
+    """Serve the models of a repository until told to stop.
+
+    Every option may also be an environment variable (TAXEL_REPOSITORY, TAXEL_LISTEN …) or a key of
+    taxel.toml in the working directory. SIGINT and SIGTERM finish what is queued; a second one
+    does not.
+    """
+    given = {name: value for name, value in locals().items() if name in ServerOptions.model_fields}
+    _exit_at_once_on(STOPPING, code=0)
+
+    from taxel_server.engine import Engine
+    from taxel_server.service import Service
+    from taxel_server.settings import read_settings
+
+    logging.basicConfig(
+        level=log_level.upper(), stream=sys.stderr, format="%(asctime)s %(levelname)s %(name)s: %(message)s"
+    )
+    settings = read_settings({name: value for name, value in given.items() if value is not None})
+    engine = Engine(settings.repository, settings.threads)
+    if not engine.load_all():
+        raise ArtifactError(_nothing_to_serve(settings.repository, engine.models()))
+    stop = _event_on(STOPPING)
+    service = Service(engine, settings)
+    _announce(settings.listen, engine.models(), as_json)
+    stop.wait()
+    if not service.close():
+        ERR.print("a client has stopped reading: leaving without it", style="yellow")
+        # The session would wait for that client on the way out of the interpreter, too.
+        _exit_now(0)
+
+
+def _announce(listen: tuple[str, ...], models: list[ModelInfo], as_json: bool) -> None:
+    """Tell that the server is ready, on stdout: for programs, one object in one line."""
+    if as_json:
+        ready = {"listen": list(listen), "models": [asdict(model) for model in models]}
+        sys.stdout.write(json.dumps(ready) + "\n")
+        sys.stdout.flush()
+        return
+    table = Table("model", "version", "state", "inputs", "platform", "reason")
+    for model in models:
+        combination = "" if model.combination is None else str(model.combination)
+        table.add_row(model.name, model.version, model.state, combination, model.platform, model.reason)
+    OUT.print(table)
+    OUT.print(f"listening on {', '.join(listen)}", soft_wrap=True)
+    sys.stdout.flush()
+
+
+def _nothing_to_serve(repository: Path, models: list[ModelInfo]) -> str:
+    reasons = "".join(f"\n  {model.reason}" for model in models)
+    return f"{repository}: no model that can be served{reasons or '; the folder holds none'}"
+
+
+def _exit_at_once_on(signals: tuple[signal.Signals, ...], code: int) -> None:
+    def leave(number: int, frame: FrameType | None) -> None:
+        del number, frame
+        _exit_now(code)
+
+    for each in signals:
+        signal.signal(each, leave)
+
+
+def _event_on(signals: tuple[signal.Signals, ...]) -> Event:
+    """An event that the first of the signals sets; the second exits at once, with code 1."""
+    event = Event()
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        del number, frame
+        _exit_at_once_on(signals, code=1)
+        event.set()
+
+    for each in signals:
+        signal.signal(each, stop)
+    return event
+
+
+def _exit_now(code: int) -> None:
+    """Leave without unwinding: nothing is open that needs it."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)

@@ -1,0 +1,73 @@
+"""The desk: one thread that answers every query which needs no evaluation, refusals among them."""
+
+import logging
+from collections.abc import Callable
+from queue import SimpleQueue
+from threading import Thread
+from typing import Any, Final
+
+import zenoh
+
+from taxel.errors import Internal, RequestError, ResourceExhausted, Unavailable
+from taxel.protocol import pack_error, packb
+
+_LOG: Final = logging.getLogger(__name__)
+
+_MAX_QUEUED: Final = 4096
+"""Most queries waiting at the desk."""
+
+
+def reply(query: zenoh.Query, result: bytes | RequestError) -> None:
+    """Give a query its one answer, and let go of it so that its caller need not wait on."""
+    with query:
+        try:
+            if isinstance(result, RequestError):
+                query.reply_err(pack_error(result))
+            else:
+                query.reply(query.key_expr, result)
+        except zenoh.ZError as error:
+            _LOG.debug("a client has gone before its answer: %s", error)
+
+
+class Desk:
+    """Answers queries by their key, in the order of their arrival.
+
+    Args:
+        answer: what to say to a key; raises `RequestError` to refuse.
+    """
+
+    def __init__(self, answer: Callable[[str], dict[str, Any]]) -> None:
+        self._answer = answer
+        self._queue: SimpleQueue[tuple[zenoh.Query, RequestError | None] | None] = SimpleQueue()
+        self._thread = Thread(target=self._run, name="taxel-desk", daemon=True)
+        self._thread.start()
+
+    def take(self, query: zenoh.Query, refusal: RequestError | None = None) -> None:
+        """Queue a query for its answer, or for a refusal already decided; returns at once."""
+        if self._queue.qsize() < _MAX_QUEUED:
+            self._queue.put((query, refusal))
+        else:
+            reply(query, ResourceExhausted("too many queries are waiting; try again later"))
+
+    def close(self) -> None:
+        """Answer what is queued and stop; whatever comes during that is refused."""
+        self._queue.put(None)
+        self._thread.join()
+        while not self._queue.empty():
+            if (item := self._queue.get()) is not None:
+                reply(item[0], Unavailable("the server is stopping"))
+
+    def _run(self) -> None:
+        while (item := self._queue.get()) is not None:
+            query, refusal = item
+            reply(query, refusal or self._result(str(query.key_expr)))
+
+    def _result(self, key: str) -> bytes | RequestError:
+        try:
+            return packb(self._answer(key))
+        except RequestError as error:
+            _LOG.debug("%s: %s: %s", key, error.code, error)
+            return error
+        except Exception:
+            _LOG.exception("%s could not be answered", key)
+            return Internal(f"{key} could not be answered: the server's log says more")

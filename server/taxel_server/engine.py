@@ -1,0 +1,159 @@
+"""The engine: a repository of artifacts and the runtimes that evaluate them; knows no transport."""
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Lock
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel import artifacts
+from taxel.channels import CHANNELS
+from taxel.errors import ArtifactError, NotFound, TaxelError, Unavailable
+from taxel.manifest import Manifest
+from taxel.predictor import ModelInfo
+from taxel_server.runtimes import Runtime, open_runtime
+
+_LOG: Final = logging.getLogger(__name__)
+
+_WARM_UP_ROWS: Final = (1, 8, 64, 512)
+"""Runtimes choose their way by the number of rows: each way runs once before it serves."""
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedModel:
+    """One version of a model, ready to evaluate."""
+
+    manifest: Manifest
+    runtime: Runtime
+
+    @property
+    def label(self) -> str:
+        """Name and version, for messages."""
+        return f"{self.manifest.name}/{self.manifest.version}"
+
+    def evaluate(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Counts (n, 21) float32 of windows (n, f) float32, already checked."""
+        return self.runtime.evaluate(windows)
+
+
+class Engine:
+    """Every version of every model in a repository, loaded when first asked for. Thread-safe.
+
+    A damaged artifact is `UNAVAILABLE` with its reason, and does not stop the others.
+
+    Args:
+        repository: folder of `<name>/<version>/` artifacts.
+        threads: how many threads one evaluation may use.
+
+    Raises:
+        ArtifactError: the repository is no folder.
+    """
+
+    def __init__(self, repository: Path, threads: int = 1) -> None:
+        self._repository = repository
+        self._threads = threads
+        self._versions = {
+            name: artifacts.versions(repository, name) for name in artifacts.names(repository)
+        }
+        self._outcomes: dict[tuple[str, str], LoadedModel | str] = {}
+        """What came of each load: a model, or why there is none."""
+        self._lock = Lock()
+
+    def load_all(self) -> list[LoadedModel]:
+        """Load and warm up every version of every model; those that could be."""
+        outcomes = [
+            self._outcome(name, version)
+            for name, versions in self._versions.items()
+            for version in versions
+        ]
+        return [outcome for outcome in outcomes if isinstance(outcome, LoadedModel)]
+
+    def models(self) -> list[ModelInfo]:
+        """Every version of every model, sorted.
+
+        `READY` says of a model not asked for so far that its artifact is sound.
+        """
+        return [
+            self._info(name, version) for name, versions in self._versions.items() for version in versions
+        ]
+
+    def model(self, name: str, version: str | None = None) -> LoadedModel:
+        """One version of a model; if none is named, the newest that can be loaded.
+
+        Raises:
+            NotFound: there is no such model or version; the text lists those there are.
+            Unavailable: it cannot be loaded; the text says why.
+        """
+        versions = self._versions_of(name, version)
+        reasons = []
+        for candidate in reversed(versions):
+            outcome = self._outcome(name, candidate)
+            if isinstance(outcome, LoadedModel):
+                return outcome
+            reasons.append(f"version {candidate}: {outcome}")
+        raise Unavailable(f"model {name!r} cannot be loaded: {'; '.join(reasons)}")
+
+    def _versions_of(self, name: str, version: str | None) -> list[str]:
+        versions = self._versions.get(name, [])
+        if not versions:
+            known = ", ".join(name for name, versions in self._versions.items() if versions)
+            raise NotFound(f"no model {name!r}; there is: {known or 'none'}")
+        if version is None:
+            return versions
+        if version not in versions:
+            raise NotFound(f"model {name!r} has no version {version!r}; it has: {', '.join(versions)}")
+        return [version]
+
+    def _outcome(self, name: str, version: str) -> LoadedModel | str:
+        place = (name, version)
+        with self._lock:
+            if place not in self._outcomes:
+                self._outcomes[place] = self._load(name, version)
+            return self._outcomes[place]
+
+    def _load(self, name: str, version: str) -> LoadedModel | str:
+        try:
+            return load_model(self._repository / name / version, self._threads)
+        except TaxelError as error:
+            reason = str(error)
+            _LOG.warning("model %s/%s is unavailable: %s", name, version, reason)
+        except Exception as error:
+            # A fault of a runtime on one artifact must not take the other models down.
+            reason = f"its runtime failed: {error!r}"
+            _LOG.exception("model %s/%s is unavailable", name, version)
+        return reason
+
+    def _info(self, name: str, version: str) -> ModelInfo:
+        found = self._outcomes.get((name, version)) or self._examined(name, version)
+        if isinstance(found, str):
+            return ModelInfo(name, version, "UNAVAILABLE", found, platform="", combination=None)
+        manifest = found.manifest
+        return ModelInfo(name, version, "READY", "", manifest.platform, manifest.window.combination)
+
+    def _examined(self, name: str, version: str) -> artifacts.Artifact | str:
+        try:
+            return artifacts.read(self._repository / name / version)
+        except ArtifactError as error:
+            return str(error)
+
+
+def load_model(folder: Path, threads: int = 1) -> LoadedModel:
+    """Read, open and warm up the artifact in a folder.
+
+    Raises:
+        ArtifactError: it is damaged, inconsistent or not supported, or predicts no finite counts.
+        MissingDependency: its runtime's library is not installed.
+    """
+    artifact = artifacts.read(folder)
+    model = LoadedModel(artifact.manifest, open_runtime(artifact, threads))
+    window = np.asarray(artifact.manifest.normalisation.input_mean, dtype=np.float32)
+    for rows in _WARM_UP_ROWS:
+        outputs = model.evaluate(np.tile(window, (rows, 1)))
+        if outputs.shape != (rows, len(CHANNELS)):
+            raise ArtifactError(f"{folder}: predicts {outputs.shape}, expected {(rows, len(CHANNELS))}")
+        if not np.isfinite(outputs).all():
+            raise ArtifactError(f"{folder}: predicts values that are not finite for a mean window")
+    return model

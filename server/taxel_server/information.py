@@ -1,0 +1,90 @@
+"""What the server says of itself and of its models: every answer that needs no evaluation."""
+
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any, Final
+
+from taxel import __version__
+from taxel.errors import NotFound, Unavailable
+from taxel.manifest import Manifest
+from taxel_server.engine import Engine, LoadedModel
+
+EXTENSIONS: Final = ("repository_index", "model_stats")
+
+
+class Information:
+    """Answers by the part of the key below the prefix, in the words of the Open Inference Protocol.
+
+    Args:
+        engine: whose models these are.
+        ready: whether the server takes requests.
+        statistics: what a model has done.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        ready: Callable[[], bool],
+        statistics: Callable[[LoadedModel], dict[str, Any]],
+    ) -> None:
+        self._engine = engine
+        self._ready = ready
+        self._statistics = statistics
+
+    def answer(self, path: str) -> dict[str, Any]:
+        """The answer to a path such as `v2/health/ready`.
+
+        Raises:
+            NotFound: no such path, model or version.
+            Unavailable: the model cannot be loaded.
+        """
+        match path.split("/"):
+            case ["v2"]:
+                return {"name": "taxel", "version": __version__, "extensions": list(EXTENSIONS)}
+            case ["v2", "health", "live"]:
+                return {"live": True}
+            case ["v2", "health", "ready"]:
+                return {"ready": self._ready()}
+            case ["v2", "repository", "index"]:
+                return {"models": [asdict(model) for model in self._engine.models()]}
+            case ["v2", "models", name, "versions", version, *action] if len(action) <= 1:
+                return self._answer_model(path, name, version, action)
+            case ["v2", "models", name, *action] if len(action) <= 1:
+                return self._answer_model(path, name, None, action)
+        raise NotFound(f"no key {path!r} below the server's prefix")
+
+    def _answer_model(self, path: str, name: str, version: str | None, action: list[str]) -> dict[str, Any]:
+        match action:
+            case []:
+                return self._metadata(self._engine.model(name, version).manifest)
+            case ["ready"]:
+                return {"ready": self._model_ready(name, version)}
+            case ["stats"]:
+                return self._statistics(self._engine.model(name, version))
+            case ["infer"]:
+                # Only inference on a model that is not there comes this way.
+                self._engine.model(name, version)
+        raise NotFound(f"no key {path!r} below the server's prefix")
+
+    def _model_ready(self, name: str, version: str | None) -> bool:
+        try:
+            self._engine.model(name, version)
+        except Unavailable:
+            return False
+        return self._ready()
+
+    def _metadata(self, manifest: Manifest) -> dict[str, Any]:
+        versions = [
+            model.version
+            for model in self._engine.models()
+            if model.name == manifest.name and model.state == "READY"
+        ]
+        described = manifest.model_dump(mode="json")
+        return {
+            "name": manifest.name,
+            "versions": versions,
+            "platform": manifest.platform,
+            "inputs": described["inputs"],
+            "outputs": described["outputs"],
+            "parameters": {"manifest": described},
+        }

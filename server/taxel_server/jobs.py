@@ -1,0 +1,116 @@
+"""A request's way through the server: as it arrived, and as it is being evaluated."""
+
+import time
+from abc import ABC, abstractmethod
+from math import inf
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.channels import CHANNELS
+from taxel.errors import DeadlineExceeded, InvalidArgument, RequestError
+from taxel.protocol import InferRequest, InferResponse, check_finite
+from taxel_server.engine import LoadedModel
+
+
+class Job(ABC):
+    """A request as it arrived: not decoded yet, and owed exactly one answer.
+
+    Args:
+        model: which model it is for.
+        rows: how many windows it counts for while it is queued, at least 1.
+    """
+
+    def __init__(self, model: LoadedModel, rows: int) -> None:
+        self.model: Final = model
+        self.rows: Final = rows
+        self.arrived = time.monotonic()
+
+    @abstractmethod
+    def decode(self) -> InferRequest:
+        """Decode the request.
+
+        Raises:
+            RequestError: it is none.
+        """
+
+    @abstractmethod
+    def answer(self, result: InferResponse | RequestError) -> None:
+        """Give the one answer."""
+
+
+class Work:
+    """A decoded request, evaluated in one go or, where it is large, piece by piece.
+
+    Raises:
+        RequestError: the request is wrong, or wrong for its model.
+    """
+
+    def __init__(self, job: Job) -> None:
+        request = job.decode()
+        manifest = job.model.manifest
+        features = manifest.window.features
+        if request.windows.shape[1] != len(features):
+            shape = list(request.windows.shape)
+            raise InvalidArgument(
+                f"inputs[0].shape: {shape}: expected [n, {len(features)}] for {job.model.label}"
+            )
+        check_finite(request.windows, features)
+        self.job: Final = job
+        self._request: Final = request
+        self._timeout_s: Final = inf if request.timeout_ms is None else request.timeout_ms / 1e3
+        self._outputs: NDArray[np.float32] | None = None
+        self._done = 0
+        self._started: float | None = None
+        self._compute_s = 0.0
+        self._batch_rows = 0
+
+    @property
+    def left(self) -> int:
+        """Windows still to evaluate."""
+        return len(self._request.windows) - self._done
+
+    def next_windows(self, rows: int) -> NDArray[np.float32]:
+        """The next windows to evaluate, at most so many."""
+        return self._request.windows[self._done : self._done + rows]
+
+    def check_deadline(self, now: float) -> None:
+        """Refuse to go on when the caller has stopped waiting.
+
+        Raises:
+            DeadlineExceeded: the time that the caller allowed is over.
+        """
+        waited = now - self.job.arrived
+        if waited > self._timeout_s:
+            raise DeadlineExceeded(
+                f"parameters.timeout_ms: {self._timeout_s * 1e3:g}: {waited * 1e3:.0f} ms have passed"
+            )
+
+    def keep(self, outputs: NDArray[np.float32], *, started: float, ended: float, batch_rows: int) -> None:
+        """Take the outputs (m, 21) of the next m windows, and how they came to be."""
+        if len(outputs) == len(self._request.windows):
+            self._outputs = outputs
+        else:
+            if self._outputs is None:
+                self._outputs = np.empty((len(self._request.windows), len(CHANNELS)), np.float32)
+            self._outputs[self._done : self._done + len(outputs)] = outputs
+        self._done += len(outputs)
+        self._started = started if self._started is None else self._started
+        self._compute_s += ended - started
+        self._batch_rows = max(self._batch_rows, batch_rows)
+
+    def response(self) -> InferResponse:
+        """The answer, once nothing is left."""
+        assert self._outputs is not None
+        assert self._started is not None
+        manifest = self.job.model.manifest
+        return InferResponse(
+            outputs=self._outputs,
+            model_name=manifest.name,
+            model_version=manifest.version,
+            id=self._request.id,
+            queue_us=round((self._started - self.job.arrived) * 1e6),
+            compute_us=round(self._compute_s * 1e6),
+            batch_rows=self._batch_rows,
+        )

@@ -1,0 +1,76 @@
+"""Predictors evaluated in this process: no server, no transport, only the model's own time."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from typing_extensions import override
+
+from taxel.errors import Unavailable
+from taxel.predictor import ModelInfo, Predictor, PredictorSource
+from taxel.protocol import check_windows
+from taxel_server.engine import Engine, LoadedModel
+
+
+class LocalSource(PredictorSource):
+    """A repository's models, each loaded when its predictor is first asked for.
+
+    Args:
+        repository: folder of `<name>/<version>/` artifacts.
+        threads: how many threads one prediction may use.
+
+    Raises:
+        ArtifactError: the repository is no folder.
+    """
+
+    def __init__(self, repository: Path, threads: int = 1) -> None:
+        self._engine = Engine(repository, threads)
+        self.closed = False
+
+    @override
+    def models(self) -> list[ModelInfo]:
+        self.check_open()
+        return self._engine.models()
+
+    @override
+    def predictor(self, name: str, version: str | None = None) -> "LocalPredictor":
+        self.check_open()
+        return LocalPredictor(self, self._engine.model(name, version))
+
+    @override
+    def close(self) -> None:
+        self.closed = True
+
+    def check_open(self) -> None:
+        """Refuse to go on after `close`.
+
+        Raises:
+            Unavailable: it was closed.
+        """
+        if self.closed:
+            raise Unavailable("this repository was closed")
+
+
+class LocalPredictor(Predictor):
+    """One model of a repository; made by `LocalSource.predictor`."""
+
+    def __init__(self, source: LocalSource, model: LoadedModel) -> None:
+        super().__init__(model.manifest)
+        self._source = source
+        self._features = model.manifest.window.features
+        self._evaluate = model.runtime.evaluate
+
+    @override
+    def predict(self, windows: NDArray[Any], *, timeout: float | None = None) -> NDArray[np.float32]:
+        self._source.check_open()
+        return self._evaluate(check_windows(windows, self._features))
+
+
+def open_repository(path: Path) -> LocalSource:
+    """What `taxel.load` finds through the entry point `taxel.engines`.
+
+    Raises:
+        ArtifactError: it is no folder.
+    """
+    return LocalSource(path)

@@ -1,0 +1,62 @@
+"""The server's options: their names, defaults, limits and help texts, in one place."""
+
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import BaseModel, Field, field_validator, model_validator
+
+from taxel.protocol import MAX_ROWS, PREFIX
+
+Rows = Annotated[int, Field(gt=0, le=2**24)]
+
+
+class ServerOptions(BaseModel):
+    """How a server runs."""
+
+    repository: Path = Field(description="Folder of artifacts to serve, as NAME/VERSION/.")
+    listen: tuple[str, ...] = Field(
+        default=("tcp/127.0.0.1:7447",),
+        min_length=1,
+        description="Endpoint to listen on, as tcp/HOST:PORT; may be given several times.",
+    )
+    prefix: str = Field(
+        default=PREFIX,
+        pattern=r"^[A-Za-z0-9._-]+(/[A-Za-z0-9._-]+)*$",
+        description="First part of every key that the server answers.",
+    )
+    max_batch_rows: Rows = Field(default=1024, description="Most windows evaluated in one go.")
+    max_request_rows: Rows = Field(default=MAX_ROWS, description="Most windows in one request.")
+    max_queue_rows: Rows = Field(default=131_072, description="Most windows waiting, over all requests.")
+    max_queue_requests: int = Field(
+        default=4096, gt=0, le=2**20, description="Most requests waiting; each is answered before a stop."
+    )
+    threads: int = Field(default=1, gt=0, le=256, description="Threads that one evaluation may use.")
+    drain_seconds: float = Field(
+        default=1.5, ge=0, le=3600, description="Time to finish what is queued when told to stop."
+    )
+
+    @field_validator("listen", mode="before")
+    @classmethod
+    def _several(cls, value: Any) -> Any:
+        """One text, as an environment variable holds it, may name several endpoints."""
+        return [part.strip() for part in value.split(",")] if isinstance(value, str) else value
+
+    @field_validator("listen")
+    @classmethod
+    def _can_be_told(cls, endpoints: tuple[str, ...]) -> tuple[str, ...]:
+        for endpoint in endpoints:
+            protocol, slash, address = endpoint.partition("/")
+            if not (protocol and slash and address):
+                raise ValueError(f"{endpoint!r}: expected PROTOCOL/ADDRESS, such as tcp/127.0.0.1:7447")
+            if address.endswith(":0"):
+                raise ValueError(f"{endpoint!r}: expected a port that clients can be told, not 0")
+        return endpoints
+
+    @model_validator(mode="after")
+    def _fit_each_other(self) -> Self:
+        if self.max_request_rows > self.max_queue_rows:
+            raise ValueError(
+                f"max_request_rows {self.max_request_rows}: expected at most max_queue_rows, "
+                f"{self.max_queue_rows}, or the largest requests could never be queued"
+            )
+        return self

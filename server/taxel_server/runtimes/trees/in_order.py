@@ -1,0 +1,102 @@
+"""The in-order index: a forest whose trees need neither child pointers nor branches.
+
+Number a tree's leaves from left to right. An inner node then lies between the last leaf of its left
+subtree and the first leaf of its right one: node i between leaves i and i + 1. Call the first leaf
+of its left subtree `first`. The leaf that a row reaches is found by looking at every node once:
+
+    exit = 0
+    for node in range(leaves - 1):
+        if goes_right[node] and exit >= first[node]:
+            exit = node + 1
+
+Why: `exit` is always the first leaf of the subtree that the row is still in, as far as the nodes
+seen so far decide. A node on the row's path has exit == first when its turn comes, if all right
+turns above it have been taken, which come earlier in order. A node off the path lies either in a
+subtree left by a left turn, at whose root all of its nodes have first > exit, or in one left by a
+right turn, whose nodes come before that root in order, and what they did to `exit` is overwritten
+with a larger leaf when that root's turn comes.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel_server.runtimes.trees.forest import LEAF, Forest
+
+
+@dataclass(frozen=True)
+class InOrder:
+    """Inner nodes and leaves of all trees, each in order.
+
+    Attributes:
+        leaves: (trees,) int64, leaves of each tree; it has one inner node less.
+        node_start: (trees,) int64, place of each tree's first inner node.
+        leaf_start: (trees,) int64, place of each tree's first leaf.
+        first: (inner nodes,) int32, first leaf of the left subtree, counted within the tree.
+        feature: (inner nodes,) int32.
+        default_left: (inner nodes,) bool.
+        threshold: (inner nodes,) float32.
+        value: (leaves,) float32.
+    """
+
+    leaves: NDArray[np.int64]
+    node_start: NDArray[np.int64]
+    leaf_start: NDArray[np.int64]
+    first: NDArray[np.int32]
+    feature: NDArray[np.int32]
+    default_left: NDArray[np.bool_]
+    threshold: NDArray[np.float32]
+    value: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, forest: Forest) -> Self:
+        """Renumbers a forest in preorder."""
+        nodes = np.diff(forest.roots)
+        leaves = (nodes + 1) // 2
+        inner = int(nodes.sum() - leaves.sum())
+        index = cls(
+            leaves=leaves,
+            node_start=np.cumsum(leaves - 1) - (leaves - 1),
+            leaf_start=np.cumsum(leaves) - leaves,
+            first=np.empty(inner, dtype=np.int32),
+            feature=np.empty(inner, dtype=np.int32),
+            default_left=np.empty(inner, dtype=np.bool_),
+            threshold=np.empty(inner, dtype=np.float32),
+            value=np.empty(int(leaves.sum()), dtype=np.float32),
+        )
+        source = np.empty(inner, dtype=np.int64)
+        _renumber(
+            forest.roots, forest.left, forest.right, forest.value,
+            index.node_start, index.leaf_start, index.first, source, index.value,
+        )
+        index.feature[:] = forest.feature[source]
+        index.default_left[:] = forest.default_left[source]
+        index.threshold[:] = forest.value[source]
+        return index
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _renumber(roots, left, right, value, node_start, leaf_start, first, source, leaf_value):  # type: ignore[no-untyped-def]
+    leaves = np.empty(left.size, dtype=np.int32)
+    lowest = np.empty(left.size, dtype=np.int32)
+    for tree in range(roots.size - 1):
+        root = roots[tree]
+        for node in range(roots[tree + 1] - 1, root - 1, -1):
+            if left[node] == LEAF:
+                leaves[node] = 1
+            else:
+                leaves[node] = leaves[root + left[node]] + leaves[root + right[node]]
+        lowest[root] = 0
+        for node in range(root, roots[tree + 1]):
+            if left[node] == LEAF:
+                leaf_value[leaf_start[tree] + lowest[node]] = value[node]
+                continue
+            low, high = root + left[node], root + right[node]
+            lowest[low] = lowest[node]
+            lowest[high] = lowest[node] + leaves[low]
+            place = node_start[tree] + lowest[high] - 1
+            first[place] = lowest[node]
+            source[place] = node

@@ -1,0 +1,256 @@
+"""Reads a large JSON text with its arrays of numbers set aside, so that they never become Python objects."""
+
+import mmap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Final, Self
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.errors import ArtifactError
+
+CHUNK: Final = 1 << 22
+"""Bytes of text looked at in one go."""
+
+_QUOTE, _BACKSLASH, _OPEN, _CLOSE, _COMMA = b'"\\[],'
+_SPACE, _DOT, _PLUS, _MINUS, _ZERO, _NINE = b" .+-09"
+_UPPER_E, _LOWER_E = b"Ee"
+
+
+def _flags(characters: bytes) -> NDArray[np.bool_]:
+    table = np.zeros(256, dtype=np.bool_)
+    table[list(characters)] = True
+    return table
+
+
+_NUMERIC = _flags(b"0123456789+-.eE, \t\r\nNaInfity")
+_BLANK = _flags(b" \t\r\n")
+_POWERS_OF_TEN = 10.0 ** np.arange(23)
+
+
+@dataclass(frozen=True)
+class ScannedText:
+    """A JSON text in two parts.
+
+    Attributes:
+        text: (bytes,) uint8, the whole text.
+        skeleton: the same JSON in which every array of numbers is `[i]`, i its place in `spans`.
+        spans: (arrays, 3) int64, first byte after the bracket, the closing bracket, and the length.
+    """
+
+    text: NDArray[np.uint8]
+    skeleton: bytes
+    spans: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, path: Path) -> Self:
+        """Scans a file, which is mapped rather than read.
+
+        Raises:
+            ArtifactError: the file is missing or empty.
+        """
+        try:
+            with path.open("rb") as file:
+                text = np.frombuffer(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), dtype=np.uint8)
+        except (OSError, ValueError) as error:
+            raise ArtifactError(f"{path}: cannot be read: {error}") from error
+        pieces, spans = list[bytes](), [np.empty((0, 3), dtype=np.int64)]
+        position, in_string, found = 0, False, 0
+        piece = np.empty(4 * CHUNK, dtype=np.uint8)
+        table = np.empty((CHUNK // 2 + 1, 3), dtype=np.int64)
+        while position < len(text):
+            position, in_string, length, count = _scan(text, position, in_string, found, piece, table)
+            pieces.append(piece[:length].tobytes())
+            spans.append(table[:count].copy())
+            found += count
+        return cls(text, b"".join(pieces), np.concatenate(spans))
+
+    def lengths(self, arrays: Sequence[int]) -> NDArray[np.int64]:
+        """How many numbers each of these arrays holds."""
+        lengths: NDArray[np.int64] = self.spans[np.asarray(arrays, dtype=np.int64), 2]
+        return lengths
+
+    def floats(self, arrays: Sequence[int], name: str) -> NDArray[np.float32]:
+        """The numbers of these arrays one after another, each rounded once to float32.
+
+        Raises:
+            ArtifactError: something in them, called `name`, is not a number.
+        """
+        values, odd = self._read(arrays)
+        result = values.astype(np.float32)
+        for place, start, stop in odd:
+            result[place] = _nearest(self._token(start, stop, name))
+        return result
+
+    def integers(self, arrays: Sequence[int], name: str) -> NDArray[np.int32]:
+        """The numbers of these arrays one after another.
+
+        Raises:
+            ArtifactError: something in them, called `name`, is not a 32-bit integer.
+        """
+        values, odd = self._read(arrays)
+        for place, start, stop in odd:
+            values[place] = float(self._token(start, stop, name))
+        with np.errstate(invalid="ignore"):
+            result = values.astype(np.int32)
+        wrong = np.flatnonzero(result != values)
+        if wrong.size:
+            raise ArtifactError(f"{name} holds {values[wrong[0]]}: expected 32-bit integers")
+        return result
+
+    def _read(self, arrays: Sequence[int]) -> tuple[NDArray[np.float64], list[list[int]]]:
+        spans = self.spans[np.asarray(arrays, dtype=np.int64)]
+        values = np.empty(spans[:, 2].sum(), dtype=np.float64)
+        odd = np.empty((max(16, len(values) // 64), 3), dtype=np.int64)
+        count = _read_numbers(self.text, spans, values, odd)
+        if count > len(odd):
+            odd = np.empty((count, 3), dtype=np.int64)
+            _read_numbers(self.text, spans, values, odd)
+        return values, odd[:count].tolist()
+
+    def _token(self, start: int, stop: int, name: str) -> str:
+        token = self.text[start:stop].tobytes().decode().strip()
+        try:
+            float(token)
+        except ValueError:
+            raise ArtifactError(f"{name} holds {token!r} at byte {start}: expected a number") from None
+        return token
+
+
+def _nearest(token: str) -> np.float32:
+    """The float32 nearest to a decimal, ties to even: a detour over float64 would round twice."""
+    with np.errstate(over="ignore", under="ignore"):
+        guess = np.float32(float(token))
+        near = [guess, *(np.nextafter(guess, np.float32(side)) for side in (-np.inf, np.inf))]
+    if not np.isfinite(guess):
+        return guess
+    exact = Fraction(token)
+    finite = [value for value in near if np.isfinite(value)]
+    return min(finite, key=lambda value: (abs(Fraction(float(value)) - exact), int(value.view(np.int32)) & 1))
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _scan(text, position, in_string, found, piece, table):  # type: ignore[no-untyped-def]
+    """Copies text to `piece` with number arrays replaced, until a chunk has been looked at."""
+    stop = min(position + CHUNK, text.size)
+    length, count = 0, 0
+    while position < stop:
+        byte = text[position]
+        piece[length] = byte
+        length += 1
+        position += 1
+        if in_string:
+            if byte == _BACKSLASH and position < text.size:
+                piece[length] = text[position]
+                length += 1
+                position += 1
+            in_string = byte != _QUOTE
+        elif byte == _QUOTE:
+            in_string = True
+        elif byte == _OPEN:
+            end, numbers, blank = position, 0, True
+            while end < text.size and _NUMERIC[text[end]]:
+                numbers += text[end] == _COMMA
+                blank = blank and _BLANK[text[end]]
+                end += 1
+            if end < text.size and text[end] == _CLOSE:
+                table[count, 0], table[count, 1] = position, end
+                table[count, 2] = 0 if blank else numbers + 1
+                length = _write_integer(piece, length, found + count)
+                count += 1
+                position = end
+    return position, in_string, length, count
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _write_integer(piece, length, value):  # type: ignore[no-untyped-def]
+    digits = 1
+    while value >= 10**digits:
+        digits += 1
+    for digit in range(digits):
+        piece[length + digits - 1 - digit] = _ZERO + value % 10
+        value //= 10
+    return length + digits
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _read_numbers(text, spans, values, odd):  # type: ignore[no-untyped-def]
+    """Reads arrays into float64; returns how many tokens are `odd`: left to be read with more care.
+
+    Odd is whatever is no plain decimal, and every decimal so near to the middle of two float32
+    that its float64 (good to 4 units in the last place here) cannot tell to which side it belongs.
+    """
+    place, odds = 0, 0
+    for array in range(spans.shape[0]):
+        if spans[array, 2] == 0:
+            continue
+        position, end = spans[array, 0], spans[array, 1]
+        while position <= end:
+            start = position
+            value, position = _read_decimal(text, position)
+            if position < 0:
+                position = start
+                while text[position] != _COMMA and position < end:
+                    position += 1
+                if odds < odd.shape[0]:
+                    odd[odds, 0], odd[odds, 1], odd[odds, 2] = place, start, position
+                odds += 1
+            values[place] = value
+            place += 1
+            position += 1
+    return odds
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _read_decimal(text, position):  # type: ignore[no-untyped-def]
+    """One number, and the place of the comma or bracket behind it: -1 if it is odd."""
+    mantissa, exponent, digits = np.int64(0), 0, 0
+    negative = text[position] == _MINUS
+    position += negative
+    while _ZERO <= text[position] <= _NINE:
+        mantissa = mantissa * 10 + (text[position] - _ZERO)
+        digits += 1
+        position += 1
+    if text[position] == _DOT:
+        position += 1
+        while _ZERO <= text[position] <= _NINE:
+            mantissa = mantissa * 10 + (text[position] - _ZERO)
+            digits += 1
+            exponent -= 1
+            position += 1
+    if digits == 0 or digits > 15:
+        return 0.0, -1
+    if text[position] == _UPPER_E or text[position] == _LOWER_E:
+        position += 1
+        down = text[position] == _MINUS
+        position += down or text[position] == _PLUS
+        power, digits = 0, 0
+        while _ZERO <= text[position] <= _NINE and digits < 4:
+            power = power * 10 + (text[position] - _ZERO)
+            digits += 1
+            position += 1
+        if digits == 0:
+            return 0.0, -1
+        exponent += -power if down else power
+    if text[position] != _COMMA and text[position] != _CLOSE:
+        return 0.0, -1
+    if exponent < -44 or exponent > 22:
+        return 0.0, -1
+    value = np.float64(mantissa)
+    if exponent > 0:
+        value *= _POWERS_OF_TEN[exponent]
+    elif exponent < 0:
+        first = min(-exponent, 22)
+        value = value / _POWERS_OF_TEN[first] / _POWERS_OF_TEN[-exponent - first]
+    return (-value if negative else value), (-1 if _may_round_twice(value) else position)
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def _may_round_twice(value):  # type: ignore[no-untyped-def]
+    # A float64 has 29 bits more than a float32: the middle of two float32 has only the first set.
+    below = np.float64(value).view(np.int64) & ((1 << 29) - 1)
+    return abs(below - (1 << 28)) <= 8 or (value != 0.0 and value < 1.2e-38) or value > 3.4e38

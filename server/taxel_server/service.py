@@ -1,0 +1,148 @@
+"""The zenoh service: hands inference to the batcher, and every other query to the desk.
+
+zenoh calls back on its own network threads, where waiting would hold up every client, so a
+callback only hands its query on: to the batcher, whose worker decodes, evaluates and answers, or
+to the desk, so that a server that computes still tells its health and refuses at once.
+"""
+
+import logging
+from threading import Thread
+from typing import Final
+
+import zenoh
+from typing_extensions import override
+from zenoh.handlers import Callback
+
+from taxel.errors import RequestError, ResourceExhausted
+from taxel.protocol import InferRequest, InferResponse, model_key, pack_infer_response, unpack_infer_request
+from taxel_server.batcher import Batcher
+from taxel_server.desk import Desk, reply
+from taxel_server.engine import Engine, LoadedModel
+from taxel_server.information import Information
+from taxel_server.jobs import Job
+from taxel_server.options import ServerOptions
+from taxel_server.session import open_session
+
+_LOG: Final = logging.getLogger(__name__)
+
+_ENVELOPE_BYTES: Final = 64
+"""What every request holds besides its windows: names, datatype, shape."""
+
+_MAX_ENVELOPE_BYTES: Final = 4096
+"""What a request may hold besides its windows, with an id and parameters."""
+
+_NOTHING: Final = zenoh.ZBytes(b"")
+
+_FAREWELL_S: Final = 0.2
+"""How long closing waits for clients that have stopped reading."""
+
+
+class QueryJob(Job):
+    """An inference query."""
+
+    def __init__(
+        self, query: zenoh.Query, payload: zenoh.ZBytes, model: LoadedModel, rows: int, max_rows: int
+    ) -> None:
+        super().__init__(model, rows)
+        self._query = query
+        self._payload = payload
+        self._max_rows = max_rows
+
+    @override
+    def decode(self) -> InferRequest:
+        return unpack_infer_request(self._payload.to_bytes(), self._max_rows)
+
+    @override
+    def answer(self, result: InferResponse | RequestError) -> None:
+        reply(self._query, result if isinstance(result, RequestError) else pack_infer_response(result))
+
+
+class Service:
+    """An engine, served over zenoh from construction until `close`.
+
+    Args:
+        engine: its models are loaded and warmed up.
+        options: where to listen, and the limits.
+
+    Raises:
+        SettingsError: an endpoint is malformed or occupied.
+    """
+
+    def __init__(self, engine: Engine, options: ServerOptions) -> None:
+        self._options = options
+        self._ready = False
+        self._routes = _infer_routes(engine, options.prefix)
+        self._session = open_session(options.listen)
+        self._batcher = Batcher(
+            max_batch_rows=options.max_batch_rows,
+            max_queue_rows=options.max_queue_rows,
+            max_queue_requests=options.max_queue_requests,
+        )
+        information = Information(engine, lambda: self._ready, self._batcher.statistics)
+        self._desk = Desk(lambda key: information.answer(key.removeprefix(f"{options.prefix}/")))
+        # One queryable for all keys: two that overlap would both answer the same query.
+        # `complete` makes one replica answer each query, where the default asks them all.
+        self._queryable = self._session.declare_queryable(
+            f"{options.prefix}/**", Callback(self._receive, indirect=False), complete=True
+        )
+        self._ready = True
+
+    @property
+    def queued_rows(self) -> int:
+        """Windows accepted and not yet answered."""
+        return self._batcher.queued_rows
+
+    def close(self) -> bool:
+        """Accept nothing more, answer what is queued, and leave; whether every client let us go.
+
+        What is not finished within `drain_seconds` is answered with `Unavailable`.
+        """
+        self._ready = False
+        self._batcher.stop(self._options.drain_seconds)
+        self._queryable.undeclare()  # type: ignore[no-untyped-call]
+        self._batcher.join()
+        self._desk.close()
+        # Closing waits for a client that has stopped reading, for ten seconds and more.
+        farewell = Thread(target=self._session.close, name="taxel-farewell", daemon=True)
+        farewell.start()
+        farewell.join(_FAREWELL_S)
+        return not farewell.is_alive()
+
+    def _receive(self, query: zenoh.Query) -> None:
+        """What zenoh calls with each query: hands it on and returns."""
+        model = self._routes.get(str(query.key_expr))
+        if model is None:
+            self._desk.take(query)
+            return
+        payload = query.payload or _NOTHING
+        try:
+            rows = self._rows_in(len(payload), model)
+            self._batcher.submit(QueryJob(query, payload, model, rows, self._options.max_request_rows))
+        except RequestError as error:
+            _LOG.debug("%s: %s: %s", model.label, error.code, error)
+            self._desk.take(query, error)
+
+    def _rows_in(self, size: int, model: LoadedModel) -> int:
+        """How many rows a request of so many bytes holds, known before it is decoded.
+
+        Raises:
+            ResourceExhausted: more than one request may hold.
+        """
+        most, features = self._options.max_request_rows, len(model.manifest.window.features)
+        row_bytes = features * 4
+        if size > most * row_bytes + _MAX_ENVELOPE_BYTES:
+            raise ResourceExhausted(
+                f"inputs[0].data: a request of {size} bytes: "
+                f"expected at most {most} rows of {features} float32 in one request"
+            )
+        return min(max((size - _ENVELOPE_BYTES) // row_bytes, 1), most)
+
+
+def _infer_routes(engine: Engine, prefix: str) -> dict[str, LoadedModel]:
+    """Every key that asks for a prediction, and the model it means."""
+    routes: dict[str, LoadedModel] = {}
+    for loaded in engine.load_all():
+        name, version = loaded.manifest.name, loaded.manifest.version
+        routes[model_key(prefix, name, version, "infer")] = loaded
+        routes[model_key(prefix, name, None, "infer")] = engine.model(name)
+    return routes

@@ -1,0 +1,67 @@
+"""What a model has done since the server started: requests, rows, errors, batch sizes, times."""
+
+from collections import Counter
+from typing import Any
+
+from taxel.protocol import InferResponse
+
+
+class Histogram:
+    """Counts of whole numbers in buckets that double: bucket b holds b/2 < value <= b."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._sum = 0
+        self._max = 0
+        self._buckets: Counter[int] = Counter()
+
+    def add(self, value: int) -> None:
+        """Count one value, 0 or above; 0 goes into the first bucket."""
+        self._count += 1
+        self._sum += value
+        self._max = max(self._max, value)
+        self._buckets[1 << max(value - 1, 0).bit_length()] += 1
+
+    def as_dict(self) -> dict[str, Any]:
+        """As the wire carries it: buckets by their upper end, ascending."""
+        buckets = {str(end): count for end, count in sorted(self._buckets.copy().items())}
+        return {"count": self._count, "sum": self._sum, "max": self._max, "buckets": buckets}
+
+
+class ModelStatistics:
+    """Counters of one model. Written under the batcher's lock; read at any time."""
+
+    def __init__(self) -> None:
+        self._requests = 0
+        self._rows = 0
+        self._errors: Counter[str] = Counter()
+        self._batch_rows = Histogram()
+        self._queue_us = Histogram()
+        self._compute_us = Histogram()
+
+    def add_response(self, response: InferResponse) -> None:
+        """Count a request that was answered with predictions."""
+        self._requests += 1
+        self._rows += len(response.outputs)
+        self._queue_us.add(response.queue_us)
+        self._compute_us.add(response.compute_us)
+
+    def add_error(self, code: str) -> None:
+        """Count a request that was refused or failed."""
+        self._requests += 1
+        self._errors[code] += 1
+
+    def add_batch(self, rows: int) -> None:
+        """Count one evaluation."""
+        self._batch_rows.add(rows)
+
+    def as_dict(self) -> dict[str, Any]:
+        """As the wire carries it; `requests` counts the answered and the failed."""
+        return {
+            "requests": self._requests,
+            "rows": self._rows,
+            "errors": dict(self._errors),
+            "batch_rows": self._batch_rows.as_dict(),
+            "queue_us": self._queue_us.as_dict(),
+            "compute_us": self._compute_us.as_dict(),
+        }

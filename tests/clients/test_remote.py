@@ -1,0 +1,201 @@
+"""The remote client against servers that are absent, silent, gone or talk nonsense."""
+
+import json
+import socket
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+import zenoh
+from zenoh.handlers import Callback
+
+import taxel
+from taxel.channels import CHANNELS
+from taxel.errors import (
+    DeadlineExceeded,
+    Internal,
+    InvalidArgument,
+    NotFound,
+    ResourceExhausted,
+    Unavailable,
+)
+from taxel.manifest import Manifest, ModelFile, Normalisation, Training, WindowLayout, tensors
+from taxel.protocol import InferResponse, pack_error, pack_infer_response, packb
+from taxel.remote import RemotePredictor, RemoteSource
+
+Answer = Callable[[zenoh.Query], None]
+
+
+def free_endpoint() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+@pytest.fixture
+def connected() -> Iterator[Callable[[Answer], RemoteSource]]:
+    """A client of a server that answers every query with the function given."""
+    opened: list[Any] = []
+
+    def connect(answer: Answer) -> RemoteSource:
+        endpoint = free_endpoint()
+        config = zenoh.Config()
+        config.insert_json5("mode", '"router"')
+        config.insert_json5("scouting/multicast/enabled", "false")
+        config.insert_json5("scouting/delay", "0")
+        config.insert_json5("listen/endpoints", json.dumps([endpoint]))
+        server = zenoh.open(config)
+        server.declare_queryable("taxel/**", Callback(answer, indirect=False), complete=True)
+        client = taxel.connect(endpoint, timeout=10)
+        opened.extend((server, client))
+        return client
+
+    yield connect
+    for each in reversed(opened):
+        each.close()
+
+
+def saying(payload: bytes) -> Answer:
+    def answer(query: zenoh.Query) -> None:
+        with query:
+            query.reply(query.key_expr, payload)
+
+    return answer
+
+
+def refusing(payload: bytes) -> Answer:
+    def answer(query: zenoh.Query) -> None:
+        with query:
+            query.reply_err(payload)
+
+    return answer
+
+
+def turning_away(query: zenoh.Query) -> None:
+    query.drop()
+
+
+@pytest.fixture
+def manifest() -> Manifest:
+    spec = taxel.WindowSpec.of(3)
+    inputs, outputs = tensors(spec)
+    return Manifest(
+        name="skin",
+        version="1",
+        description="",
+        platform="xgboost_json",
+        inputs=inputs,
+        outputs=outputs,
+        window=WindowLayout.of(spec),
+        normalisation=Normalisation(
+            input_mean=(0.0,) * spec.length,
+            input_std=(1.0,) * spec.length,
+            output_mean=(0.0,) * len(CHANNELS),
+            output_std=(1.0,) * len(CHANNELS),
+        ),
+        parameters=1,
+        training=Training(
+            family="xgb", data=(), windows={}, split={}, seed=0, hyperparameters={}, metrics={}
+        ),
+        model_file=ModelFile(name="model.json", sha256="0" * 64, size=1),
+        taxel_version=taxel.__version__,
+    )
+
+
+def test_connecting_to_nobody_is_unavailable() -> None:
+    endpoint = free_endpoint()
+    with pytest.raises(Unavailable, match=f"no server at {endpoint} within 0.1 s") as caught:
+        taxel.connect(endpoint, timeout=0.1)
+    assert ".rs" not in str(caught.value)
+
+
+@pytest.mark.parametrize("endpoint", ["", "localhost", "7447"])
+def test_what_is_no_endpoint_is_told(endpoint: str) -> None:
+    with pytest.raises(InvalidArgument, match=r"expected PROTOCOL/ADDRESS, such as tcp/127\.0\.0\.1:7447"):
+        taxel.connect(endpoint)
+
+
+@pytest.mark.parametrize("timeout", [0, -1, float("nan"), float("inf")])
+def test_a_timeout_must_be_above_zero(timeout: float) -> None:
+    with pytest.raises(InvalidArgument, match="timeout"):
+        taxel.connect("tcp/127.0.0.1:7447", timeout=timeout)
+
+
+def test_a_query_that_nobody_answers_is_unavailable(connected: Callable[[Answer], RemoteSource]) -> None:
+    client = connected(turning_away)
+    with pytest.raises(Unavailable, match="nobody answers taxel/v2/repository/index"):
+        client.models()
+    assert not client.ready()
+
+
+def test_a_silent_server_exceeds_the_deadline(
+    connected: Callable[[Answer], RemoteSource], manifest: Manifest
+) -> None:
+    held: list[zenoh.Query] = []
+    client = connected(held.append)
+    with pytest.raises(DeadlineExceeded, match=r"no answer to taxel/v2 within 0\.1 s"):
+        client.get("taxel/v2", timeout=0.1)
+    with pytest.raises(DeadlineExceeded):
+        RemotePredictor(client, manifest).predict(np.zeros((1, 6)), timeout=0.01)
+    assert len(held) == 2
+
+
+def test_a_typed_error_is_raised_as_itself(connected: Callable[[Answer], RemoteSource]) -> None:
+    client = connected(refusing(pack_error(ResourceExhausted("the queue is full"))))
+    with pytest.raises(ResourceExhausted, match=r"^the queue is full$"):
+        client.models()
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        saying(b""),
+        saying(b"\xc1"),
+        saying(packb([])),
+        saying(packb({})),
+        saying(packb({"models": [{"name": "skin"}]})),
+        saying(packb({"parameters": {"manifest": {"name": "skin"}}})),
+        refusing(b""),
+        refusing(b"no"),
+        refusing(packb({"error": "out of ink", "code": "OUT_OF_INK"})),
+    ],
+)
+def test_nonsense_is_the_servers_fault(connected: Callable[[Answer], RemoteSource], answer: Answer) -> None:
+    client = connected(answer)
+    with pytest.raises(Internal):
+        client.models()
+    with pytest.raises(Internal):
+        client.predictor("skin")
+    with pytest.raises(Internal):
+        client.ready()
+
+
+def test_predictions_for_other_windows_are_refused(
+    connected: Callable[[Answer], RemoteSource], manifest: Manifest
+) -> None:
+    two = InferResponse(np.zeros((2, 21), np.float32), "skin", "1", None, 0, 0, 2)
+    predictor = RemotePredictor(connected(saying(pack_infer_response(two))), manifest)
+    assert predictor.predict(np.zeros((2, 6))).shape == (2, 21)
+    with pytest.raises(Internal, match="2 rows to 3 windows"):
+        predictor.predict(np.zeros((3, 6)))
+
+
+@pytest.mark.parametrize(
+    ("name", "version"), [("", None), ("a b", None), ("*", None), ("skin?x=1", None), ("skin", "*")]
+)
+def test_a_name_that_no_model_can_have_is_not_found(
+    connected: Callable[[Answer], RemoteSource], name: str, version: str | None
+) -> None:
+    asked: list[zenoh.Query] = []
+    client = connected(asked.append)
+    with pytest.raises(NotFound):
+        client.predictor(name, version)
+    assert asked == []
+
+
+def test_a_closed_client_is_unavailable(connected: Callable[[Answer], RemoteSource]) -> None:
+    client = connected(turning_away)
+    client.close()
+    with pytest.raises(Unavailable, match="closed"):
+        client.models()

@@ -1,0 +1,35 @@
+"""Fixtures that several rooms' tests share."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from taxel_models.training import trained as trained_models
+from taxel_models.training.split import SplitPlan
+from taxel_models.training.train import TrainingPlan, train
+from taxel_models.twin import simulate
+
+CHECKOUT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def trained_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small XGBoost model for input combination 1, trained on a few seconds of the twin."""
+    hyperparameters = {"n_estimators": 8, "max_depth": 4, "eta": 0.4, "min_child_weight": 5}
+    plan = TrainingPlan("xgb", 1, SplitPlan("chunks"), overrides=hyperparameters)
+    model, held_out = train([simulate(8000, 3)], plan)
+    folder = tmp_path_factory.mktemp("training") / "trained"
+    trained_models.save(model, held_out, folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def data_folder() -> Path:
+    """The folder of real recordings; it holds `biotac_slide` and `lasa_contact`."""
+    named = os.environ.get("TAXEL_DATA")
+    places = [Path(named), Path(named) / "data"] if named else [CHECKOUT.parent / "shared" / "data"]
+    for place in places:
+        if (place / "biotac_slide").is_dir():
+            return place
+    pytest.skip(f"no real recordings in {places[0]}: set TAXEL_DATA to the folder that holds biotac_slide")

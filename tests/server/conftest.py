@@ -1,0 +1,139 @@
+"""A small repository of real XGBoost artifacts, and servers of it in this process."""
+
+import hashlib
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xgboost
+from numpy.typing import NDArray
+
+import taxel
+from taxel.artifacts import MANIFEST, manifest_json
+from taxel.manifest import Manifest, ModelFile, Normalisation, Training, WindowLayout, tensors
+from taxel_server.engine import Engine
+from taxel_server.options import ServerOptions
+from taxel_server.service import Service
+
+ArtifactMaker = Callable[..., Path]
+WindowMaker = Callable[..., NDArray[np.float32]]
+ServerStarter = Callable[..., str]
+
+
+def write_artifact(repository: Path, name: str, version: str, combination: int = 3) -> Path:
+    """Train 21 outputs on random data and write them as an artifact; its folder."""
+    spec = taxel.WindowSpec.of(combination)
+    rng = np.random.default_rng([combination, int(version)])
+    windows = rng.normal(size=(256, spec.length)).astype(np.float32)
+    channels = np.tanh(windows @ rng.normal(size=(spec.length, 21)))
+    booster = xgboost.train(
+        {"max_depth": 4, "multi_strategy": "one_output_per_tree", "nthread": 1},
+        xgboost.DMatrix(windows, channels, nthread=1),
+        num_boost_round=4,
+    )
+    content = bytes(booster.save_raw("json"))
+    inputs, outputs = tensors(spec)
+    manifest = Manifest(
+        name=name,
+        version=version,
+        description="trained on random data",
+        platform="xgboost_json",
+        inputs=inputs,
+        outputs=outputs,
+        window=WindowLayout.of(spec),
+        normalisation=Normalisation(
+            input_mean=(0.1,) * spec.length,
+            input_std=(1.5,) * spec.length,
+            output_mean=(2000.0,) * 21,
+            output_std=(300.0,) * 21,
+        ),
+        parameters=sum(len(tree.splitlines()) for tree in booster.get_dump()),
+        training=Training(
+            family="xgb", data=(), windows={}, split={}, seed=0, hyperparameters={}, metrics={}
+        ),
+        model_file=ModelFile(
+            name="model.json", sha256=hashlib.sha256(content).hexdigest(), size=len(content)
+        ),
+        taxel_version=taxel.__version__,
+    )
+    folder = repository / name / version
+    folder.mkdir(parents=True)
+    (folder / "model.json").write_bytes(content)
+    (folder / MANIFEST).write_text(manifest_json(manifest))
+    return folder
+
+
+@pytest.fixture(scope="session")
+def make_artifact() -> ArtifactMaker:
+    return write_artifact
+
+
+@pytest.fixture(scope="session")
+def repository(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """`skin` (combination 3) in versions 2 and 10, `wide` (combination 1) in version 1."""
+    folder = tmp_path_factory.mktemp("repository")
+    write_artifact(folder, "skin", "2")
+    write_artifact(folder, "skin", "10")
+    write_artifact(folder, "wide", "1", combination=1)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def engine(repository: Path) -> Engine:
+    loaded = Engine(repository)
+    loaded.load_all()
+    return loaded
+
+
+@pytest.fixture(scope="session")
+def make_windows() -> WindowMaker:
+    """Random windows, always the same for the same arguments."""
+
+    def make(rows: int, features: int = 6, seed: int = 0) -> NDArray[np.float32]:
+        return np.random.default_rng(seed).normal(size=(rows, features)).astype(np.float32)
+
+    return make
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
+@pytest.fixture
+def endpoint() -> str:
+    """Where nobody listens yet."""
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+@contextmanager
+def serving() -> Iterator[ServerStarter]:
+    with ExitStack() as servers:
+
+        def serve(engine: Engine, **options: Any) -> str:
+            place = f"tcp/127.0.0.1:{free_port()}"
+            settings = ServerOptions(repository=Path("unused"), listen=(place,), **options)
+            servers.callback(Service(engine, settings).close)
+            return place
+
+        yield serve
+
+
+@pytest.fixture
+def start() -> Iterator[ServerStarter]:
+    """Serves an engine in this process, with options; gives the endpoint."""
+    with serving() as serve:
+        yield serve
+
+
+@pytest.fixture(scope="module")
+def start_module() -> Iterator[ServerStarter]:
+    """As `start`, for all tests of a file."""
+    with serving() as serve:
+        yield serve

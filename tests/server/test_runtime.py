@@ -1,0 +1,41 @@
+"""Which runtime evaluates an artifact, and that it must agree with the manifest."""
+
+from pathlib import Path
+
+import pytest
+
+from taxel import artifacts
+from taxel.errors import ArtifactError, MissingDependency
+from taxel_server.runtimes import open_runtime, runtime
+
+
+@pytest.fixture
+def artifact(repository: Path) -> artifacts.Artifact:
+    return artifacts.read(repository / "skin" / "2")
+
+
+def test_trees_evaluate_xgboost(artifact: artifacts.Artifact) -> None:
+    opened = open_runtime(artifact)
+    assert opened.features == 6
+    assert opened.parameters > 0
+
+
+def test_a_platform_without_a_runtime_is_refused(
+    artifact: artifacts.Artifact, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delitem(runtime._FACTORIES, "xgboost_json")
+    with pytest.raises(ArtifactError, match="no runtime for xgboost_json"):
+        open_runtime(artifact)
+
+
+def test_a_missing_library_is_told(artifact: artifacts.Artifact, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(runtime._FACTORIES, "xgboost_json", "no_such_library:Runtime")
+    with pytest.raises(MissingDependency, match=r"no_such_library: pip install 'taxel\[server\]'"):
+        open_runtime(artifact)
+
+
+def test_a_model_file_of_another_width_is_refused(repository: Path) -> None:
+    wide = artifacts.read(repository / "wide" / "1")
+    narrow = artifacts.read(repository / "skin" / "2")
+    with pytest.raises(ArtifactError, match="expected 12"):
+        open_runtime(artifacts.Artifact(wide.manifest, narrow.model_path))

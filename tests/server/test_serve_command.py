@@ -1,0 +1,196 @@
+"""`taxel serve` as a process of its own: starting, refusing to start, stopping."""
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zenoh
+from numpy.typing import NDArray
+
+import taxel
+from taxel.errors import Unavailable
+from taxel.protocol import pack_infer_request, unpack_error, unpack_infer_response
+
+WindowMaker = Callable[..., NDArray[np.float32]]
+Starter = Callable[..., subprocess.Popen[str]]
+
+HANG_S = 30
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Iterator[Starter]:
+    """Starts `taxel serve` in an empty folder."""
+    processes = []
+
+    def serve(*arguments: Any) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "taxel", "serve", *map(str, arguments)],
+            cwd=tmp_path,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        processes.append(process)
+        return process
+
+    yield serve
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def serving(run: Starter, repository: Path, endpoint: str) -> Callable[..., subprocess.Popen[str]]:
+    """A server that is ready."""
+
+    def serve(*arguments: Any) -> subprocess.Popen[str]:
+        process = run("--repository", repository, "--listen", endpoint, "--json", *arguments)
+        line = process.stdout.readline()
+        assert line, process.stderr.read()
+        ready = json.loads(line)
+        assert ready["listen"] == [endpoint]
+        assert [model["name"] for model in ready["models"]] == ["skin", "skin", "wide"]
+        return process
+
+    return serve
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_serves_until_told_to_stop(
+    serving: Starter, endpoint: str, make_windows: WindowMaker, number: signal.Signals
+) -> None:
+    process = serving()
+    with taxel.connect(endpoint) as client:
+        assert client.predictor("skin").predict(make_windows(3)).shape == (3, 21)
+        process.send_signal(number)
+        assert process.wait(HANG_S) == 0
+        with pytest.raises(Unavailable):
+            client.models()
+    assert process.stderr.read() == ""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_under_load_every_query_is_answered(
+    serving: Starter, endpoint: str, make_windows: WindowMaker, engine: Any, number: signal.Signals
+) -> None:
+    """With a full queue and no time to drain it, what is not predicted is refused, and nothing is lost."""
+    process = serving("--drain-seconds", "0.05", "--max-batch-rows", "256")
+    windows = make_windows(4096, 12)
+    expected = engine.model("wide").evaluate(windows)
+    request = pack_infer_request(windows)
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+    with zenoh.open(config) as session:
+        key = "taxel/v2/models/wide/infer"
+        asked = [session.get(key, payload=request, timeout=HANG_S) for _ in range(30)]
+        first = asked[0].recv()
+        process.send_signal(number)
+        answers = [[first], *(list(replies) for replies in asked[1:])]
+        assert process.wait(HANG_S) == 0
+    assert [len(answer) for answer in answers] == [1] * 30
+    for (reply,) in answers:
+        if reply.ok is not None:
+            predicted = unpack_infer_response(reply.ok.payload.to_bytes()).outputs
+            np.testing.assert_array_equal(predicted, expected)
+        else:
+            assert isinstance(unpack_error(reply.err.payload.to_bytes()), Unavailable)
+
+
+def test_a_client_of_a_killed_server_is_told(
+    serving: Starter, endpoint: str, make_windows: WindowMaker
+) -> None:
+    process = serving()
+    with taxel.connect(endpoint) as client, ThreadPoolExecutor(1) as pool:
+        predictor = client.predictor("wide")
+        predictor.predict(make_windows(1, 12))
+
+        def ask_on() -> None:
+            while True:
+                predictor.predict(make_windows(2000, 12), timeout=HANG_S)
+
+        asking = pool.submit(ask_on)
+        process.kill()
+        with pytest.raises(Unavailable):
+            asking.result(HANG_S)
+
+
+def test_a_stuck_client_does_not_keep_it(
+    serving: Starter, endpoint: str, make_windows: WindowMaker
+) -> None:
+    """A client that asks for much, reads nothing and never leaves holds up neither others nor the end."""
+    process = serving()
+    asks = (
+        "import sys, os, signal, taxel, numpy\n"
+        "from taxel.protocol import pack_infer_request\n"
+        "source = taxel.connect(sys.argv[1])\n"
+        "request = pack_infer_request(numpy.zeros((3000, 6), numpy.float32))\n"
+        "key = 'taxel/v2/models/skin/infer'\n"
+        "asked = [source._session.get(key, payload=request, timeout=60) for _ in range(40)]\n"
+        "print('asked', flush=True)\n"
+        "os.kill(os.getpid(), signal.SIGSTOP)\n"
+    )
+    stuck = subprocess.Popen([sys.executable, "-c", asks, endpoint], stdout=subprocess.PIPE, text=True)
+    try:
+        assert stuck.stdout.readline() == "asked\n"
+        with taxel.connect(endpoint) as client:
+            assert client.predictor("skin").predict(make_windows(3), timeout=HANG_S).shape == (3, 21)
+        process.terminate()
+        assert process.wait(HANG_S) == 0
+    finally:
+        stuck.kill()
+        stuck.communicate()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("--repository", "nowhere"), "nowhere: no such folder"),
+        (("--repository", "."), "no model that can be served; the folder holds none"),
+        ((), "repository: Field required"),
+        (("--repository", ".", "--max-batch-rows", "0"), "max_batch_rows"),
+    ],
+)
+def test_it_does_not_start_without_something_to_serve(
+    run: Starter, arguments: tuple[str, ...], text: str
+) -> None:
+    process = run(*arguments)
+    output, errors = process.communicate(timeout=HANG_S)
+    assert (process.returncode, output) == (1, "")
+    assert text in errors
+
+
+def test_only_damaged_models_are_told_with_their_reasons(
+    run: Starter, tmp_path: Path, make_artifact: Callable[..., Path]
+) -> None:
+    (make_artifact(tmp_path, "torn", "1") / "model.json").unlink()
+    process = run("--repository", tmp_path)
+    _, errors = process.communicate(timeout=HANG_S)
+    assert process.returncode == 1
+    assert "no model that can be served" in errors
+    assert "model.json: No such file" in errors
+
+
+def test_an_occupied_port_is_told(serving: Starter, run: Starter, repository: Path, endpoint: str) -> None:
+    serving()
+    second = run("--repository", repository, "--listen", endpoint)
+    _, errors = second.communicate(timeout=HANG_S)
+    assert second.returncode == 1
+    assert f"cannot listen on {endpoint}" in errors
+
+
+def test_it_tells_people_what_it_serves(run: Starter, repository: Path, endpoint: str) -> None:
+    process = run("--repository", repository, "--listen", endpoint)
+    lines = []
+    while not lines or "listening" not in lines[-1]:
+        lines.append(process.stdout.readline())
+        assert lines[-1], process.stderr.read()
+    assert lines[-1] == f"listening on {endpoint}\n"
+    assert sum("READY" in line for line in lines) == 3

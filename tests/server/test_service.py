@@ -1,0 +1,178 @@
+"""The service over real zenoh sessions: what it answers to good requests."""
+
+import json
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zenoh
+from numpy.typing import NDArray
+
+import taxel
+from taxel.errors import NotFound, SettingsError, Unavailable
+from taxel.protocol import pack_infer_request, unpack_infer_response, unpackb
+from taxel.remote import RemoteSource
+from taxel_server.engine import Engine
+from taxel_server.options import ServerOptions
+from taxel_server.service import Service
+
+WindowMaker = Callable[..., NDArray[np.float32]]
+ServerStarter = Callable[..., str]
+
+
+@pytest.fixture
+def client(engine: Engine, start: ServerStarter) -> Iterator[RemoteSource]:
+    with taxel.connect(start(engine)) as source:
+        yield source
+
+
+def test_remote_and_local_agree(client: RemoteSource, repository: Path, make_windows: WindowMaker) -> None:
+    with taxel.load(repository) as local:
+        assert client.models() == local.models()
+        for name, version, features in (("skin", None, 6), ("skin", "2", 6), ("wide", None, 12)):
+            remote, near = client.predictor(name, version), local.predictor(name, version)
+            assert remote.manifest == near.manifest
+            for rows in (1, 7, 3000):
+                windows = make_windows(rows, features, seed=rows)
+                np.testing.assert_array_equal(remote.predict(windows), near.predict(windows))
+
+
+def test_the_server_describes_itself(client: RemoteSource) -> None:
+    assert unpackb(client.get("taxel/v2"))["name"] == "taxel"
+    assert unpackb(client.get("taxel/v2/health/live")) == {"live": True}
+    assert unpackb(client.get("taxel/v2/health/ready")) == {"ready": True}
+    assert client.ready()
+
+
+def test_a_model_is_described_in_the_protocols_words(client: RemoteSource) -> None:
+    described = unpackb(client.get("taxel/v2/models/skin"))
+    assert (described["name"], described["versions"]) == ("skin", ["2", "10"])
+    assert described["platform"] == "xgboost_json"
+    assert described["inputs"] == [{"name": "window", "datatype": "FP32", "shape": [-1, 6]}]
+    assert described["outputs"] == [{"name": "channels", "datatype": "FP32", "shape": [-1, 21]}]
+    assert described["parameters"]["manifest"]["version"] == "10"
+    assert unpackb(client.get("taxel/v2/models/skin/versions/2/ready")) == {"ready": True}
+
+
+def test_id_and_times_come_back(client: RemoteSource, make_windows: WindowMaker) -> None:
+    request = pack_infer_request(make_windows(5), request_id="touch 1")
+    response = unpack_infer_response(client.get("taxel/v2/models/skin/infer", request))
+    assert (response.id, response.model_name, response.model_version) == ("touch 1", "skin", "10")
+    assert response.batch_rows == 5
+    assert response.queue_us >= 0
+    assert response.compute_us > 0
+
+
+def test_statistics_count_requests_rows_and_errors(
+    engine: Engine, start: ServerStarter, make_windows: WindowMaker
+) -> None:
+    with taxel.connect(start(engine, max_batch_rows=16)) as client:
+        predictor = client.predictor("wide")
+        predictor.predict(make_windows(3, 12))
+        predictor.predict(make_windows(40, 12))
+        with pytest.raises(taxel.InvalidArgument):
+            client.get("taxel/v2/models/wide/infer", b"nonsense")
+        counted = unpackb(client.get("taxel/v2/models/wide/stats"))
+    assert (counted["requests"], counted["rows"], counted["errors"]) == (3, 43, {"INVALID_ARGUMENT": 1})
+    assert counted["batch_rows"]["buckets"] == {"4": 1, "8": 1, "16": 2}
+
+
+@pytest.mark.parametrize(
+    ("key", "text"),
+    [
+        ("taxel", "no key"),
+        ("taxel/v1", "no key 'v1'"),
+        ("taxel/v2/models", "no key"),
+        ("taxel/v2/models/skin/weights", "no key"),
+        ("taxel/v2/models/skin/versions/2/infer/more", "no key"),
+        ("taxel/v2/models/*/infer", r"no model '\*'"),
+        ("taxel/**", "no key"),
+        ("taxel/v2/models/skn", "no model 'skn'; there is: skin, wide"),
+        ("taxel/v2/models/skn/infer", "no model 'skn'; there is: skin, wide"),
+        ("taxel/v2/models/skn/ready", "no model 'skn'; there is: skin, wide"),
+        ("taxel/v2/models/skin/versions/3/infer", "no version '3'; it has: 2, 10"),
+    ],
+)
+def test_unknown_keys_are_not_found(client: RemoteSource, key: str, text: str) -> None:
+    with pytest.raises(NotFound, match=text):
+        client.get(key)
+
+
+def test_another_prefix_is_another_server(
+    engine: Engine, start: ServerStarter, make_windows: WindowMaker
+) -> None:
+    place = start(engine, prefix="left/hand")
+    with taxel.connect(place, prefix="left/hand") as client:
+        assert client.predictor("skin").predict(make_windows(2)).shape == (2, 21)
+        with pytest.raises(NotFound, match="no key 'v3'"):
+            client.get("left/hand/v3")
+    with taxel.connect(place) as stranger, pytest.raises(Unavailable, match="nobody answers"):
+        stranger.models()
+
+
+def test_a_damaged_artifact_is_listed_and_refused(
+    tmp_path: Path, make_artifact: Callable[..., Path], start: ServerStarter, make_windows: WindowMaker
+) -> None:
+    make_artifact(tmp_path, "skin", "1")
+    (make_artifact(tmp_path, "torn", "1") / "model.json").write_text("{")
+    with taxel.connect(start(Engine(tmp_path))) as client:
+        assert [(model.name, model.state) for model in client.models()] == [
+            ("skin", "READY"),
+            ("torn", "UNAVAILABLE"),
+        ]
+        assert "sha256" in client.models()[1].reason
+        assert unpackb(client.get("taxel/v2/models/torn/ready")) == {"ready": False}
+        for action in ("", "/infer", "/stats"):
+            with pytest.raises(Unavailable, match="sha256"):
+                client.get(f"taxel/v2/models/torn{action}")
+        assert client.predictor("skin").predict(make_windows(1)).shape == (1, 21)
+
+
+def test_an_occupied_port_is_told(engine: Engine, start: ServerStarter) -> None:
+    place = start(engine)
+    with pytest.raises(SettingsError, match=f"cannot listen on {place}.*in use"):
+        Service(engine, ServerOptions(repository=Path("unused"), listen=(place,)))
+
+
+def test_concurrent_clients_get_their_own_rows(
+    engine: Engine, start: ServerStarter, make_windows: WindowMaker
+) -> None:
+    place = start(engine, max_batch_rows=32)
+    evaluate = {name: engine.model(name).evaluate for name in ("skin", "wide")}
+
+    def ask(number: int) -> int:
+        name, features = (("skin", 6), ("wide", 12))[number % 2]
+        with taxel.connect(place) as client:
+            predictor = client.predictor(name)
+            for turn in range(30):
+                windows = make_windows(
+                    1 + (number * 7 + turn * 13) % 50, features, seed=100 * number + turn
+                )
+                np.testing.assert_array_equal(predictor.predict(windows), evaluate[name](windows))
+        return number
+
+    with ThreadPoolExecutor(8) as pool:
+        assert list(pool.map(ask, range(8))) == list(range(8))
+
+
+def test_every_query_gets_exactly_one_reply(
+    engine: Engine, start: ServerStarter, make_windows: WindowMaker
+) -> None:
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps([start(engine)]))
+    payloads = [pack_infer_request(make_windows(rows)) for rows in (1, 2, 70)] + [
+        b"",
+        b"\xc1",
+        b"\x80" * 50,
+    ]
+    with zenoh.open(config) as session:
+        asked = [
+            session.get("taxel/v2/models/skin/infer", payload=payload, timeout=10)
+            for _ in range(20)
+            for payload in payloads
+        ]
+        answers = [[reply.ok is not None for reply in replies] for replies in asked]
+    assert answers == [[True], [True], [True], [False], [False], [False]] * 20
