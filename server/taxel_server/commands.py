@@ -87,10 +87,9 @@ def _announce(listen: tuple[str, ...], models: list[ModelInfo], as_json: bool) -
         sys.stdout.write(json.dumps(ready) + "\n")
         sys.stdout.flush()
         return
-    table = Table("model", "version", "state", "inputs", "platform", "reason")
+    table = Table("model", "state", "reason")
     for model in models:
-        combination = "" if model.combination is None else str(model.combination)
-        table.add_row(model.name, model.version, model.state, combination, model.platform, model.reason)
+        table.add_row(f"{model.name}/{model.version}", model.state, model.reason)
     OUT.print(table)
     OUT.print(f"listening on {', '.join(listen)}", soft_wrap=True)
     sys.stdout.flush()

@@ -28,7 +28,7 @@ class ServerOptions(BaseModel):
     max_request_rows: Rows = Field(default=MAX_ROWS, description="Most windows in one request.")
     max_queue_rows: Rows = Field(default=131_072, description="Most windows waiting, over all requests.")
     max_queue_requests: int = Field(
-        default=4096, gt=0, le=2**20, description="Most requests waiting; each is answered before a stop."
+        default=2048, gt=0, le=2**20, description="Most requests waiting; each is answered before a stop."
     )
     threads: int = Field(default=1, gt=0, le=256, description="Threads that one evaluation may use.")
     drain_seconds: float = Field(

@@ -65,7 +65,8 @@ class Service:
         options: where to listen, and the limits.
 
     Raises:
-        SettingsError: an endpoint is malformed or occupied.
+        SettingsError: an endpoint is malformed.
+        TaxelError: an endpoint is occupied.
     """
 
     def __init__(self, engine: Engine, options: ServerOptions) -> None:
@@ -95,12 +96,13 @@ class Service:
     def close(self) -> bool:
         """Accept nothing more, answer what is queued, and leave; whether every client let us go.
 
-        What is not finished within `drain_seconds` is answered with `Unavailable`.
+        What is not finished within `drain_seconds` is answered with `Unavailable`, and so is
+        whatever comes until the end.
         """
-        self._ready = False
         self._batcher.stop(self._options.drain_seconds)
-        self._queryable.undeclare()  # type: ignore[no-untyped-call]
+        self._ready = False
         self._batcher.join()
+        self._queryable.undeclare()  # type: ignore[no-untyped-call]
         self._desk.close()
         # Closing waits for a client that has stopped reading, for ten seconds and more.
         farewell = Thread(target=self._session.close, name="taxel-farewell", daemon=True)

@@ -6,7 +6,7 @@ from typing import Final
 
 import zenoh
 
-from taxel.errors import SettingsError
+from taxel.errors import SettingsError, TaxelError
 
 _PATIENCE_S: Final = 0.5
 """How long an answer waits for a client that reads nothing; then that client is disconnected.
@@ -19,7 +19,8 @@ def open_session(listen: Sequence[str]) -> zenoh.Session:
     """Listen on endpoints, as a router: clients need no other process between.
 
     Raises:
-        SettingsError: an endpoint is malformed or occupied.
+        SettingsError: an endpoint is malformed.
+        TaxelError: an endpoint cannot be listened on, as another process does so already.
     """
     config = zenoh.Config()
     settings = {
@@ -27,13 +28,19 @@ def open_session(listen: Sequence[str]) -> zenoh.Session:
         "scouting/multicast/enabled": False,
         "scouting/delay": 0,
         "transport/link/tx/queue/congestion_control/block/wait_before_close": round(_PATIENCE_S * 1e6),
-        "listen/endpoints": list(listen),
     }
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    endpoints = ", ".join(listen)
     try:
-        for key, value in settings.items():
-            config.insert_json5(key, json.dumps(value))
+        config.insert_json5("listen/endpoints", json.dumps(list(listen)))
+    except zenoh.ZError:
+        raise SettingsError(
+            f"listen: {endpoints}: expected PROTOCOL/ADDRESS, such as tcp/127.0.0.1:7447"
+        ) from None
+    try:
         return zenoh.open(config)
     except zenoh.ZError as error:
         # What follows ' at /' is where zenoh was built.
         reason = str(error).partition(" at /")[0]
-        raise SettingsError(f"cannot listen on {', '.join(listen)}: {reason}") from None
+        raise TaxelError(f"cannot listen on {endpoints}: {reason}") from None

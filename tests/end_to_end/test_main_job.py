@@ -35,7 +35,7 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder in which a recording was simulated, a model trained and exported."""
     folder = tmp_path_factory.mktemp("main_job")
     taxel("twin", "--rows", "6000", "--seed", "7", "-o", folder / "twin.csv")
-    taxel("train", "--model", "xgb", "--inputs", "1", "--data", folder / "twin.csv", "-o", folder / "trained", *SMALL)
+    taxel("train", "--model", "xgb", "--data", folder / "twin.csv", "-o", folder / "trained", *SMALL)
     taxel("export", folder / "trained", "--repository", folder / "repository", "--name", "finger")
     return folder
 
@@ -43,17 +43,17 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_predictions_through_a_server_equal_those_in_process(work: Path, tmp_path: Path) -> None:
     (held_out,) = (work / "trained" / "held_out").iterdir()
     with running_server(work / "repository") as endpoint:
-        remote = as_json("predict", "--model", "finger/1", "--connect", endpoint, held_out, "-o", tmp_path / "a.csv")
+        served = ["--model", "finger/1", "--connect", endpoint]
+        remote = as_json("predict", *served, held_out, "-o", tmp_path / "a.csv")
         assert as_json("models", "--connect", endpoint)["models"][0]["state"] == "READY"
-    local = as_json(
-        "predict", "--model", "finger", "--repository", work / "repository", held_out, "-o", tmp_path / "b.csv"
-    )
+    in_process = ["--model", "finger", "--repository", work / "repository"]
+    local = as_json("predict", *in_process, held_out, "-o", tmp_path / "b.csv")
     assert remote == local
     assert set(remote) == {"mae", "norm_mae", "mae_electrodes", "norm_mae_electrodes", "rows"}
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
     trained = json.loads((work / "trained" / "trained.json").read_text())
     assert remote["norm_mae"] == pytest.approx(trained["training"]["metrics"]["test"]["norm_mae"], rel=1e-6)
-    rows = list(csv.reader((tmp_path / "a.csv").open()))
+    rows = list(csv.reader((tmp_path / "a.csv").read_text().splitlines()))
     assert rows[0] == ["time_ns", *CHANNELS]
     assert len(rows) - 1 == remote["rows"]
 
@@ -61,7 +61,7 @@ def test_predictions_through_a_server_equal_those_in_process(work: Path, tmp_pat
 def test_contacts_without_measurements_are_predicted_too(work: Path, tmp_path: Path) -> None:
     """A CSV file of the seven input columns alone gives the same predictions."""
     (held_out,) = (work / "trained" / "held_out").iterdir()
-    rows = list(csv.reader(held_out.open()))
+    rows = list(csv.reader(held_out.read_text().splitlines()))
     contacts = tmp_path / "contacts.csv"
     with contacts.open("w", newline="") as file:
         csv.writer(file).writerows(row[:7] for row in rows)
@@ -79,7 +79,8 @@ def test_a_report_has_figures_a_table_and_pictures(work: Path, tmp_path: Path) -
         *("predict", "--model", "finger", "--repository", work / "repository", held_out),
         *("-o", tmp_path / "a.csv", "--report", report),
     )
-    assert {path.name for path in report.iterdir()} == {"errors.json", "errors.md", "errors.png", "traces.png"}
+    names = {path.name for path in report.iterdir()}
+    assert names == {"errors.json", "errors.md", "errors.png", "traces.png"}
     raw = json.loads((report / "errors.json").read_text())
     assert raw["model"]["norm_mae"] == said["norm_mae"]
     assert set(raw["model"]["per_channel"]) == set(CHANNELS)
@@ -108,7 +109,7 @@ def test_the_demo_replays_at_100_hz_and_flat_out() -> None:
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (["predict", "nowhere.csv", "--model", "m", "-o", "o.csv", "--repository", "."], 1, "nowhere.csv"),
+        (["predict", "x.csv", "--model", "m", "-o", "o.csv", "--repository", "."], 1, "no model 'm'"),
         (["predict", "x.csv", "--model", "m", "-o", "o.csv"], 2, "--connect ENDPOINT or --repository"),
         (["train", "--data", "nowhere.csv", "-o", "out"], 1, "nowhere.csv"),
         (["train", "--data", "x.csv", "-o", "out", "--inputs", "9"], 2, "--inputs"),

@@ -19,9 +19,10 @@ from taxel_models.shipped import shipped_repository
 
 repository = shipped_repository()
 assert sys.prefix in str(repository), repository
-with running_server(repository) as endpoint, taxel.connect(endpoint) as server, taxel.load(repository) as local:
-    windows = np.zeros((3, 12), np.float32)
+windows = np.zeros((3, 12), np.float32)
+with running_server(repository) as endpoint, taxel.connect(endpoint) as server:
     remote = server.predictor("xgb").predict(windows)
+with taxel.load(repository) as local:
     assert (remote == local.predictor("xgb").predict(windows)).all()
 missing = [name for name in ("torch", "xgboost", "pandas", "scipy", "matplotlib") if name in sys.modules]
 print(json.dumps({"shape": remote.shape, "loaded": missing, "from": taxel.__file__}))
@@ -36,8 +37,16 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     subprocess.run(build, check=True, capture_output=True)
     (wheel,) = folder.glob("taxel-*.whl")
     venv.create(folder / "venv", with_pip=True)
-    pip = [str(folder / "venv" / "bin" / "python"), "-m", "pip", "--disable-pip-version-check", "install", "-q"]
-    subprocess.run([*pip, "-c", str(ROOT / "constraints.txt"), f"{wheel}[server]"], check=True)
+    install = [
+        "-m",
+        "pip",
+        "--disable-pip-version-check",
+        "install",
+        "-q",
+        "-c",
+        str(ROOT / "constraints.txt"),
+    ]
+    subprocess.run([folder / "venv" / "bin" / "python", *install, f"{wheel}[server]"], check=True)
     return folder / "venv"
 
 

@@ -94,7 +94,7 @@ def test_early_stopping_keeps_the_best_trees(recording: Recording) -> None:
     )
     plan = small_plan(overrides={**SMALL, "n_estimators": 60, "early_stopping_rounds": 3})
     model, _ = train([noisy], plan)
-    assert max(model.record.history["trees"].values()) < 60
+    assert max(model.record.history.notes["trees"].values()) < 60
 
 
 def test_a_trained_model_is_kept_whole(recording: Recording, tmp_path: Path) -> None:

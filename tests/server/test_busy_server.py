@@ -103,9 +103,10 @@ def test_stopping_answers_every_query(
         while service.queued_rows < 8 * 5:
             assert client.ready()
         closing = pool.submit(service.close)
-        with pytest.raises(Unavailable):
-            while True:
-                client.models()
+        while client.ready():
+            assert not closing.done()
+        with pytest.raises(Unavailable, match="the server is stopping"):
+            predictor.predict(windows)
         gate.opened.set()
         expected = engine.model("skin").evaluate(windows)
         np.testing.assert_array_equal(running.result(), expected)

@@ -11,7 +11,7 @@ import zenoh
 from numpy.typing import NDArray
 
 import taxel
-from taxel.errors import NotFound, SettingsError, Unavailable
+from taxel.errors import NotFound, TaxelError, Unavailable
 from taxel.protocol import pack_infer_request, unpack_infer_response, unpackb
 from taxel.remote import RemoteSource
 from taxel_server.engine import Engine
@@ -132,7 +132,7 @@ def test_a_damaged_artifact_is_listed_and_refused(
 
 def test_an_occupied_port_is_told(engine: Engine, start: ServerStarter) -> None:
     place = start(engine)
-    with pytest.raises(SettingsError, match=f"cannot listen on {place}.*in use"):
+    with pytest.raises(TaxelError, match=f"cannot listen on {place}.*in use"):
         Service(engine, ServerOptions(repository=Path("unused"), listen=(place,)))
 
 

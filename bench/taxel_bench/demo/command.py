@@ -11,6 +11,9 @@ from taxel.commands.frame import ERR, OUT, Json, print_json
 _SEED = 2024
 """Of the replayed recording; the shipped models were trained on other seeds."""
 
+_WARMED_UP = 60_000
+"""Where the replay begins, in samples: a cold finger differs from most of what a model has seen."""
+
 
 def demo(
     model: Annotated[str, typer.Option(help="Which shipped model to serve.")] = "xgb",
@@ -28,7 +31,7 @@ def demo(
     from taxel_models.twin import simulate
 
     paced_rows = round(seconds * 100)
-    recording = simulate(max(rows, paced_rows), _SEED)
+    recording = simulate(_WARMED_UP + max(rows, paced_rows), _SEED).rows(slice(_WARMED_UP, None))
     with (
         running_server(shipped_repository()) as endpoint,
         taxel.connect(endpoint) as server,

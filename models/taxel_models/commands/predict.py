@@ -37,12 +37,12 @@ def predict(
     """Predict the channels of a recording and compare them with what was measured."""
     from taxel_models.evaluation.predictions import write_predictions
 
-    samples, channels = _read(recording)
-    if report is not None and channels is None:
-        raise SettingsError(f"--report: {recording} has no measured channels to compare with")
     name, _, version = model.partition("/")
     with open_source(connect, repository) as source:
         predictor = source.predictor(name, version or None)
+        samples, channels = _read(recording)
+        if report is not None and channels is None:
+            raise SettingsError(f"--report: {recording} has no measured channels to compare with")
         windows = build_windows(samples, predictor.window)
         predicted = _predict_all(predictor, windows.values, timeout)
     time_ns = samples.time_ns[windows.rows]

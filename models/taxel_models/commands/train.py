@@ -29,6 +29,13 @@ def train(
     ] = "auto",
     test: Annotated[float, typer.Option(help="Share of trials or chunks held out for testing.")] = 0.1,
     validation: Annotated[float, typer.Option(help="Share held out for early stopping.")] = 0.1,
+    temperature: Annotated[
+        str,
+        typer.Option(
+            help="For network-a and network-b: `measured` makes it an input of the served model, "
+            "`mean` trains with it and then fixes it at its mean, `none` leaves it out."
+        ),
+    ] = "mean",
     split_seed: Annotated[int, typer.Option(help="Which trials or chunks are held out.")] = 0,
     seed: Annotated[int, typer.Option(help="Every other random choice.")] = 0,
     jobs: Annotated[
@@ -54,6 +61,8 @@ def train(
         split=SplitPlan(holdout, test, validation, split_seed),  # type: ignore[arg-type]
         seed=seed,
         overrides=parse_settings(settings or []),
+        temperature=temperature,  # type: ignore[arg-type]
+        checkpoint=output.with_name(f".{output.name}.checkpoint"),
         jobs=jobs or os.cpu_count() or 1,
     )
     with _progress() as progress:
@@ -72,9 +81,9 @@ def train(
     OUT.print(_table(record.training.metrics))
     counts = record.training.windows
     OUT.print(
-        f"Windows: {counts['train']} to train, {counts['validation']} to stop early, {counts['test']} to test. "
-        f"Parameters: {record.parameters}."
+        f"{counts['train']} windows to train, {counts['validation']} to stop early, {counts['test']} to test."
     )
+    OUT.print(f"Parameters: {record.parameters}. Best at {record.history.unit} {record.history.best}.")
     OUT.print(f"Wrote {output}. Next: taxel export {output} --repository REPO", soft_wrap=True)
 
 

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
+from taxel.windows import WindowSpec
+
 Progress = Callable[[float, str], None]
 """Told how much is done, 0 to 1, and what is going on."""
 
@@ -26,10 +28,22 @@ class Hyperparameters(BaseModel):
 
 @dataclass(frozen=True)
 class FitPart:
-    """One part of a data set, z-scored: windows (n, f) and channels (n, 21), float32."""
+    """One part of a data set, z-scored, float32.
+
+    Attributes:
+        windows: (n, f).
+        channels: (n, 21).
+        temperature: (n,) `tdc`, for families that take it as an input.
+        auxiliary: (n, 2) `pac1` and `tac`, for families that are fitted to them as well.
+    """
 
     windows: NDArray[np.float32]
     channels: NDArray[np.float32]
+    temperature: NDArray[np.float32]
+    auxiliary: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.windows)
 
 
 @dataclass(frozen=True)
@@ -37,15 +51,43 @@ class FitTask:
     """Everything that fitting may depend on.
 
     Attributes:
+        spec: what the windows hold.
         seed: of every random choice.
-        jobs: cores to use; never changes the result.
+        jobs: cores to use.
+        with_temperature: give the temperature to a family that can take it.
+        checkpoint: a file to keep progress in, so that an interrupted fit goes on from there.
     """
 
+    spec: WindowSpec
     train: FitPart
     validation: FitPart
     seed: int
     jobs: int
     progress: Progress = unseen
+    with_temperature: bool = False
+    checkpoint: Path | None = None
+
+
+class History(BaseModel):
+    """How fitting went.
+
+    Attributes:
+        unit: what a step is: an epoch, or a tree of every channel.
+        loss: what the losses are.
+        train: the training loss after each step; empty where it is not known.
+        validation: the validation loss after each step.
+        best: the step, counted from 1, whose weights were kept; the last where all were.
+        notes: anything else worth keeping.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    unit: str
+    loss: str
+    train: tuple[float, ...]
+    validation: tuple[float, ...]
+    best: int
+    notes: dict[str, Any]
 
 
 class FittedModel(ABC):
@@ -56,17 +98,28 @@ class FittedModel(ABC):
     def parameters(self) -> int:
         """Learnable parameters; for trees their nodes, as the paper counts."""
 
+    @property
+    def takes_temperature(self) -> bool:
+        """Whether the temperature is one of its inputs."""
+        return False
+
     @abstractmethod
-    def predict(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(n, f) z-scored windows to (n, 21) z-scored channels."""
+    def predict(
+        self, windows: NDArray[np.float32], temperature: NDArray[np.float32] | None = None
+    ) -> NDArray[np.float32]:
+        """Predict the channels, z-scores in and out.
+
+        Args:
+            windows: (n, f).
+            temperature: (n,), for a model that takes it; its mean where none is given.
+
+        Returns:
+            (n, 21).
+        """
 
     @abstractmethod
     def save(self, folder: Path) -> None:
         """Write the weights into an existing, empty folder."""
-
-    @abstractmethod
-    def history(self) -> dict[str, Any]:
-        """How fitting went, for the trained model's record."""
 
 
 class Family(ABC):
@@ -80,7 +133,7 @@ class Family(ABC):
         """The published choice for an input combination."""
 
     @abstractmethod
-    def fit(self, task: FitTask, hyperparameters: Hyperparameters) -> FittedModel:
+    def fit(self, task: FitTask, hyperparameters: Hyperparameters) -> tuple[FittedModel, History]:
         """Fit to the training part, stopping early by the validation part."""
 
     @abstractmethod

@@ -10,7 +10,13 @@ from taxel.artifacts import describe
 from taxel.errors import SettingsError
 from taxel_models.families.family import Family, Hyperparameters
 
-_HOMES: Final = {"xgb": "taxel_models.families.xgb:XgbFamily"}
+_HOMES: Final = {
+    "xgb": "taxel_models.families.xgb:XgbFamily",
+    "ffnn": "taxel_models.families.networks.ffnn:FfnnFamily",
+    "transformer": "taxel_models.families.networks.transformer:TransformerFamily",
+    "network-a": "taxel_models.families.networks.network_a:NetworkAFamily",
+    "network-b": "taxel_models.families.networks.network_b:NetworkBFamily",
+}
 
 FAMILIES: Final = tuple(_HOMES)
 

@@ -14,7 +14,14 @@ from typing_extensions import override
 
 from taxel.channels import CHANNELS
 from taxel.errors import ArtifactError
-from taxel_models.families.family import Family, FitTask, FittedModel, Hyperparameters, Progress
+from taxel_models.families.family import (
+    Family,
+    FitTask,
+    FittedModel,
+    History,
+    Hyperparameters,
+    Progress,
+)
 from taxel_models.families.published import published
 
 Share = Annotated[float, Field(gt=0, le=1)]
@@ -44,9 +51,8 @@ class XgbHyperparameters(Hyperparameters):
 class XgbModel(FittedModel):
     """21 fitted boosters in channel order."""
 
-    def __init__(self, boosters: tuple[xgboost.Booster, ...], history: dict[str, Any]) -> None:
+    def __init__(self, boosters: tuple[xgboost.Booster, ...]) -> None:
         self.boosters = boosters
-        self._history = history
 
     @property
     @override
@@ -54,7 +60,9 @@ class XgbModel(FittedModel):
         return sum(count_nodes(booster) for booster in self.boosters)
 
     @override
-    def predict(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
+    def predict(
+        self, windows: NDArray[np.float32], temperature: NDArray[np.float32] | None = None
+    ) -> NDArray[np.float32]:
         columns = [booster.inplace_predict(windows, iteration_range=(0, 0)) for booster in self.boosters]
         return np.stack(columns, axis=1).astype(np.float32, copy=False)
 
@@ -62,10 +70,6 @@ class XgbModel(FittedModel):
     def save(self, folder: Path) -> None:
         for channel, booster in zip(CHANNELS, self.boosters, strict=True):
             booster.save_model(folder / f"{channel}.json")
-
-    @override
-    def history(self) -> dict[str, Any]:
-        return self._history
 
 
 class _Watch(xgboost.callback.TrainingCallback):  # type: ignore[misc]
@@ -101,11 +105,11 @@ class XgbFamily(Family):
         return published(self.name, combination)
 
     @override
-    def fit(self, task: FitTask, hyperparameters: Hyperparameters) -> XgbModel:
+    def fit(self, task: FitTask, hyperparameters: Hyperparameters) -> tuple[XgbModel, History]:
         chosen = XgbHyperparameters.model_validate(hyperparameters.model_dump())
         watch = _Watch(task.progress, chosen.n_estimators * len(CHANNELS))
 
-        def fit_some(columns: range) -> list[tuple[int, xgboost.Booster]]:
+        def fit_some(columns: range) -> list[tuple[int, xgboost.Booster, list[float]]]:
             # One thread and one binned matrix a worker: no result depends on how many there are.
             train = xgboost.QuantileDMatrix(task.train.windows, max_bin=chosen.max_bin, nthread=1)
             validation = xgboost.QuantileDMatrix(
@@ -115,19 +119,16 @@ class XgbFamily(Family):
             for column in columns:
                 train.set_label(task.train.channels[:, column])
                 validation.set_label(task.validation.channels[:, column])
-                fitted.append((column, _fit_channel(train, validation, chosen, task.seed, watch)))
+                booster, losses = _fit_channel(train, validation, chosen, task.seed, watch)
+                fitted.append((column, booster, losses))
             return fitted
 
         workers = max(1, min(task.jobs, len(CHANNELS)))
         shares = [range(start, len(CHANNELS), workers) for start in range(workers)]
         with ThreadPoolExecutor(workers) as pool:
-            fitted = dict(pair for share in pool.map(fit_some, shares) for pair in share)
-        boosters = tuple(fitted[column] for column in range(len(CHANNELS)))
-        trees = {
-            channel: booster.num_boosted_rounds()
-            for channel, booster in zip(CHANNELS, boosters, strict=True)
-        }
-        return XgbModel(boosters, {"trees": trees})
+            fitted = sorted(one for share in pool.map(fit_some, shares) for one in share)
+        boosters = tuple(booster for _, booster, _ in fitted)
+        return XgbModel(boosters), _history(boosters, [losses for _, _, losses in fitted])
 
     @override
     def load(self, folder: Path) -> XgbModel:
@@ -141,7 +142,7 @@ class XgbFamily(Family):
                 reason = str(error).strip().splitlines()[-1]
                 raise ArtifactError(f"{path}: not a model that XGBoost reads: {reason}") from None
             boosters.append(booster)
-        return XgbModel(tuple(boosters), {})
+        return XgbModel(tuple(boosters))
 
 
 def _fit_channel(
@@ -150,8 +151,10 @@ def _fit_channel(
     chosen: XgbHyperparameters,
     seed: int,
     watch: _Watch,
-) -> xgboost.Booster:
+) -> tuple[xgboost.Booster, list[float]]:
+    """One channel's booster, and its validation loss after each tree."""
     own = {"n_estimators", "early_stopping_rounds"}
+    evaluations: dict[str, dict[str, list[float]]] = {}
     booster = xgboost.train(
         {
             **chosen.model_dump(exclude=own),
@@ -164,6 +167,7 @@ def _fit_channel(
         train,
         num_boost_round=chosen.n_estimators,
         evals=[(validation, "validation")],
+        evals_result=evaluations,
         early_stopping_rounds=chosen.early_stopping_rounds or None,
         verbose_eval=False,
         callbacks=[watch],
@@ -172,7 +176,24 @@ def _fit_channel(
     if chosen.early_stopping_rounds:
         booster = booster[: booster.best_iteration + 1]
     booster.set_attr(best_iteration=None, best_score=None)
-    return booster
+    return booster, evaluations["validation"]["mae"]
+
+
+def _history(boosters: tuple[xgboost.Booster, ...], losses: list[list[float]]) -> History:
+    """The mean loss over channels; one that stopped early stays at its best."""
+    trees = [booster.num_boosted_rounds() for booster in boosters]
+    steps = max(len(curve) for curve in losses)
+    kept = np.stack(
+        [np.pad(curve, (0, steps - len(curve)), constant_values=min(curve)) for curve in losses]
+    )
+    return History(
+        unit="tree of every channel",
+        loss="mean absolute error, z-scores",
+        train=(),
+        validation=tuple(kept.mean(axis=0).tolist()),
+        best=max(trees),
+        notes={"trees": dict(zip(CHANNELS, trees, strict=True))},
+    )
 
 
 def count_nodes(booster: xgboost.Booster) -> int:

@@ -7,7 +7,6 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.channels import CHANNELS
 from taxel.errors import SettingsError
 from taxel.windows import WindowSpec, build_windows
 from taxel_models.recordings import Recording
@@ -21,10 +20,25 @@ class Examples:
     Attributes:
         windows: (n, f) float32, m and N.
         channels: (n, 21) float64, counts.
+        temperature: (n, 1) float64, `tdc`, counts.
+        auxiliary: (n, 2) float64, `pac1` and `tac`, counts.
     """
 
     windows: NDArray[np.float32]
     channels: NDArray[np.float64]
+    temperature: NDArray[np.float64]
+    auxiliary: NDArray[np.float64]
+
+    @classmethod
+    def at(cls, recording: Recording, windows: NDArray[np.float32], rows: NDArray[np.int64]) -> Self:
+        """Windows of a recording of ticks whose T are these rows."""
+        measured = recording.auxiliary
+        return cls(
+            windows,
+            recording.channels[rows],
+            measured["tdc"][rows, None],
+            np.column_stack([measured["pac1"][rows], measured["tac"][rows]]),
+        )
 
     def __len__(self) -> int:
         return len(self.windows)
@@ -34,7 +48,7 @@ def examples(recording: Recording, spec: WindowSpec) -> Examples:
     """Every window of a recording with what was measured at its T."""
     ticks = recording.ticks()
     windows = build_windows(ticks.samples, spec)
-    return Examples(windows.values, ticks.channels[windows.rows])
+    return Examples.at(ticks, windows.values, windows.rows)
 
 
 @dataclass(frozen=True)
@@ -68,9 +82,8 @@ class Dataset:
             of_window = _part_of_windows(of_row, windows.rows, spec)
             for part in Part:
                 chosen = of_window == part
-                rows = windows.rows[chosen]
-                found[part].append(Examples(windows.values[chosen], recording.channels[rows]))
-        parts = {part: _concatenate(found[part], spec) for part in Part}
+                found[part].append(Examples.at(recording, windows.values[chosen], windows.rows[chosen]))
+        parts = {part: _concatenate(found[part]) for part in Part}
         for part, content in parts.items():
             if not len(content):
                 raise SettingsError(
@@ -98,9 +111,6 @@ def _part_of_windows(
     return np.where(whole, of_row[rows], np.int8(-1))
 
 
-def _concatenate(parts: list[Examples], spec: WindowSpec) -> Examples:
-    empty = Examples(np.empty((0, spec.length), np.float32), np.empty((0, len(CHANNELS))))
-    return Examples(
-        np.concatenate([empty.windows, *(part.windows for part in parts)]),
-        np.concatenate([empty.channels, *(part.channels for part in parts)]),
-    )
+def _concatenate(parts: list[Examples]) -> Examples:
+    columns = zip(*(vars(part).values() for part in parts), strict=True)
+    return Examples(*(np.concatenate(column) for column in columns))

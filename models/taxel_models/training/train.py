@@ -2,23 +2,29 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, Final, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taxel import __version__
 from taxel.channels import CHANNELS
+from taxel.errors import SettingsError
 from taxel.manifest import Normalisation, Source, Training
 from taxel.scaling import Scaler
 from taxel.windows import WindowSpec
 from taxel_models.evaluation.metrics import Errors
-from taxel_models.families.family import FitPart, FitTask, Progress, unseen
+from taxel_models.families.family import FitPart, FitTask, FittedModel, Progress, unseen
 from taxel_models.families.registry import family, resolve
 from taxel_models.recordings import Recording
 from taxel_models.training.dataset import Dataset, Examples
 from taxel_models.training.split import SplitPlan
-from taxel_models.training.trained import TrainedModel, TrainedRecord
+from taxel_models.training.trained import Temperature, TrainedModel, TrainedRecord
+
+TemperatureUse = Literal["measured", "mean", "none"]
+
+TEMPERATURE_USES: Final[tuple[TemperatureUse, ...]] = ("measured", "mean", "none")
 
 
 @dataclass(frozen=True)
@@ -29,7 +35,11 @@ class TrainingPlan:
         model: the family's name.
         combination: input combination 1..8.
         overrides: hyperparameters that replace the paper's.
-        jobs: cores to use; the result does not depend on it.
+        temperature: for families that take one: `measured` trains with it, tests with it and
+            serves it as a named input; `mean` trains with it, then fixes it at its mean, as
+            the paper's baseline; `none` leaves it out.
+        jobs: cores to use.
+        checkpoint: where to keep the progress of a long training.
     """
 
     model: str
@@ -37,7 +47,30 @@ class TrainingPlan:
     split: SplitPlan = field(default_factory=SplitPlan)
     seed: int = 0
     overrides: dict[str, Any] = field(default_factory=dict)
+    temperature: TemperatureUse = "mean"
     jobs: int = 1
+    checkpoint: Path | None = None
+
+
+@dataclass(frozen=True)
+class _Scalers:
+    """Statistics of the training part."""
+
+    windows: Scaler
+    channels: Scaler
+    temperature: Scaler
+    auxiliary: Scaler
+
+    @classmethod
+    def fit(cls, part: Examples) -> Self:
+        return cls(*(Scaler.fit(column) for column in vars(part).values()))
+
+    def apply(self, part: Examples) -> FitPart:
+        windows, channels, temperature, auxiliary = (
+            scaler.normalise(column.astype(np.float32, copy=False))
+            for scaler, column in zip(vars(self).values(), vars(part).values(), strict=True)
+        )
+        return FitPart(windows, channels, temperature[:, 0], auxiliary)
 
 
 def train(
@@ -53,24 +86,36 @@ def train(
     Raises:
         SettingsError: the plan is not possible with these recordings.
     """
+    if plan.temperature not in TEMPERATURE_USES:
+        raise SettingsError(f"temperature {plan.temperature!r}: expected {', '.join(TEMPERATURE_USES)}")
     kind = family(plan.model)
     hyperparameters = resolve(kind, plan.combination, plan.overrides)
     spec = WindowSpec.of(plan.combination)
     data = Dataset.of(recordings, spec, plan.split)
-    inputs, outputs = Scaler.fit(data.train.windows), Scaler.fit(data.train.channels)
+    scalers = _Scalers.fit(data.train)
     task = FitTask(
-        train=_scaled(data.train, inputs, outputs),
-        validation=_scaled(data.validation, inputs, outputs),
+        spec=spec,
+        train=scalers.apply(data.train),
+        validation=scalers.apply(data.validation),
         seed=plan.seed,
         jobs=plan.jobs,
         progress=progress,
+        with_temperature=plan.temperature != "none",
+        checkpoint=plan.checkpoint,
     )
-    fitted = kind.fit(task, hyperparameters)
-    predicted = outputs.restore(fitted.predict(inputs.normalise(data.test.windows)))
+    fitted, history = kind.fit(task, hyperparameters)
+    temperature = None
+    if fitted.takes_temperature:
+        temperature = Temperature(
+            served=plan.temperature == "measured",
+            mean=float(scalers.temperature.mean[0]),
+            std=float(scalers.temperature.std[0]),
+        )
     record = TrainedRecord(
         combination=plan.combination,
         parameters=fitted.parameters,
-        normalisation=_normalisation(inputs, outputs),
+        normalisation=_normalisation(scalers),
+        temperature=temperature,
         training=Training(
             family=kind.name,
             data=tuple(_source(recording) for recording in recordings),
@@ -78,24 +123,20 @@ def train(
             split=plan.split.describe(),
             seed=plan.seed,
             hyperparameters=hyperparameters.model_dump(mode="json"),
-            metrics=_metrics(data, predicted, outputs),
+            metrics=_metrics(data.test, fitted, scalers, temperature),
         ),
-        history=fitted.history(),
+        history=history,
         taxel_version=__version__,
     )
     return TrainedModel(record, fitted), data.test_recordings
 
 
-def _scaled(part: Examples, inputs: Scaler, outputs: Scaler) -> FitPart:
-    return FitPart(inputs.normalise(part.windows), outputs.normalise(part.channels.astype(np.float32)))
-
-
-def _normalisation(inputs: Scaler, outputs: Scaler) -> Normalisation:
+def _normalisation(scalers: _Scalers) -> Normalisation:
     return Normalisation(
-        input_mean=tuple(inputs.mean.tolist()),
-        input_std=tuple(inputs.std.tolist()),
-        output_mean=tuple(outputs.mean.tolist()),
-        output_std=tuple(outputs.std.tolist()),
+        input_mean=tuple(scalers.windows.mean.tolist()),
+        input_std=tuple(scalers.windows.std.tolist()),
+        output_mean=tuple(scalers.channels.mean.tolist()),
+        output_std=tuple(scalers.channels.std.tolist()),
     )
 
 
@@ -105,11 +146,26 @@ def _source(recording: Recording) -> Source:
     )
 
 
-def _metrics(data: Dataset, predicted: NDArray[np.float32], outputs: Scaler) -> dict[str, Any]:
-    """Errors on the test part: the model's, and those of always saying the training mean."""
-    measured = data.test.channels
-    mean = np.broadcast_to(outputs.mean, (len(measured), len(CHANNELS)))
-    return {
-        "test": Errors.of(measured, predicted, outputs.std).report(),
-        "mean_predictor": Errors.of(measured, mean, outputs.std).report(),
+def _metrics(
+    test: Examples, fitted: FittedModel, scalers: _Scalers, temperature: Temperature | None
+) -> dict[str, Any]:
+    """Errors on the test part: the model's as it will be served, and those of the training mean.
+
+    A model that takes the temperature also reports what it would be with the measured one.
+    """
+    part = scalers.apply(test)
+
+    def errors(measured_temperature: bool) -> dict[str, Any]:
+        z_scores = fitted.predict(part.windows, part.temperature if measured_temperature else None)
+        predicted = scalers.channels.restore(z_scores)
+        return Errors.of(test.channels, predicted, scalers.channels.std).report()
+
+    mean: NDArray[np.float32] = np.broadcast_to(scalers.channels.mean, (len(test), len(CHANNELS)))
+    found = {
+        "test": errors(temperature is not None and temperature.served),
+        "mean_predictor": Errors.of(test.channels, mean, scalers.channels.std).report(),
     }
+    if temperature is not None:
+        found["test_measured_temperature"] = errors(True)
+        found["test_mean_temperature"] = errors(False)
+    return found

@@ -1,18 +1,19 @@
 """A trained model on disk: what training writes and exporting reads.
 
-DIR/trained.json          family, inputs, hyperparameters, normalisation, split, metrics
-DIR/weights/              the family's own files
-DIR/held_out/*.csv        the test rows of each recording, to evaluate any model on
+DIR/trained.json      family, inputs, hyperparameters, normalisation, split, metrics, losses
+DIR/loss.png          the loss after each step of fitting
+DIR/weights/          the family's own files
+DIR/held_out/*.csv    the test rows of each recording, to evaluate any model on
 """
 
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from taxel.artifacts import describe
 from taxel.atomic import whole_folder
@@ -20,11 +21,29 @@ from taxel.errors import ArtifactError
 from taxel.manifest import Normalisation, Training
 from taxel.scaling import Scaler
 from taxel.windows import WindowSpec
-from taxel_models.families.family import FittedModel
+from taxel_models.families.family import FittedModel, History
 from taxel_models.families.registry import family
 from taxel_models.recordings import Recording, read_ruppel, write_ruppel
+from taxel_models.training.curve import draw_history
 
 RECORD: Final = "trained.json"
+CURVE: Final = "loss.png"
+
+
+class Temperature(BaseModel):
+    """How a model that takes the temperature gets it.
+
+    Attributes:
+        served: it is a named input of the served model; otherwise fixed at its mean.
+        mean: of `tdc` in the training part, counts.
+        std: likewise.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    served: bool
+    mean: FiniteFloat
+    std: Annotated[float, Field(gt=0)]
 
 
 class TrainedRecord(BaseModel):
@@ -36,8 +55,9 @@ class TrainedRecord(BaseModel):
     combination: Annotated[int, Field(ge=1, le=8)]
     parameters: int
     normalisation: Normalisation
+    temperature: Temperature | None = None
     training: Training
-    history: dict[str, Any]
+    history: History
     taxel_version: str
 
 
@@ -53,12 +73,26 @@ class TrainedModel:
         """The window that it takes."""
         return WindowSpec.of(self.record.combination)
 
-    def predict(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(n, f) windows in m and N to (n, 21) counts, by the library it was trained with."""
+    def predict(
+        self, windows: NDArray[np.float32], temperature: NDArray[np.float32] | None = None
+    ) -> NDArray[np.float32]:
+        """Predict with the library that the model was trained with.
+
+        Args:
+            windows: (n, f), m and N.
+            temperature: (n,) `tdc` in counts, for a model that takes it; its mean where none is given.
+
+        Returns:
+            (n, 21), counts.
+        """
         normalisation = self.record.normalisation
         inputs = Scaler.of(normalisation.input_mean, normalisation.input_std)
         outputs = Scaler.of(normalisation.output_mean, normalisation.output_std)
-        return outputs.restore(self.fitted.predict(inputs.normalise(windows)))
+        z_scores = None
+        if temperature is not None and self.record.temperature is not None:
+            scaler = Scaler.of([self.record.temperature.mean], [self.record.temperature.std])
+            z_scores = scaler.normalise(temperature)
+        return outputs.restore(self.fitted.predict(inputs.normalise(windows), z_scores))
 
 
 def save(
@@ -75,6 +109,7 @@ def save(
         (place / "held_out").mkdir()
         for number, recording in enumerate(held_out, start=1):
             write_ruppel(recording, place / "held_out" / f"{number}_{Path(recording.name).stem}.csv")
+        draw_history(model.record.history, place / CURVE)
         record = json.dumps(model.record.model_dump(mode="json"), indent=1) + "\n"
         (place / RECORD).write_text(record, encoding="utf-8")
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from taxel.manifest import Normalisation
 from taxel_bench.forests import ForestShape, write_forest
 from taxel_server.runtimes.trees import TreesRuntime
+from taxel_server.runtimes.trees.parse import read_forest
 
 Model = Callable[..., dict[str, Any]]
 Write = Callable[[dict[str, Any]], Path]
@@ -38,21 +39,22 @@ def _assert_same_bits(runtime: TreesRuntime, booster: xgboost.Booster, rows: NDA
     np.testing.assert_array_equal(found.view(np.int32), expected.view(np.int32))
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     features=st.integers(6, 72),
-    rounds=st.integers(1, 12),
-    depth=st.integers(0, 9),
-    max_bin=st.sampled_from([8, 64, 256, 700]),
+    rounds=st.integers(1, 4),
+    depth=st.integers(0, 8),
+    gamma=st.sampled_from([0.0, 1000.0]),
+    max_bin=st.sampled_from([8, 64, 300]),
     grow=st.sampled_from(["depthwise", "lossguide"]),
     objective=st.sampled_from(["reg:squarederror", "reg:absoluteerror"]),
 )
 def test_trained_forests(
-    raw: Raw, seed: int, features: int, rounds: int, depth: int, max_bin: int, grow: str, objective: str
+    raw: Raw, seed: int, features: int, rounds: int, depth: int, gamma: float, max_bin: int, grow: str, objective: str
 ) -> None:
     generator = np.random.default_rng(seed)
-    rows = generator.normal(size=(800, features)).astype(np.float32)
+    rows = generator.normal(size=(400, features)).astype(np.float32)
     rows[generator.random(rows.shape) < 0.05] = np.nan
     targets = _targets(rows, generator)
     booster = xgboost.train(
@@ -63,6 +65,7 @@ def test_trained_forests(
             "max_bin": max_bin,
             "grow_policy": grow,
             "nthread": 1,
+            "gamma": gamma,
             "tree_method": "hist",
         },
         xgboost.DMatrix(rows, targets),
@@ -105,7 +108,7 @@ def test_random_forests(tmp_path: Path, raw: Raw, shape: ForestShape) -> None:
     runtime = TreesRuntime(path, raw(shape.features, shape.outputs))
     booster = xgboost.Booster(model_file=path)
     generator = np.random.default_rng(1)
-    cuts = runtime._forest.value
+    cuts = read_forest(path).value
     for count in ROWS:
         _assert_same_bits(runtime, booster, _rows(count, shape.features, generator, cuts))
 

@@ -9,7 +9,7 @@ import json
 import sys
 from collections.abc import Callable
 from functools import wraps
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Annotated, Any, Final
 
 import typer
@@ -83,8 +83,22 @@ def build() -> typer.Typer:
         """Taxel plays a BioTac tactile fingertip for robot simulators."""
 
     for entry in sorted(entry_points(group=COMMANDS), key=lambda entry: entry.name):
-        app.command(entry.name)(failing_clearly(entry.load()))
+        app.command(entry.name)(failing_clearly(_load(entry)))
     return app
+
+
+def _load(entry: EntryPoint) -> Callable[..., None]:
+    """A command; one that cannot be loaded says so when called, and leaves the others alone."""
+    try:
+        command: Callable[..., None] = entry.load()
+    except Exception as error:  # another package's fault must not take this one down
+        reason = f"{type(error).__name__}: {error}"
+
+        def command() -> None:
+            raise TaxelError(f"the command {entry.name} ({entry.value}) cannot be loaded: {reason}")
+
+        command.__doc__ = f"Not available: {reason}."
+    return command
 
 
 def main() -> None:

@@ -7,13 +7,14 @@ it any more. Ranks and bins are stored less 2**(bits - 1), as signed integers.
 """
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Final, NamedTuple, Self
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from taxel_server.runtimes.trees.in_order import InOrder
+from taxel_server.runtimes.trees.plans import array_at
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Columns:
         default_left: (columns,) bool.
         start: (columns + 1,) int64, each column's first cut; the last entry is their number.
         cuts: (cuts,) float32, ascending within a column.
-        column: (inner nodes,) int32.
+        column: (inner nodes,) int32; only set for the chosen trees, as is `limit`.
         limit: (inner nodes,) int16, the least rank that goes right, biased.
     """
 
@@ -39,16 +40,18 @@ class Columns:
     limit: NDArray[np.int16]
 
     @classmethod
-    def of(cls, forest: InOrder, bits: int) -> Self:
-        """Sorts the thresholds of every feature and direction, and cuts long lists into several columns."""
+    def of(cls, forest: InOrder, bits: int, trees: NDArray[np.int64]) -> Self:
+        """Sorts some trees' thresholds by feature and direction; long lists become several columns."""
         most = 2**bits - 1
-        code = (forest.feature * 2 + forest.default_left).astype(np.uint16)
+        chosen = np.flatnonzero(np.repeat(np.isin(np.arange(len(forest.leaves)), trees), forest.leaves - 1))
+        code = (forest.feature[chosen] * 2 + forest.default_left[chosen]).astype(np.uint32)
         order = np.argsort(code, kind="stable")
-        column = np.empty(len(code), dtype=np.int32)
-        limit = np.empty(len(code), dtype=np.int16)
+        column = np.empty(len(forest.feature), dtype=np.int32)
+        limit = np.empty(len(forest.feature), dtype=np.int16)
         features, defaults, cuts = list[int](), list[bool](), list[NDArray[np.float32]]()
         codes, begins = np.unique(code[order], return_index=True)
-        for members, value in zip(np.split(order, begins[1:]), codes.tolist(), strict=True) if len(codes) else ():
+        runs = np.split(chosen[order], begins[1:]) if len(codes) else []
+        for members, value in zip(runs, codes.tolist(), strict=True):
             values, place = np.unique(forest.threshold[members], return_inverse=True)
             column[members] = len(cuts) + place // most
             limit[members] = place % most + 1 - 2 ** (bits - 1)
@@ -69,22 +72,68 @@ class Columns:
     def __len__(self) -> int:
         return len(self.feature)
 
+    @property
+    def ranking(self) -> "Ranking":
+        """What it takes to rank rows."""
+        return Ranking(self.feature, self.default_left, self.start, self.cuts)
+
+
+class Ranking(NamedTuple):
+    """Columns as compiled code takes them."""
+
+    feature: NDArray[np.int32]
+    default_left: NDArray[np.bool_]
+    start: NDArray[np.int64]
+    cuts: NDArray[np.float32]
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def ranking_at(plan, entry):  # type: ignore[no-untyped-def]
+    """The ranking that begins at an entry of a plan."""
+    return Ranking(
+        array_at(plan, entry, np.int32),
+        array_at(plan, entry + 1, np.bool_),
+        array_at(plan, entry + 2, np.int64),
+        array_at(plan, entry + 3, np.float32),
+    )
+
+
+_COUNTED: Final = 512
+"""Cuts up to which comparing with all of them, in vectors, beats a binary search."""
+
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def rank(x, cuts, start, stop, default_left, highest):  # type: ignore[no-untyped-def]
-    """How many of cuts[start:stop] are <= x; 0 or `highest` for a missing value."""
+def rank_column(x, cuts, default_left, highest, ranks):  # type: ignore[no-untyped-def]
+    """Writes how many of the cuts are <= each x; 0 or `highest` for missing values."""
+    if cuts.size > _COUNTED:
+        for lane in range(x.size):
+            low, high = 0, cuts.size
+            while low < high:
+                middle = (low + high) >> 1
+                if cuts[middle] <= x[lane]:
+                    low = middle + 1
+                else:
+                    high = middle
+            ranks[lane] = low
+    else:
+        ranks[:] = 0
+        for cut in cuts:
+            for lane in range(x.size):
+                ranks[lane] = np.int32(ranks[lane] + (cut <= x[lane]))
+    if not default_left:
+        for lane in range(x.size):
+            if np.isnan(x[lane]):
+                ranks[lane] = highest
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def rank(x, cuts, default_left, highest):  # type: ignore[no-untyped-def]
+    """How many of the cuts are <= x; 0 or `highest` for a missing value."""
     if np.isnan(x):
-        return np.int32(0 if default_left else highest)
-    if stop - start > 256:
-        low, high = start, stop
-        while low < high:
-            middle = (low + high) >> 1
-            if cuts[middle] <= x:
-                low = middle + 1
-            else:
-                high = middle
-        return np.int32(low - start)
-    count = np.int32(0)
-    for place in range(start, stop):
-        count = np.int32(count + (cuts[place] <= x))
+        return 0 if default_left else highest
+    if cuts.size > _COUNTED:
+        return np.searchsorted(cuts, x, side="right")
+    count = 0
+    for cut in cuts:
+        count += cut <= x
     return count

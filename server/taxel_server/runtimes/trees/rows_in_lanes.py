@@ -1,8 +1,6 @@
 """Evaluates many rows at once: every lane of a vector is a row, and all of them visit every node."""
 
-from collections.abc import Callable
 from functools import cache
-from typing import Any
 
 import numba
 
@@ -16,6 +14,7 @@ from taxel_server.runtimes.trees.vectors import (
     load,
     load_floats,
     lookup,
+    register_bytes,
     select,
     splat,
     splat_at,
@@ -34,8 +33,8 @@ def _step(reached, node, ranks, after, bits, lanes):  # type: ignore[no-untyped-
 
 
 @cache
-def find_exits(bits: int, lanes: int) -> Callable[..., Any]:
-    """Compiles the traversal of some groups by a block of rows.
+def find_exits(bits: int, lanes: int) -> int:
+    """The address of the traversal of some groups by a block of rows, compiled.
 
     The function takes the number of groups and the addresses of the first group, all records, the
     block's ranks [column][lane] and its exits [place][lane], unsigned, which it writes.
@@ -43,7 +42,23 @@ def find_exits(bits: int, lanes: int) -> Callable[..., Any]:
     size = bits // 2
     lowest = -(2 ** (bits - 1))
 
-    @numba.njit("void(intp, intp, intp, intp, intp)", nogil=True, cache=True)  # type: ignore[untyped-decorator]
+    if lanes > 64:
+
+        @numba.cfunc("void(intp, intp, intp, intp, intp)", cache=True)  # type: ignore[untyped-decorator]
+        def one_tree_at_once(count, groups, records, ranks, exits):  # type: ignore[no-untyped-def]
+            for _ in range(count):
+                for member in range(4):
+                    node = records + size * (integer_at(groups, 64) + member)
+                    reached = splat(lowest, bits, lanes)
+                    for step in range(1, integer_at(groups + 8, 64) + 1):
+                        reached = _step(reached, node, ranks, splat(step + lowest, bits, lanes), bits, lanes)
+                        node += 4 * size
+                    store(exits + integer_at(groups + 16 + 8 * member, 64) * lanes, unbias(reached))
+                groups += 48
+
+        return int(one_tree_at_once.address)
+
+    @numba.cfunc("void(intp, intp, intp, intp, intp)", cache=True)  # type: ignore[untyped-decorator]
     def four_trees_at_once(count, groups, records, ranks, exits):  # type: ignore[no-untyped-def]
         for _ in range(count):
             node = records + size * integer_at(groups, 64)
@@ -65,19 +80,7 @@ def find_exits(bits: int, lanes: int) -> Callable[..., Any]:
             store(exits + integer_at(groups + 40, 64) * lanes, unbias(exit3))
             groups += 48
 
-    @numba.njit("void(intp, intp, intp, intp, intp)", nogil=True, cache=True)  # type: ignore[untyped-decorator]
-    def one_tree_at_once(count, groups, records, ranks, exits):  # type: ignore[no-untyped-def]
-        for _ in range(count):
-            for member in range(4):
-                node = records + size * (integer_at(groups, 64) + member)
-                reached = splat(lowest, bits, lanes)
-                for step in range(1, integer_at(groups + 8, 64) + 1):
-                    reached = _step(reached, node, ranks, splat(step + lowest, bits, lanes), bits, lanes)
-                    node += 4 * size
-                store(exits + integer_at(groups + 16 + 8 * member, 64) * lanes, unbias(reached))
-            groups += 48
-
-    return one_tree_at_once if lanes > 64 else four_trees_at_once
+    return int(four_trees_at_once.address)
 
 
 @numba.njit(inline="always")  # type: ignore[untyped-decorator]
@@ -93,37 +96,41 @@ def _leaves(planes, exits, size, lanes):  # type: ignore[no-untyped-def]
 
 
 @cache
-def add_leaves(lanes: int) -> Callable[..., Any]:
-    """Compiles the sum of one output's leaves, tree after tree.
+def add_leaves(lanes: int) -> int:
+    """The address of the sum of one output's leaves, tree after tree, compiled.
 
     The function takes the number of trees and the addresses of the first LEAVES entry, the leaf
     tables, the block's exits and its sums, which start as the base score.
     """
-    part = 32
+    part = min(lanes, register_bytes())
 
-    @numba.njit("void(intp, intp, intp, intp, intp)", nogil=True, cache=True)  # type: ignore[untyped-decorator]
-    def by_bytes(count, trees, tables, exits, sums):  # type: ignore[no-untyped-def]
-        for first in range(0, lanes, part):
-            total = load_floats(sums + 4 * first, part)
-            for tree in range(trees, trees + 16 * count, 16):
-                table = tables + integer_at(tree, 64)
-                places = exits + integer_at(tree + 8, 32) * lanes + first
-                kind = integer_at(tree + 12, 32)
-                if kind == 1:
-                    total = add(total, _leaves(table, places, 16, part))
-                elif kind == 2:
-                    total = add(total, _leaves(table, places, 32, part))
-                elif kind == 3:
-                    total = add(total, _leaves(table, places, 48, part))
-                elif kind == 4:
-                    total = add(total, _leaves(table, places, 64, part))
-                elif kind == 8:
-                    total = add(total, _leaves(table, places, 128, part))
-                else:
-                    total = add(total, gather(table, places + first, 16, part))
-            store(sums + 4 * first, total)
+    if can_look_up():
 
-    @numba.njit("void(intp, intp, intp, intp, intp)", nogil=True, cache=True)  # type: ignore[untyped-decorator]
+        @numba.cfunc("void(intp, intp, intp, intp, intp)", cache=True)  # type: ignore[untyped-decorator]
+        def by_bytes(count, trees, tables, exits, sums):  # type: ignore[no-untyped-def]
+            for first in range(0, lanes, part):
+                total = load_floats(sums + 4 * first, part)
+                for tree in range(trees, trees + 16 * count, 16):
+                    table = tables + integer_at(tree, 64)
+                    places = exits + integer_at(tree + 8, 32) * lanes + first
+                    kind = integer_at(tree + 12, 32)
+                    if kind == 1:
+                        total = add(total, _leaves(table, places, 16, part))
+                    elif kind == 2:
+                        total = add(total, _leaves(table, places, 32, part))
+                    elif kind == 3:
+                        total = add(total, _leaves(table, places, 48, part))
+                    elif kind == 4:
+                        total = add(total, _leaves(table, places, 64, part))
+                    elif kind == 8:
+                        total = add(total, _leaves(table, places, 128, part))
+                    else:
+                        total = add(total, gather(table, places + first, 16, part))
+                store(sums + 4 * first, total)
+
+        return int(by_bytes.address)
+
+    @numba.cfunc("void(intp, intp, intp, intp, intp)", cache=True)  # type: ignore[untyped-decorator]
     def one_by_one(count, trees, tables, exits, sums):  # type: ignore[no-untyped-def]
         for first in range(0, lanes, part):
             total = load_floats(sums + 4 * first, part)
@@ -136,4 +143,4 @@ def add_leaves(lanes: int) -> Callable[..., Any]:
                     total = add(total, gather(table, places + first, 16, part))
             store(sums + 4 * first, total)
 
-    return by_bytes if can_look_up() else one_by_one
+    return int(one_by_one.address)

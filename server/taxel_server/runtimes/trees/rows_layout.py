@@ -50,6 +50,7 @@ class RowsLayout:
         outputs: NDArray[np.int32],
         places: NDArray[np.int64],
         spare: int,
+        targets: int,
     ) -> Self:
         """Lays out some trees of a forest.
 
@@ -60,10 +61,10 @@ class RowsLayout:
             outputs: (all trees,) the output that each adds to.
             places: (all trees,) its place among that output's trees.
             spare: the place named where a group is not full.
+            targets: number of outputs.
         """
-        columns = Columns.of(index, bits)
+        columns = Columns.of(index, bits, trees)
         order = trees[np.lexsort((index.leaves[trees], outputs[trees]))]
-        targets = int(outputs.max()) + 1
         count = np.bincount(outputs[trees], minlength=targets)
         width = -(-count // INTERLEAVED)
         start = np.concatenate([[0], np.cumsum(width)])

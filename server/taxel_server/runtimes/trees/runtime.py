@@ -1,15 +1,22 @@
 """Evaluates the forest of one artifact."""
 
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taxel.errors import ArtifactError
 from taxel.manifest import Normalisation
-from taxel.scaling import Scaler
+from taxel_server.runtimes.trees.forms import BLOCKS, Forms
 from taxel_server.runtimes.trees.parse import read_forest
-from taxel_server.runtimes.trees.walk import walk
+from taxel_server.runtimes.trees.plans import Scratch
+from taxel_server.runtimes.trees.scales import Scales
+
+_SHARE: Final = BLOCKS[-1]
+"""Fewest rows worth handing to another thread."""
 
 
 class TreesRuntime:
@@ -24,7 +31,7 @@ class TreesRuntime:
     parameters: int
 
     def __init__(self, model_path: Path, normalisation: Normalisation, threads: int = 1) -> None:
-        """Loads and warms up.
+        """Loads, lays out, compiles, checks and measures.
 
         Args:
             model_path: XGBoost's JSON model file.
@@ -34,23 +41,47 @@ class TreesRuntime:
         Raises:
             ArtifactError: the file is damaged, not supported, or at odds with the normalisation.
         """
-        self._forest = read_forest(model_path)
-        self._inputs = Scaler.of(normalisation.input_mean, normalisation.input_std)
-        self._outputs = Scaler.of(normalisation.output_mean, normalisation.output_std)
-        self._folded = normalisation.folded
-        self._threads = threads
-        self.features = self._forest.features
-        self.parameters = self._forest.nodes
+        forest = read_forest(model_path)
+        self.features = forest.features
+        self.parameters = forest.nodes
+        self._outputs = len(forest.base_score)
         for name, found, expected in (
             ("inputs", self.features, len(normalisation.input_mean)),
-            ("outputs", len(self._forest.base_score), len(normalisation.output_mean)),
+            ("outputs", self._outputs, len(normalisation.output_mean)),
         ):
             if found != expected:
                 raise ArtifactError(f"{model_path}: the model has {found} {name}: expected {expected}")
-        self.evaluate(np.zeros((1, self.features), dtype=np.float32))
+        self._forms = Forms.of(forest, Scales.of(normalisation))
+        self._threads = threads
+        self._pool = ThreadPoolExecutor(threads - 1, "trees") if threads > 1 else None
+        self._scratches = threading.local()
 
     def evaluate(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
         """(n, features) C-contiguous float32 to (n, outputs) float32; NaN and infinities are values too."""
-        if self._folded:
-            return walk(self._forest, windows)
-        return self._outputs.restore(walk(self._forest, self._inputs.normalise(windows)))
+        result = np.empty((len(windows), self._outputs), dtype=np.float32)
+        shares = min(self._threads, len(windows) // _SHARE)
+        if self._pool is None or shares < 2:
+            self._fill(windows, result)
+            return result
+        bounds = [len(windows) * share // shares // _SHARE * _SHARE for share in range(shares)] + [len(windows)]
+        others = [
+            self._pool.submit(self._fill, windows[first:stop], result[first:stop])
+            for first, stop in zip(bounds[1:-1], bounds[2:], strict=True)
+        ]
+        self._fill(windows[: bounds[1]], result[: bounds[1]])
+        for other in others:
+            other.result()
+        return result
+
+    def _fill(self, windows: NDArray[np.float32], result: NDArray[np.float32]) -> None:
+        for step in self._forms.steps(len(windows)):
+            self._forms.kernels[step.kernel].evaluate(
+                windows[step.first : step.stop], result[step.first : step.stop], self._scratch(step.kernel)
+            )
+
+    def _scratch(self, kernel: int) -> Scratch:
+        """This thread's scratch for a kernel, made on first use."""
+        scratches: dict[int, Scratch] = self._scratches.__dict__
+        if kernel not in scratches:
+            scratches[kernel] = self._forms.kernels[kernel].scratch()
+        return scratches[kernel]

@@ -194,7 +194,7 @@ def assemble(_context, byte0, byte1, byte2, byte3):  # type: ignore[no-untyped-d
     result = FloatVector(byte0.lanes)
 
     def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        width = min(_register_bytes(), byte0.lanes)
+        width = min(register_bytes(), byte0.lanes)
         pieces = []
         for first in range(0, byte0.lanes, width):
             one, two, three, four = (_take(builder, byte, range(first, first + width)) for byte in arguments)
@@ -206,8 +206,8 @@ def assemble(_context, byte0, byte1, byte2, byte3):  # type: ignore[no-untyped-d
 
 
 def assembled_lane(lanes: int) -> list[int]:
-    """The lane whose value `assemble` puts at each place."""
-    width = min(_register_bytes(), lanes)
+    """The lane whose value `assemble` puts at each place: it is spared the shuffles to sort them."""
+    width = min(register_bytes(), lanes)
     quarter = width // 4
     places = []
     for place in range(lanes):
@@ -243,7 +243,7 @@ def splat_float(_context, value, lanes):  # type: ignore[no-untyped-def]
 
 @intrinsic(prefer_literal=True)  # type: ignore[untyped-decorator]
 def gather(_context, table, places, bits, lanes):  # type: ignore[no-untyped-def]
-    """The float32 values of a table in memory at the unsigned places read from memory."""
+    """The float32 values of a table at the unsigned places in memory, in the order of `assembled_lane`."""
     vector = FloatVector(lanes.literal_value)
     integer = ir.IntType(bits.literal_value)
 
@@ -252,8 +252,8 @@ def gather(_context, table, places, bits, lanes):  # type: ignore[no-untyped-def
         base = builder.inttoptr(arguments[0], float_type.as_pointer())
         first = builder.inttoptr(arguments[1], integer.as_pointer())
         result = ir.Constant(_llvm(vector), ir.Undefined)
-        for lane in range(vector.lanes):
-            place = builder.load(builder.gep(first, [index(lane)], source_etype=integer), align=1, typ=integer)
+        for lane, source in enumerate(assembled_lane(vector.lanes)):
+            place = builder.load(builder.gep(first, [index(source)], source_etype=integer), align=1, typ=integer)
             leaf = builder.gep(base, [builder.zext(place, index)], source_etype=float_type)
             value = builder.load(leaf, align=4, typ=float_type)
             result = builder.insert_element(result, value, ir.IntType(32)(lane))
@@ -267,7 +267,7 @@ def lookup(_context, table, size, places):  # type: ignore[no-untyped-def]
     """table[place] in every lane: `size` bytes in memory, 16, 32, 48, 64, 128 or 256 of them."""
 
     def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        width = min(_register_bytes(), places.lanes)
+        width = min(register_bytes(), places.lanes)
         wide = width == 64 and processor_has("avx512vbmi")
         permute = _permute_by_wide_table if wide else _permute_by_shuffles
         pieces = [
@@ -346,7 +346,8 @@ def _join(builder: ir.IRBuilder, pieces: list[ir.Value]) -> ir.Value:
     return pieces[0]
 
 
-def _register_bytes() -> int:
+def register_bytes() -> int:
+    """Bytes in the widest register whose bytes can be shuffled."""
     return 64 if processor_has("avx512bw") else 32 if processor_has("avx2") else 16
 
 

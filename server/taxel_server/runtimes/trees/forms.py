@@ -1,0 +1,120 @@
+"""Which form evaluates how many rows: measured when a forest is loaded."""
+
+import time
+from dataclasses import dataclass
+from typing import Final, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.errors import Internal
+from taxel_server.runtimes.trees.forest import Forest
+from taxel_server.runtimes.trees.in_order import InOrder
+from taxel_server.runtimes.trees.plans import Scratch
+from taxel_server.runtimes.trees.rows_form import RowsForm, RowsKernel
+from taxel_server.runtimes.trees.rows_layout import MOST_LEAVES
+from taxel_server.runtimes.trees.scales import Scales
+from taxel_server.runtimes.trees.trees_form import TILE, TreesKernel
+from taxel_server.runtimes.trees.walk import walk
+
+BLOCKS: Final = (64, 256)
+"""Rows of a block: short ones waste fewer lanes, long ones read the forest less often."""
+
+_REPEATS: Final = 5
+_CHECKED: Final = 5
+
+
+class Kernel(Protocol):
+    """A forest compiled for some number of rows; each thread needs a scratch of its own."""
+
+    def scratch(self) -> Scratch:
+        """Memory for one evaluation at a time."""
+
+    def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32], scratch: Scratch) -> None:
+        """Fills `result` (n, outputs) with what the forest says of `windows` (n, features)."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One evaluation: the number of the kernel, and the rows [first, stop)."""
+
+    kernel: int
+    first: int
+    stop: int
+
+
+class Forms:
+    """A forest in every form that fits it, and the choice among them.
+
+    Attributes:
+        kernels: the form for few rows, then those for blocks of BLOCKS rows, unless a tree is too
+            large for them.
+    """
+
+    def __init__(self, kernels: tuple[Kernel, ...], seconds: tuple[float, ...]) -> None:
+        """`seconds` is what TILE rows cost in the first kernel, and one block in each other."""
+        self.kernels = kernels
+        self._seconds = seconds
+
+    @classmethod
+    def of(cls, forest: Forest, scales: Scales) -> Self:
+        """Lays a forest out, compiles it, and measures.
+
+        Raises:
+            Internal: compiled code gives other bits than the plain walk from node to node.
+        """
+        index = InOrder.of(forest)
+        kernels: list[Kernel] = [TreesKernel(forest, index, scales)]
+        sizes = [TILE]
+        if index.leaves.max(initial=0) <= MOST_LEAVES[16]:
+            form = RowsForm.of(forest, index)
+            kernels += [RowsKernel(form, lanes, scales) for lanes in BLOCKS]
+            sizes += BLOCKS
+        windows = _sample(forest, max(sizes))
+        expected = walk(forest, scales, windows[:_CHECKED])
+        return cls(
+            tuple(kernels),
+            tuple(
+                _seconds(kernel, windows[:size], expected)
+                for kernel, size in zip(kernels, sizes, strict=True)
+            ),
+        )
+
+    def steps(self, rows: int) -> list[Step]:
+        """The cheapest way to evaluate so many rows."""
+        if len(self.kernels) == 1:
+            return [Step(0, 0, rows)]
+        short, long = BLOCKS
+        whole = rows // long * long
+        steps = [Step(2, 0, whole)] if whole else []
+        rest = rows - whole
+        if rest:
+            costs = (
+                -(-rest // TILE) * self._seconds[0],
+                -(-rest // short) * self._seconds[1],
+                self._seconds[2],
+            )
+            steps.append(Step(costs.index(min(costs)), whole, rows))
+        return steps
+
+
+def _sample(forest: Forest, rows: int) -> NDArray[np.float32]:
+    generator = np.random.default_rng(0)
+    windows = generator.standard_normal((rows, forest.features)).astype(np.float32)
+    windows[generator.random(windows.shape) < 0.02] = np.nan
+    return windows
+
+
+def _seconds(kernel: Kernel, windows: NDArray[np.float32], expected: NDArray[np.float32]) -> float:
+    """The least time of some evaluations; the first one compiles, and is checked."""
+    scratch = kernel.scratch()
+    result = np.empty((len(windows), expected.shape[1]), dtype=np.float32)
+    kernel.evaluate(windows, result, scratch)
+    if not np.array_equal(result[: len(expected)].view(np.int32), expected.view(np.int32)):
+        raise Internal(f"{type(kernel).__name__} does not agree with the plain walk on this processor")
+    times = []
+    for _ in range(_REPEATS):
+        start = time.perf_counter()
+        kernel.evaluate(windows, result, scratch)
+        times.append(time.perf_counter() - start)
+    return min(times)

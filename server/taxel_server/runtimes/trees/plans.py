@@ -1,0 +1,48 @@
+"""Hands many arrays to a compiled function as one: calling it with each of them costs microseconds."""
+
+from typing import Any
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba.core import types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+
+def pack(*tuples: tuple[Any, ...]) -> NDArray[np.int64]:
+    """Two integers for every entry: an array's address and size, or a number and 0.
+
+    The arrays must be contiguous and outlive the plan, which does not hold them.
+    """
+    entries = []
+    for entry in (entry for entries in tuples for entry in entries):
+        if isinstance(entry, np.ndarray):
+            if not entry.flags.c_contiguous:
+                raise ValueError(f"a plan's arrays must be contiguous: found strides {entry.strides}")
+            entries.append((entry.ctypes.data, entry.size))
+        else:
+            entries.append((int(entry), 0))
+    return np.array(entries, dtype=np.int64)
+
+
+class Scratch:
+    """Arrays that a kernel writes to, and their plan; for one call at a time."""
+
+    def __init__(self, arrays: tuple[Any, ...]) -> None:
+        self._kept = arrays
+        self.plan = pack(arrays)
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _pointer(_context, address):  # type: ignore[no-untyped-def]
+    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+        return builder.inttoptr(arguments[0], ir.IntType(8).as_pointer())
+
+    return types.voidptr(types.int64), generate
+
+
+@numba.njit  # type: ignore[untyped-decorator]
+def array_at(plan, entry, dtype):  # type: ignore[no-untyped-def]
+    """The array that an entry of a plan describes, of one axis."""
+    return numba.carray(_pointer(plan[entry, 0]), plan[entry, 1], dtype)

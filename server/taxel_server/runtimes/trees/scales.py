@@ -1,0 +1,40 @@
+"""The normalisation of inputs and outputs as compiled code takes it."""
+
+from typing import NamedTuple, Self
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.manifest import Normalisation
+from taxel.scaling import Scaler
+from taxel_server.runtimes.trees.plans import array_at
+
+
+class Scales(NamedTuple):
+    """Means and deviations, float32; not `applied` where the model takes raw windows and gives counts."""
+
+    applied: bool
+    input_mean: NDArray[np.float32]
+    input_std: NDArray[np.float32]
+    output_mean: NDArray[np.float32]
+    output_std: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, normalisation: Normalisation) -> Self:
+        """As `taxel.scaling` rounds them."""
+        inputs = Scaler.of(normalisation.input_mean, normalisation.input_std)
+        outputs = Scaler.of(normalisation.output_mean, normalisation.output_std)
+        return cls(not normalisation.folded, inputs.mean, inputs.std, outputs.mean, outputs.std)
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def scales_at(plan, entry):  # type: ignore[no-untyped-def]
+    """The scales that begin at an entry of a plan."""
+    return Scales(
+        plan[entry, 0] != 0,
+        array_at(plan, entry + 1, np.float32),
+        array_at(plan, entry + 2, np.float32),
+        array_at(plan, entry + 3, np.float32),
+        array_at(plan, entry + 4, np.float32),
+    )

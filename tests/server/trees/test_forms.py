@@ -1,0 +1,84 @@
+"""Every form by itself, for numbers of rows that it would not be chosen for too."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from taxel.manifest import Normalisation
+from taxel_bench.forests import ForestShape, write_forest
+from taxel_server.runtimes.trees.forms import Forms
+from taxel_server.runtimes.trees.parse import read_forest
+from taxel_server.runtimes.trees.scales import Scales
+from taxel_server.runtimes.trees.walk import walk
+
+SHAPES = {
+    "even": ForestShape(trees_per_output=13, leaves=30),
+    "mixed sizes": ForestShape(features=20, trees_per_output=6, leaves=130, depth=12),
+    "skewed": ForestShape(trees_per_output=2, leaves=400, depth=64, skew=0.5),
+    "many columns": ForestShape(features=72, outputs=3, trees_per_output=90, leaves=110, cuts=600),
+}
+
+
+def check(folder: Path, shape: ForestShape, rows: tuple[int, ...]) -> None:
+    path = folder / "model.json"
+    write_forest(path, shape, seed=2)
+    forest = read_forest(path)
+    generator = np.random.default_rng(1)
+    scales = Scales.of(
+        Normalisation(
+            input_mean=tuple(generator.normal(size=shape.features)),
+            input_std=tuple(generator.uniform(0.5, 2.0, size=shape.features)),
+            output_mean=tuple(generator.normal(size=shape.outputs)),
+            output_std=tuple(generator.uniform(0.5, 2.0, size=shape.outputs)),
+        )
+    )
+    for kernel in Forms.of(forest, scales).kernels:
+        scratch = kernel.scratch()
+        for count in rows:
+            windows = generator.normal(size=(count, shape.features)).astype(np.float32)
+            windows[generator.random(windows.shape) < 0.05] = np.nan
+            result = np.full((count, shape.outputs), np.nan, dtype=np.float32)
+            kernel.evaluate(windows, result, scratch)
+            np.testing.assert_array_equal(result.view(np.int32), walk(forest, scales, windows).view(np.int32))
+
+
+@pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
+def test_every_form_gives_the_bits_of_the_plain_walk(tmp_path: Path, shape: ForestShape) -> None:
+    check(tmp_path, shape, (0, 1, 3, 8, 9, 21, 64, 65, 256, 300))
+
+
+PROCESSORS = {
+    "AVX2": ("x86-64-v3", "+ssse3,+sse4.1,+sse4.2,+popcnt,+avx,+avx2,+bmi,+bmi2,+fma"),
+    "SSE4": ("x86-64-v2", "+ssse3,+sse4.1,+sse4.2,+popcnt"),
+    "SSE2": ("x86-64", "+sse2"),
+}
+
+
+@pytest.mark.skipif(os.uname().machine != "x86_64", reason="names x86 processors")
+@pytest.mark.parametrize(("name", "features"), PROCESSORS.values(), ids=PROCESSORS)
+def test_lesser_processors_give_the_same_bits(tmp_path: Path, name: str, features: str) -> None:
+    code = f"""
+import importlib.util, pathlib
+spec = importlib.util.spec_from_file_location("forms", {str(Path(__file__))!r})
+forms = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(forms)
+for shape in ("even", "skewed"):
+    forms.check(pathlib.Path({str(tmp_path)!r}), forms.SHAPES[shape], (1, 9, 70, 300))
+"""
+    restricted = {"NUMBA_CPU_NAME": name, "NUMBA_CPU_FEATURES": features}
+    done = subprocess.run([sys.executable, "-c", code], env=os.environ | restricted, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_fewer_rows_take_the_first_form_and_many_the_last() -> None:
+    forms = Forms((None,) * 3, (1.0, 3.0, 7.0))
+    assert [(step.kernel, step.first, step.stop) for step in forms.steps(8)] == [(0, 0, 8)]
+    assert [(step.kernel, step.first, step.stop) for step in forms.steps(64)] == [(1, 0, 64)]
+    assert [(step.kernel, step.first, step.stop) for step in forms.steps(200)] == [(2, 0, 200)]
+    assert [(step.kernel, step.first, step.stop) for step in forms.steps(600)] == [(2, 0, 512), (1, 512, 600)]
+    assert forms.steps(0) == []
+    assert [(step.kernel, step.stop) for step in Forms((None,), (1.0,)).steps(900)] == [(0, 900)]
