@@ -53,7 +53,8 @@ def export(
     version = version or _next_version(repository, name)
     place = _free_place(repository, name, version)
     model = formats.write(trained)
-    inputs, outputs = tensors(trained.spec)
+    layout = WindowLayout.of(trained.spec)
+    inputs, outputs = tensors(layout)
     manifest = Manifest(
         name=name,
         version=version,
@@ -62,7 +63,7 @@ def export(
         platform=model.platform,
         inputs=inputs,
         outputs=outputs,
-        window=WindowLayout.of(trained.spec),
+        window=layout,
         normalisation=trained.record.normalisation.model_copy(update={"folded": model.folded}),
         parameters=trained.record.parameters,
         training=training,

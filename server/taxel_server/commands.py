@@ -7,7 +7,7 @@ import signal
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from threading import Event
+from threading import Event, Timer
 from types import FrameType
 from typing import Annotated, Any, Final, Literal
 
@@ -20,6 +20,11 @@ from taxel.predictor import ModelInfo
 from taxel_server.options import ServerOptions
 
 STOPPING: Final = (signal.SIGINT, signal.SIGTERM)
+
+_SIGNAL_CHECK_S: Final = 0.1
+
+_AFTER_DRAINING_S: Final = 0.4
+"""How long stopping may take beyond draining, whatever a client or the network does."""
 
 LogLevel = Literal["debug", "info", "warning", "error"]
 
@@ -73,7 +78,10 @@ def serve(
     stop = _event_on(STOPPING)
     service = Service(engine, settings)
     _announce(settings.listen, engine.models(), as_json)
-    stop.wait()
+    # The kernel may give a signal to one of zenoh's threads, which does not wake this one.
+    while not stop.wait(_SIGNAL_CHECK_S):
+        pass
+    _leave_within(settings.drain_seconds + _AFTER_DRAINING_S)
     if not service.close():
         ERR.print("a client has stopped reading: leaving without it", style="yellow")
         # The session would wait for that client on the way out of the interpreter, too.
@@ -121,6 +129,13 @@ def _event_on(signals: tuple[signal.Signals, ...]) -> Event:
     for each in signals:
         signal.signal(each, stop)
     return event
+
+
+def _leave_within(seconds: float) -> None:
+    """Exit by then, even if closing hangs."""
+    last = Timer(seconds, _exit_now, (0,))
+    last.daemon = True
+    last.start()
 
 
 def _exit_now(code: int) -> None:

@@ -9,7 +9,6 @@ from typing_extensions import override
 
 from taxel.errors import Unavailable
 from taxel.predictor import ModelInfo, Predictor, PredictorSource
-from taxel.protocol import check_windows
 from taxel_server.engine import Engine, LoadedModel
 
 
@@ -58,13 +57,12 @@ class LocalPredictor(Predictor):
     def __init__(self, source: LocalSource, model: LoadedModel) -> None:
         super().__init__(model.manifest)
         self._source = source
-        self._features = model.manifest.window.features
         self._evaluate = model.runtime.evaluate
 
     @override
     def predict(self, windows: NDArray[Any], *, timeout: float | None = None) -> NDArray[np.float32]:
         self._source.check_open()
-        return self._evaluate(check_windows(windows, self._features))
+        return self._evaluate(self.checked(windows))
 
 
 def open_repository(path: Path) -> LocalSource:

@@ -79,7 +79,7 @@ def turning_away(query: zenoh.Query) -> None:
 @pytest.fixture
 def manifest() -> Manifest:
     spec = taxel.WindowSpec.of(3)
-    inputs, outputs = tensors(spec)
+    inputs, outputs = tensors(WindowLayout.of(spec))
     return Manifest(
         name="skin",
         version="1",

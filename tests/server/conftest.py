@@ -36,7 +36,7 @@ def write_artifact(repository: Path, name: str, version: str, combination: int =
         num_boost_round=4,
     )
     content = bytes(booster.save_raw("json"))
-    inputs, outputs = tensors(spec)
+    inputs, outputs = tensors(WindowLayout.of(spec))
     manifest = Manifest(
         name=name,
         version=version,

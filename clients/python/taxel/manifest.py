@@ -31,26 +31,48 @@ class Tensor(_Part):
     shape: tuple[Literal[-1], Annotated[int, Field(gt=0)]]
 
 
+class ExtraFeature(_Part):
+    """A value that a model takes beside its window, such as the sensor's temperature `tdc`.
+
+    Whoever does not know it leaves it out, and `default` stands in.
+    """
+
+    name: str
+    unit: str
+    default: FiniteFloat
+
+
 class WindowLayout(_Part):
-    """The window that a model was trained on, spelled out so that nothing is left to memory."""
+    """The window that a model was trained on, spelled out so that nothing is left to memory.
+
+    `features` names every column in order: those of the input combination, then the extras.
+    """
 
     combination: int
     sample_period_ms: float = PERIOD_NS / 1e6
     features: tuple[str, ...]
+    extras: tuple[ExtraFeature, ...] = ()
     look_ahead: int
 
     @classmethod
-    def of(cls, spec: WindowSpec) -> Self:
+    def of(cls, spec: WindowSpec, extras: tuple[ExtraFeature, ...] = ()) -> Self:
         """The layout of an input combination."""
-        return cls(combination=spec.combination, features=spec.features, look_ahead=spec.look_ahead)
+        names = tuple(extra.name for extra in extras)
+        return cls(
+            combination=spec.combination,
+            features=spec.features + names,
+            extras=extras,
+            look_ahead=spec.look_ahead,
+        )
 
     @model_validator(mode="after")
     def _agrees_with_the_builder(self) -> Self:
         if self.combination not in COMBINATIONS:
             raise ValueError(f"combination {self.combination}: expected one of 1 to 8")
         spec = WindowSpec.of(self.combination)
-        if self.features != spec.features:
-            raise ValueError(f"features {list(self.features)} are not those built: {list(spec.features)}")
+        built = spec.features + tuple(extra.name for extra in self.extras)
+        if self.features != built or len(set(built)) != len(built):
+            raise ValueError(f"features {list(self.features)} are not those built: {list(built)}")
         if self.look_ahead != spec.look_ahead:
             raise ValueError(f"look_ahead {self.look_ahead}: expected {spec.look_ahead} ticks")
         if self.sample_period_ms != PERIOD_NS / 1e6:
@@ -166,9 +188,9 @@ class Manifest(_Part):
         return self
 
 
-def tensors(spec: WindowSpec) -> tuple[tuple[Tensor], tuple[Tensor]]:
+def tensors(layout: WindowLayout) -> tuple[tuple[Tensor], tuple[Tensor]]:
     """The inputs and outputs of a model that takes these windows."""
     return (
-        (Tensor(name=INPUT_NAME, shape=(-1, spec.length)),),
+        (Tensor(name=INPUT_NAME, shape=(-1, len(layout.features))),),
         (Tensor(name=OUTPUT_NAME, shape=(-1, len(CHANNELS))),),
     )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.manifest import Manifest
+from taxel.protocol import check_windows
 from taxel.windows import WindowSpec, WindowStream
 
 
@@ -42,6 +43,22 @@ class Predictor(ABC):
         """What one window holds, for `build_windows` and `WindowStream`."""
         return self.manifest.spec
 
+    def checked(self, windows: NDArray[Any]) -> NDArray[np.float32]:
+        """Windows as the model takes them: float32, C-contiguous, with its extra features.
+
+        Extra features that are not given take their defaults.
+
+        Raises:
+            InvalidArgument: wrong shape or datatype, no rows, or a value that is not finite.
+        """
+        layout = self.manifest.window
+        if layout.extras:
+            array = np.asarray(windows)
+            if array.ndim == 2 and array.shape[1] == len(layout.features) - len(layout.extras):
+                defaults = np.array([extra.default for extra in layout.extras], dtype=np.float32)
+                windows = np.hstack([array, np.broadcast_to(defaults, (len(array), len(defaults)))])
+        return check_windows(windows, layout.features)
+
     def stream(self, *, rate_hz: float = 100.0, fingers: int = 1) -> WindowStream:
         """A builder of this model's windows from live samples."""
         return WindowStream(self.window, rate_hz=rate_hz, fingers=fingers)
@@ -52,6 +69,7 @@ class Predictor(ABC):
 
         Args:
             windows: (n, f), raw values in m and N, columns as `window.features`; best float32.
+                Extra features of the model, if it has any, may follow: `manifest.window.extras`.
             timeout: seconds to wait for the answer; a local predictor never waits.
 
         Returns:

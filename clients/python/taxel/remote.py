@@ -17,7 +17,6 @@ from taxel.manifest import Manifest
 from taxel.predictor import ModelInfo, Predictor, PredictorSource
 from taxel.protocol import (
     PREFIX,
-    check_windows,
     model_key,
     pack_infer_request,
     unpack_error,
@@ -118,13 +117,12 @@ class RemotePredictor(Predictor):
     def __init__(self, source: RemoteSource, manifest: Manifest) -> None:
         super().__init__(manifest)
         self._source = source
-        self._features = manifest.window.features
         self._key = model_key(source.prefix, manifest.name, manifest.version, "infer")
 
     @override
     def predict(self, windows: NDArray[Any], *, timeout: float | None = None) -> NDArray[np.float32]:
         wait = self._source.timeout if timeout is None else checked_timeout(timeout)
-        rows = check_windows(windows, self._features)
+        rows = self.checked(windows)
         payload = pack_infer_request(rows, timeout_ms=wait * 1e3)
         response = unpack_infer_response(self._source.get(self._key, payload, wait + _GRACE_S))
         if len(response.outputs) != len(rows):

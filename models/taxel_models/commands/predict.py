@@ -1,5 +1,6 @@
 """`taxel predict`: a recording through a model, on a server or in this process."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -13,7 +14,7 @@ from taxel.commands.frame import ERR, OUT, Json, print_json
 from taxel.commands.models import Connect, Repository, open_source
 from taxel.errors import SettingsError
 from taxel.predictor import Predictor
-from taxel.windows import Samples, build_windows
+from taxel.windows import Samples, Windows, build_windows
 
 _ROWS_A_REQUEST = 4096
 
@@ -40,11 +41,12 @@ def predict(
     name, _, version = model.partition("/")
     with open_source(connect, repository) as source:
         predictor = source.predictor(name, version or None)
-        samples, channels = _read(recording)
+        samples, channels, extras = _read(recording)
         if report is not None and channels is None:
             raise SettingsError(f"--report: {recording} has no measured channels to compare with")
         windows = build_windows(samples, predictor.window)
-        predicted = _predict_all(predictor, windows.values, timeout)
+        inputs = _with_extras(windows, predictor, extras)
+        predicted = _predict_all(predictor, inputs, timeout)
     time_ns = samples.time_ns[windows.rows]
     write_predictions(time_ns, predicted, output)
     if channels is None or not len(windows):
@@ -57,14 +59,25 @@ def predict(
         OUT.print(f"{len(windows)} windows. Wrote {output}.", soft_wrap=True)
 
 
-def _read(path: Path) -> tuple[Samples, NDArray[np.float64] | None]:
-    """The ticks of a recording and their measured channels, if it has any."""
+def _read(path: Path) -> tuple[Samples, NDArray[np.float64] | None, Mapping[str, NDArray[np.float64]]]:
+    """The ticks of a recording, its measured channels if it has any, and its other columns."""
     from taxel_models.recordings import has_channels, read_contacts, read_recording
 
     if path.is_file() and not has_channels(path):
-        return read_contacts(path).ticks(), None
+        return read_contacts(path).ticks(), None, {}
     ticks = read_recording(path).ticks()
-    return ticks.samples, ticks.channels
+    return ticks.samples, ticks.channels, {**ticks.auxiliary, **ticks.covariates}
+
+
+def _with_extras(
+    windows: Windows, predictor: Predictor, columns: Mapping[str, NDArray[np.float64]]
+) -> NDArray[np.float32]:
+    """Windows with the model's extra features from the recording's columns, or their defaults."""
+    values = [
+        columns[extra.name][windows.rows] if extra.name in columns else np.full(len(windows), extra.default)
+        for extra in predictor.manifest.window.extras
+    ]
+    return np.column_stack([windows.values, *values]).astype(np.float32)
 
 
 def _predict_all(predictor: Predictor, windows: NDArray[np.float32], timeout: float) -> NDArray[np.float32]:

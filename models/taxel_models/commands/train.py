@@ -81,7 +81,7 @@ def train(
     OUT.print(_table(record.training.metrics))
     counts = record.training.windows
     OUT.print(
-        f"{counts['train']} windows to train, {counts['validation']} to stop early, {counts['test']} to test."
+        f"{counts['train']} windows to train, {counts['validation']} to stop early, {counts['test']} held out."
     )
     OUT.print(f"Parameters: {record.parameters}. Best at {record.history.unit} {record.history.best}.")
     OUT.print(f"Wrote {output}. Next: taxel export {output} --repository REPO", soft_wrap=True)

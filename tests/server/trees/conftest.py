@@ -44,7 +44,9 @@ def _arrays(tree: Tree) -> dict[str, Any]:
         place = len(columns["parents"])
         leaf = len(node) == 1
         feature, value, default_left, *children = (0, node[0], 0) if leaf else node
-        for name, entry in zip(columns, (-1, -1, feature, value, int(default_left), 0, parent), strict=True):
+        for name, entry in zip(
+            columns, (-1, -1, feature, value, int(default_left), 0, parent), strict=True
+        ):
             columns[name].append(entry)
         if side:
             columns[side][parent] = place
@@ -61,7 +63,9 @@ def _arrays(tree: Tree) -> dict[str, Any]:
 def model() -> Callable[..., dict[str, Any]]:
     """Makes the JSON of a model from nested tuples, one output after another in turn."""
 
-    def make(trees: list[Tree], features: int = 6, outputs: int = 1, base_score: str = "0.5") -> dict[str, Any]:
+    def make(
+        trees: list[Tree], features: int = 6, outputs: int = 1, base_score: str = "0.5"
+    ) -> dict[str, Any]:
         written = []
         for identity, tree in enumerate(trees):
             arrays = _arrays(tree)

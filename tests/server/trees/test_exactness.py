@@ -24,7 +24,9 @@ Raw = Callable[..., Normalisation]
 ROWS = (1, 2, 5, 16, 33, 64, 130, 300)
 
 
-def _rows(count: int, features: int, generator: np.random.Generator, cuts: NDArray[np.float32]) -> NDArray[np.float32]:
+def _rows(
+    count: int, features: int, generator: np.random.Generator, cuts: NDArray[np.float32]
+) -> NDArray[np.float32]:
     """Random rows with missing values, and with values that hit thresholds exactly."""
     rows = generator.normal(size=(count, features)).astype(np.float32)
     hit = generator.random(rows.shape) < 0.3
@@ -51,7 +53,15 @@ def _assert_same_bits(runtime: TreesRuntime, booster: xgboost.Booster, rows: NDA
     objective=st.sampled_from(["reg:squarederror", "reg:absoluteerror"]),
 )
 def test_trained_forests(
-    raw: Raw, seed: int, features: int, rounds: int, depth: int, gamma: float, max_bin: int, grow: str, objective: str
+    raw: Raw,
+    seed: int,
+    features: int,
+    rounds: int,
+    depth: int,
+    gamma: float,
+    max_bin: int,
+    grow: str,
+    objective: str,
 ) -> None:
     generator = np.random.default_rng(seed)
     rows = generator.normal(size=(400, features)).astype(np.float32)
@@ -134,6 +144,16 @@ def test_extreme_inputs_and_thresholds(
 
 
 def test_sums_keep_the_order_of_the_trees(model: Model, write: Write, raw: Raw) -> None:
-    leaves = np.random.default_rng(3).normal(size=210) * 10.0 ** np.random.default_rng(4).integers(-6, 6, 210)
-    path = write(model([(float(leaf),) for leaf in leaves.astype(np.float32)], outputs=21, base_score="[" + ",".join(["0.1"] * 21) + "]"))
-    _assert_same_bits(TreesRuntime(path, raw(6)), xgboost.Booster(model_file=path), np.zeros((70, 6), dtype=np.float32))
+    leaves = np.random.default_rng(3).normal(size=210) * 10.0 ** np.random.default_rng(4).integers(
+        -6, 6, 210
+    )
+    path = write(
+        model(
+            [(float(leaf),) for leaf in leaves.astype(np.float32)],
+            outputs=21,
+            base_score="[" + ",".join(["0.1"] * 21) + "]",
+        )
+    )
+    _assert_same_bits(
+        TreesRuntime(path, raw(6)), xgboost.Booster(model_file=path), np.zeros((70, 6), dtype=np.float32)
+    )

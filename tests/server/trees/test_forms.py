@@ -43,7 +43,9 @@ def check(folder: Path, shape: ForestShape, rows: tuple[int, ...]) -> None:
             windows[generator.random(windows.shape) < 0.05] = np.nan
             result = np.full((count, shape.outputs), np.nan, dtype=np.float32)
             kernel.evaluate(windows, result, scratch)
-            np.testing.assert_array_equal(result.view(np.int32), walk(forest, scales, windows).view(np.int32))
+            np.testing.assert_array_equal(
+                result.view(np.int32), walk(forest, scales, windows).view(np.int32)
+            )
 
 
 @pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
@@ -70,7 +72,9 @@ for shape in ("even", "skewed"):
     forms.check(pathlib.Path({str(tmp_path)!r}), forms.SHAPES[shape], (1, 9, 70, 300))
 """
     restricted = {"NUMBA_CPU_NAME": name, "NUMBA_CPU_FEATURES": features}
-    done = subprocess.run([sys.executable, "-c", code], env=os.environ | restricted, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | restricted, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
 
 
@@ -79,6 +83,9 @@ def test_fewer_rows_take_the_first_form_and_many_the_last() -> None:
     assert [(step.kernel, step.first, step.stop) for step in forms.steps(8)] == [(0, 0, 8)]
     assert [(step.kernel, step.first, step.stop) for step in forms.steps(64)] == [(1, 0, 64)]
     assert [(step.kernel, step.first, step.stop) for step in forms.steps(200)] == [(2, 0, 200)]
-    assert [(step.kernel, step.first, step.stop) for step in forms.steps(600)] == [(2, 0, 512), (1, 512, 600)]
+    assert [(step.kernel, step.first, step.stop) for step in forms.steps(600)] == [
+        (2, 0, 512),
+        (1, 512, 600),
+    ]
     assert forms.steps(0) == []
     assert [(step.kernel, step.stop) for step in Forms((None,), (1.0,)).steps(900)] == [(0, 900)]

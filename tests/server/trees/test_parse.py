@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from taxel.errors import ArtifactError
+from taxel_server.runtimes.trees.decimals import nearest
 from taxel_server.runtimes.trees.parse import read_forest
-from taxel_server.runtimes.trees.scan import ScannedText, _nearest
+from taxel_server.runtimes.trees.scan import ScannedText
 
 STUMP = (0, 0.25, True, (1.5,), (-2.5,))
 Model = Callable[..., dict[str, Any]]
@@ -107,7 +108,7 @@ def test_a_damaged_file_is_refused(tmp_path: Path, text: str) -> None:
 def test_what_is_no_number_is_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "array.json"
     path.write_text(f"[{text}]")
-    with pytest.raises(ArtifactError, match="x holds .*: expected a number"):
+    with pytest.raises(ArtifactError, match=r"x holds .*: expected a number"):
         ScannedText.of(path).floats([0], "x")
 
 
@@ -182,4 +183,4 @@ def test_a_decimal_is_rounded_once(tmp_path: Path, token: str, expected: float) 
     path = tmp_path / "number.json"
     path.write_text(f"[{token}]")
     assert ScannedText.of(path).floats([0], "x")[0] == np.float32(expected)
-    assert _nearest(token) == np.float32(expected)
+    assert nearest(token) == np.float32(expected)

@@ -23,7 +23,10 @@ Raw = Callable[..., Normalisation]
 @pytest.mark.parametrize("folded", [False, True])
 def test_windows_are_normalised_and_outputs_restored(model: Model, write: Write, folded: bool) -> None:
     generator = np.random.default_rng(0)
-    trees = [(3, float(cut), True, (float(cut),), (-1.25,)) for cut in generator.normal(size=42).astype(np.float32)]
+    trees = [
+        (3, float(cut), True, (float(cut),), (-1.25,))
+        for cut in generator.normal(size=42).astype(np.float32)
+    ]
     path = write(model(trees, outputs=21))
     normalisation = Normalisation(
         input_mean=tuple(generator.normal(size=6)),
@@ -49,7 +52,9 @@ def test_it_says_what_it_holds(model: Model, write: Write, raw: Raw) -> None:
     assert (runtime.features, runtime.parameters) == (6, 63)
 
 
-@pytest.mark.parametrize(("features", "outputs", "says"), [(7, 1, "6 inputs: expected 7"), (6, 21, "1 outputs: expected 21")])
+@pytest.mark.parametrize(
+    ("features", "outputs", "says"), [(7, 1, "6 inputs: expected 7"), (6, 21, "1 outputs: expected 21")]
+)
 def test_a_model_at_odds_with_its_normalisation_is_refused(
     model: Model, write: Write, raw: Raw, features: int, outputs: int, says: str
 ) -> None:

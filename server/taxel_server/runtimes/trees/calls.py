@@ -5,8 +5,8 @@ from numba.core import types
 from numba.extending import intrinsic
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def call(_context, function, first, second, third, fourth, fifth):  # type: ignore[no-untyped-def]
+@intrinsic
+def call(_context, _function, _first, _second, _third, _fourth, _fifth):  # type: ignore[no-untyped-def]
     """Calls a function of five addresses or counts that returns nothing."""
 
     def generate(context, builder, _signature, arguments):  # type: ignore[no-untyped-def]

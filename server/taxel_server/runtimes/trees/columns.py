@@ -87,7 +87,7 @@ class Ranking(NamedTuple):
     cuts: NDArray[np.float32]
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def ranking_at(plan, entry):  # type: ignore[no-untyped-def]
     """The ranking that begins at an entry of a plan."""
     return Ranking(
@@ -102,7 +102,7 @@ _COUNTED: Final = 512
 """Cuts up to which comparing with all of them, in vectors, beats a binary search."""
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)
 def rank_column(x, cuts, default_left, highest, ranks):  # type: ignore[no-untyped-def]
     """Writes how many of the cuts are <= each x; 0 or `highest` for missing values."""
     if cuts.size > _COUNTED:
@@ -126,14 +126,14 @@ def rank_column(x, cuts, default_left, highest, ranks):  # type: ignore[no-untyp
                 ranks[lane] = highest
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)
 def rank(x, cuts, default_left, highest):  # type: ignore[no-untyped-def]
     """How many of the cuts are <= x; 0 or `highest` for a missing value."""
     if np.isnan(x):
         return 0 if default_left else highest
-    if cuts.size > _COUNTED:
-        return np.searchsorted(cuts, x, side="right")
-    count = 0
-    for cut in cuts:
-        count += cut <= x
-    return count
+    low, length = 0, cuts.size
+    while length > 1:
+        half = length >> 1
+        low = low + half if cuts[low + half - 1] <= x else low
+        length -= half
+    return low + (1 if length and cuts[low] <= x else 0)

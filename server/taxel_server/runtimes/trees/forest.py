@@ -89,7 +89,7 @@ class Forest:
         )
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)
 def _preorder(features, roots, left, right, feature, order, new_left, new_right, new_roots):  # type: ignore[no-untyped-def]
     """Walks every tree once; returns a fault's number (0: none) with its tree and node."""
     seen = np.zeros(left.size, dtype=np.bool_)

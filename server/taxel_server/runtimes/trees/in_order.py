@@ -69,8 +69,15 @@ class InOrder:
         )
         source = np.empty(inner, dtype=np.int64)
         _renumber(
-            forest.roots, forest.left, forest.right, forest.value,
-            index.node_start, index.leaf_start, index.first, source, index.value,
+            forest.roots,
+            forest.left,
+            forest.right,
+            forest.value,
+            index.node_start,
+            index.leaf_start,
+            index.first,
+            source,
+            index.value,
         )
         index.feature[:] = forest.feature[source]
         index.default_left[:] = forest.default_left[source]
@@ -78,7 +85,7 @@ class InOrder:
         return index
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)
 def _renumber(roots, left, right, value, node_start, leaf_start, first, source, leaf_value):  # type: ignore[no-untyped-def]
     leaves = np.empty(left.size, dtype=np.int32)
     lowest = np.empty(left.size, dtype=np.int32)

@@ -13,7 +13,14 @@ from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.scan import ScannedText
 from taxel_server.runtimes.trees.schema import LearnerParam, Model, Tree
 
-_PER_NODE = ("left_children", "right_children", "split_indices", "split_conditions", "default_left", "split_type")
+_PER_NODE = (
+    "left_children",
+    "right_children",
+    "split_indices",
+    "split_conditions",
+    "default_left",
+    "split_type",
+)
 
 
 def read_forest(path: Path) -> Forest:

@@ -34,15 +34,15 @@ class Scratch:
         self.plan = pack(arrays)
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def _pointer(_context, address):  # type: ignore[no-untyped-def]
+@intrinsic
+def _pointer(_context, _address):  # type: ignore[no-untyped-def]
     def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
         return builder.inttoptr(arguments[0], ir.IntType(8).as_pointer())
 
     return types.voidptr(types.int64), generate
 
 
-@numba.njit  # type: ignore[untyped-decorator]
+@numba.njit
 def array_at(plan, entry, dtype):  # type: ignore[no-untyped-def]
     """The array that an entry of a plan describes, of one axis."""
     return numba.carray(_pointer(plan[entry, 0]), plan[entry, 1], dtype)

@@ -123,7 +123,12 @@ class RowsKernel:
         lane = np.empty(lanes, dtype=np.int64)
         lane[assembled_lane(lanes)] = np.arange(lanes)
         self._sums = _Sums(
-            form.start, form.leaves.ctypes.data, form.tables.ctypes.data, add_leaves(lanes), form.base_score, lane
+            form.start,
+            form.leaves.ctypes.data,
+            form.tables.ctypes.data,
+            add_leaves(lanes),
+            form.base_score,
+            lane,
         )
         self._plan = pack(
             form.narrow.columns.ranking, form.wide.columns.ranking, *self._parts, self._sums, scales
@@ -131,14 +136,16 @@ class RowsKernel:
 
     def scratch(self) -> Scratch:
         """Memory for one evaluation at a time."""
-        return Scratch(_Scratch(
-            np.empty(self.lanes, dtype=np.float32),
-            np.empty(self.lanes, dtype=np.int32),
-            np.empty(len(self._form.narrow.columns) * self.lanes, dtype=np.int8),
-            np.empty(len(self._form.wide.columns) * self.lanes, dtype=np.int16),
-            np.empty(self._form.places * self.lanes, dtype=np.uint8),
-            np.empty(self.lanes, dtype=np.float32),
-        ))
+        return Scratch(
+            _Scratch(
+                np.empty(self.lanes, dtype=np.float32),
+                np.empty(self.lanes, dtype=np.int32),
+                np.empty(len(self._form.narrow.columns) * self.lanes, dtype=np.int8),
+                np.empty(len(self._form.wide.columns) * self.lanes, dtype=np.int16),
+                np.empty(self._form.places * self.lanes, dtype=np.uint8),
+                np.empty(self.lanes, dtype=np.float32),
+            )
+        )
 
     def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32], scratch: Scratch) -> None:
         """Fills `result` (n, outputs) with what the forest says of `windows` (n, features)."""
@@ -158,12 +165,17 @@ def _leaf_tables(
     leaves["table"] = np.cumsum(sizes) - sizes
     tables = np.zeros(int(sizes.sum()), dtype=np.uint8)
     _write_tables(
-        index.leaf_start[order], counts, leaves["table"].copy(), leaves["kind"].copy(), index.value.view(np.uint8), tables
+        index.leaf_start[order],
+        counts,
+        leaves["table"].copy(),
+        leaves["kind"].copy(),
+        index.value.view(np.uint8),
+        tables,
     )
     return tables
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)
 def _write_tables(starts, counts, places, kinds, values, tables):  # type: ignore[no-untyped-def]
     for tree in range(starts.size):
         plane, step = (16 * kinds[tree], 1) if kinds[tree] > 0 else (1, 4)
@@ -172,7 +184,7 @@ def _write_tables(starts, counts, places, kinds, values, tables):  # type: ignor
                 tables[places[tree] + byte * plane + leaf * step] = values[4 * (starts[tree] + leaf) + byte]
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)
 def _rank_block(part, scales, windows, first, highest, scratch, ranks):  # type: ignore[no-untyped-def]
     """Ranks [column][lane], less half their range; lanes beyond the last row repeat it."""
     x, places = scratch.x, scratch.places
@@ -191,12 +203,14 @@ def _rank_block(part, scales, windows, first, highest, scratch, ranks):  # type:
             ranks[column * x.size + lane] = places[lane] - (highest + 1) // 2
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _part_at(plan, entry):  # type: ignore[no-untyped-def]
-    return _Part(array_at(plan, entry, np.int64), plan[entry + 1, 0], plan[entry + 2, 0], plan[entry + 3, 0])
+    return _Part(
+        array_at(plan, entry, np.int64), plan[entry + 1, 0], plan[entry + 2, 0], plan[entry + 3, 0]
+    )
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _sums_at(plan, entry):  # type: ignore[no-untyped-def]
     return _Sums(
         array_at(plan, entry, np.int64),
@@ -208,7 +222,7 @@ def _sums_at(plan, entry):  # type: ignore[no-untyped-def]
     )
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _scratch_at(plan):  # type: ignore[no-untyped-def]
     return _Scratch(
         array_at(plan, 0, np.float32),
@@ -220,7 +234,7 @@ def _scratch_at(plan):  # type: ignore[no-untyped-def]
     )
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)
 def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
     rank_narrow, rank_wide = ranking_at(plan, 0), ranking_at(plan, 4)
     narrow, wide, sums = _part_at(plan, 8), _part_at(plan, 12), _sums_at(plan, 16)
@@ -235,7 +249,9 @@ def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
             count = narrow.group_start[output + 1] - narrow.group_start[output]
             groups = narrow.groups + narrow.group_start[output] * 48
             if count:
-                call(narrow.traversal, count, groups, narrow.records, scratch.narrow_ranks.ctypes.data, exits)
+                call(
+                    narrow.traversal, count, groups, narrow.records, scratch.narrow_ranks.ctypes.data, exits
+                )
             count = wide.group_start[output + 1] - wide.group_start[output]
             groups = wide.groups + wide.group_start[output] * 48
             if count:

@@ -90,7 +90,7 @@ class RowsLayout:
         return cls(columns, groups, start, records)
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)
 def _place(members, group_nodes, leaves, node_start, seat, source):  # type: ignore[no-untyped-def]
     """The record of every inner node, and which node it is."""
     count = 0

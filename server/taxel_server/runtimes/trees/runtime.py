@@ -2,6 +2,7 @@
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
@@ -63,10 +64,12 @@ class TreesRuntime:
         if self._pool is None or shares < 2:
             self._fill(windows, result)
             return result
-        bounds = [len(windows) * share // shares // _SHARE * _SHARE for share in range(shares)] + [len(windows)]
+        bounds = [len(windows) * share // shares // _SHARE * _SHARE for share in range(shares)] + [
+            len(windows)
+        ]
         others = [
             self._pool.submit(self._fill, windows[first:stop], result[first:stop])
-            for first, stop in zip(bounds[1:-1], bounds[2:], strict=True)
+            for first, stop in pairwise(bounds[1:])
         ]
         self._fill(windows[: bounds[1]], result[: bounds[1]])
         for other in others:

@@ -28,7 +28,7 @@ class Scales(NamedTuple):
         return cls(not normalisation.folded, inputs.mean, inputs.std, outputs.mean, outputs.std)
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def scales_at(plan, entry):  # type: ignore[no-untyped-def]
     """The scales that begin at an entry of a plan."""
     return Scales(

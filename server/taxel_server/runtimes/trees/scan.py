@@ -1,9 +1,8 @@
-"""Reads a large JSON text with its arrays of numbers set aside, so that they never become Python objects."""
+"""Reads a large JSON text with its arrays of numbers set aside: they never become Python objects."""
 
 import mmap
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from pathlib import Path
 from typing import Final, Self
 
@@ -12,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.errors import ArtifactError
+from taxel_server.runtimes.trees.decimals import nearest, read_numbers
 
 CHUNK: Final = 1 << 22
 """Bytes of text looked at in one go."""
 
 _QUOTE, _BACKSLASH, _OPEN, _CLOSE, _COMMA = b'"\\[],'
-_SPACE, _DOT, _PLUS, _MINUS, _ZERO, _NINE = b" .+-09"
-_UPPER_E, _LOWER_E = b"Ee"
+_ZERO: Final = ord("0")
 
 
 def _flags(characters: bytes) -> NDArray[np.bool_]:
@@ -29,7 +28,6 @@ def _flags(characters: bytes) -> NDArray[np.bool_]:
 
 _NUMERIC = _flags(b"0123456789+-.eE, \t\r\nNaInfity")
 _BLANK = _flags(b" \t\r\n")
-_POWERS_OF_TEN = 10.0 ** np.arange(23)
 
 
 @dataclass(frozen=True)
@@ -83,7 +81,7 @@ class ScannedText:
         values, odd = self._read(arrays)
         result = values.astype(np.float32)
         for place, start, stop in odd:
-            result[place] = _nearest(self._token(start, stop, name))
+            result[place] = nearest(self._token(start, stop, name))
         return result
 
     def integers(self, arrays: Sequence[int], name: str) -> NDArray[np.int32]:
@@ -106,10 +104,10 @@ class ScannedText:
         spans = self.spans[np.asarray(arrays, dtype=np.int64)]
         values = np.empty(spans[:, 2].sum(), dtype=np.float64)
         odd = np.empty((max(16, len(values) // 64), 3), dtype=np.int64)
-        count = _read_numbers(self.text, spans, values, odd)
+        count = read_numbers(self.text, spans, values, odd)
         if count > len(odd):
             odd = np.empty((count, 3), dtype=np.int64)
-            _read_numbers(self.text, spans, values, odd)
+            read_numbers(self.text, spans, values, odd)
         return values, odd[:count].tolist()
 
     def _token(self, start: int, stop: int, name: str) -> str:
@@ -121,19 +119,7 @@ class ScannedText:
         return token
 
 
-def _nearest(token: str) -> np.float32:
-    """The float32 nearest to a decimal, ties to even: a detour over float64 would round twice."""
-    with np.errstate(over="ignore", under="ignore"):
-        guess = np.float32(float(token))
-        near = [guess, *(np.nextafter(guess, np.float32(side)) for side in (-np.inf, np.inf))]
-    if not np.isfinite(guess):
-        return guess
-    exact = Fraction(token)
-    finite = [value for value in near if np.isfinite(value)]
-    return min(finite, key=lambda value: (abs(Fraction(float(value)) - exact), int(value.view(np.int32)) & 1))
-
-
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)
 def _scan(text, position, in_string, found, piece, table):  # type: ignore[no-untyped-def]
     """Copies text to `piece` with number arrays replaced, until a chunk has been looked at."""
     stop = min(position + CHUNK, text.size)
@@ -166,7 +152,7 @@ def _scan(text, position, in_string, found, piece, table):  # type: ignore[no-un
     return position, in_string, length, count
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)
 def _write_integer(piece, length, value):  # type: ignore[no-untyped-def]
     digits = 1
     while value >= 10**digits:
@@ -175,82 +161,3 @@ def _write_integer(piece, length, value):  # type: ignore[no-untyped-def]
         piece[length + digits - 1 - digit] = _ZERO + value % 10
         value //= 10
     return length + digits
-
-
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _read_numbers(text, spans, values, odd):  # type: ignore[no-untyped-def]
-    """Reads arrays into float64; returns how many tokens are `odd`: left to be read with more care.
-
-    Odd is whatever is no plain decimal, and every decimal so near to the middle of two float32
-    that its float64 (good to 4 units in the last place here) cannot tell to which side it belongs.
-    """
-    place, odds = 0, 0
-    for array in range(spans.shape[0]):
-        if spans[array, 2] == 0:
-            continue
-        position, end = spans[array, 0], spans[array, 1]
-        while position <= end:
-            start = position
-            value, position = _read_decimal(text, position)
-            if position < 0:
-                position = start
-                while text[position] != _COMMA and position < end:
-                    position += 1
-                if odds < odd.shape[0]:
-                    odd[odds, 0], odd[odds, 1], odd[odds, 2] = place, start, position
-                odds += 1
-            values[place] = value
-            place += 1
-            position += 1
-    return odds
-
-
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _read_decimal(text, position):  # type: ignore[no-untyped-def]
-    """One number, and the place of the comma or bracket behind it: -1 if it is odd."""
-    mantissa, exponent, digits = np.int64(0), 0, 0
-    negative = text[position] == _MINUS
-    position += negative
-    while _ZERO <= text[position] <= _NINE:
-        mantissa = mantissa * 10 + (text[position] - _ZERO)
-        digits += 1
-        position += 1
-    if text[position] == _DOT:
-        position += 1
-        while _ZERO <= text[position] <= _NINE:
-            mantissa = mantissa * 10 + (text[position] - _ZERO)
-            digits += 1
-            exponent -= 1
-            position += 1
-    if digits == 0 or digits > 15:
-        return 0.0, -1
-    if text[position] == _UPPER_E or text[position] == _LOWER_E:
-        position += 1
-        down = text[position] == _MINUS
-        position += down or text[position] == _PLUS
-        power, digits = 0, 0
-        while _ZERO <= text[position] <= _NINE and digits < 4:
-            power = power * 10 + (text[position] - _ZERO)
-            digits += 1
-            position += 1
-        if digits == 0:
-            return 0.0, -1
-        exponent += -power if down else power
-    if text[position] != _COMMA and text[position] != _CLOSE:
-        return 0.0, -1
-    if exponent < -44 or exponent > 22:
-        return 0.0, -1
-    value = np.float64(mantissa)
-    if exponent > 0:
-        value *= _POWERS_OF_TEN[exponent]
-    elif exponent < 0:
-        first = min(-exponent, 22)
-        value = value / _POWERS_OF_TEN[first] / _POWERS_OF_TEN[-exponent - first]
-    return (-value if negative else value), (-1 if _may_round_twice(value) else position)
-
-
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def _may_round_twice(value):  # type: ignore[no-untyped-def]
-    # A float64 has 29 bits more than a float32: the middle of two float32 has only the first set.
-    below = np.float64(value).view(np.int64) & ((1 << 29) - 1)
-    return abs(below - (1 << 28)) <= 8 or (value != 0.0 and value < 1.2e-38) or value > 3.4e38

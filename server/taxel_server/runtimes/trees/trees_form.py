@@ -108,14 +108,16 @@ class TreesKernel:
 
     def scratch(self) -> Scratch:
         """Memory for one evaluation at a time."""
-        return Scratch(_Scratch(
-            np.zeros(TILE * self._small.ranks, dtype=np.int8),
-            np.full(TILE * self._large.ranks, -32768, dtype=np.int16),
-            np.empty(TILE * self._small.lanes, dtype=np.uint8),
-            np.zeros(TILE * (self._sums.rounds + 1) * self._sums.width, dtype=np.float32),
-            np.empty(TILE * self._sums.width, dtype=np.float32),
-            np.empty(_WALKERS, dtype=np.int64),
-        ))
+        return Scratch(
+            _Scratch(
+                np.zeros(TILE * self._small.ranks, dtype=np.int8),
+                np.full(TILE * self._large.ranks, -32768, dtype=np.int16),
+                np.empty(TILE * self._small.lanes, dtype=np.uint8),
+                np.zeros(TILE * (self._sums.rounds + 1) * self._sums.width, dtype=np.float32),
+                np.empty(TILE * self._sums.width, dtype=np.float32),
+                np.empty(_WALKERS, dtype=np.int64),
+            )
+        )
 
     def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32], scratch: Scratch) -> None:
         """Fills `result` (n, outputs) with what the forest says of `windows` (n, features)."""
@@ -142,7 +144,7 @@ def _rounds(forest: Forest) -> NDArray[np.int64]:
     return rounds
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)
 def _rank_rows(ranking, scales, windows, first, rows, highest, size, ranks):  # type: ignore[no-untyped-def]
     """Ranks [row][column], less half their range."""
     bias = (highest + 1) // 2
@@ -157,7 +159,7 @@ def _rank_rows(ranking, scales, windows, first, rows, highest, size, ranks):  # 
             ranks[row * size + column] = place - bias
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)
 def _visit_small(small, scratch, rows):  # type: ignore[no-untyped-def]
     lanes = small.lanes
     exits, leaves = scratch.exits.ctypes.data, scratch.leaves.ctypes.data
@@ -181,7 +183,7 @@ def _visit_small(small, scratch, rows):  # type: ignore[no-untyped-def]
             table += 4 * (steps + 1)
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)
 def _visit_large(large, scratch, rows):  # type: ignore[no-untyped-def]
     """Every tree with every row is a walk; they advance together, in handfuls, until none moves."""
     walks = large.root.size * rows
@@ -204,7 +206,7 @@ def _visit_large(large, scratch, rows):  # type: ignore[no-untyped-def]
             scratch.leaves[large.seat[tree] * rows + row] = large.value[node[walker]]
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)
 def _sum(sums, scales, scratch, first, rows, result):  # type: ignore[no-untyped-def]
     """Adds the leaves in the order of the trees, all outputs side by side."""
     outputs = sums.base_score.size
@@ -227,7 +229,7 @@ def _sum(sums, scales, scratch, first, rows, result):  # type: ignore[no-untyped
             result[first + row, output] = value
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _small_at(plan, entry):  # type: ignore[no-untyped-def]
     return _Small(
         plan[entry, 0],
@@ -242,7 +244,7 @@ def _small_at(plan, entry):  # type: ignore[no-untyped-def]
     )
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _large_at(plan, entry):  # type: ignore[no-untyped-def]
     return _Large(
         array_at(plan, entry, np.int64),
@@ -255,7 +257,7 @@ def _large_at(plan, entry):  # type: ignore[no-untyped-def]
     )
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _sums_at(plan, entry):  # type: ignore[no-untyped-def]
     return _Sums(
         plan[entry, 0],
@@ -265,7 +267,7 @@ def _sums_at(plan, entry):  # type: ignore[no-untyped-def]
     )
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _scratch_at(plan):  # type: ignore[no-untyped-def]
     return _Scratch(
         array_at(plan, 0, np.int8),
@@ -277,7 +279,7 @@ def _scratch_at(plan):  # type: ignore[no-untyped-def]
     )
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)
 def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
     rank_small, rank_large = ranking_at(plan, 0), ranking_at(plan, 4)
     small, large, sums = _small_at(plan, 8), _large_at(plan, 17), _sums_at(plan, 24)

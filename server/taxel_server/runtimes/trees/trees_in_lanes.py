@@ -1,6 +1,7 @@
 """Evaluates few rows at once: every lane of a vector is a tree, and one row after another visits them."""
 
 from functools import cache
+from typing import Final
 
 import numba
 
@@ -8,12 +9,16 @@ from taxel_server.runtimes.trees.vectors import (
     greater,
     load,
     lookup,
+    prefetch,
     register_bytes,
     select,
     splat,
     store,
     unbias,
 )
+
+_AHEAD: Final = 4096
+"""Bytes by which the first row runs ahead of the nodes it asks for."""
 
 
 def trees_at_once() -> int:
@@ -32,7 +37,7 @@ def find_exits(columns: int) -> int:
     """
     lanes = trees_at_once()
 
-    @numba.cfunc("void(intp, intp, intp, intp, intp)", cache=True)  # type: ignore[untyped-decorator]
+    @numba.cfunc("void(intp, intp, intp, intp, intp)", cache=True)
     def traverse(nodes, steps, ranks, rows, exits):  # type: ignore[no-untyped-def]
         for row in range(rows):
             table = ranks + row * columns
@@ -42,6 +47,9 @@ def find_exits(columns: int) -> int:
                 rank = lookup(table, columns, load(node, 8, lanes))
                 goes_left = greater(load(node + lanes, 8, lanes), rank)
                 first = select(goes_left, splat(-1, 8, lanes), load(node + 2 * lanes, 8, lanes))
+                if row == 0:
+                    for line in range(0, 3 * lanes, 64):
+                        prefetch(node + _AHEAD + line)
                 reached = select(greater(first, reached), reached, splat(step - 128, 8, lanes))
                 node += 3 * lanes
             store(exits + row * lanes, unbias(reached))

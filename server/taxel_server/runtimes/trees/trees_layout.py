@@ -46,14 +46,22 @@ class SideBySide:
     def of(cls, index: InOrder, columns: Columns, trees: NDArray[np.int64], lanes: int) -> Self:
         """Sorts trees by size into groups."""
         order = trees[np.argsort(index.leaves[trees], kind="stable")]
-        tree = np.full(-(-len(order) // lanes) * lanes, -1, dtype=np.int64)
-        tree[: len(order)] = order
-        tree = tree.reshape(-1, lanes)
+        seats = np.full(-(-len(order) // lanes) * lanes, -1, dtype=np.int64)
+        seats[: len(order)] = order
+        tree = seats.reshape(-1, lanes)
         steps = np.where(tree >= 0, index.leaves[tree] - 1, 0).max(axis=1, initial=0)
         start = np.concatenate([[0], np.cumsum(3 * lanes * steps)])
         nodes = np.zeros(start[-1], dtype=np.uint8)
         _put_side_by_side(
-            tree, steps, start, index.leaves, index.node_start, columns.column, columns.limit, index.first, nodes
+            tree,
+            steps,
+            start,
+            index.leaves,
+            index.node_start,
+            columns.column,
+            columns.limit,
+            index.first,
+            nodes,
         )
         room = lanes * (steps + 1)
         leaf_start = np.cumsum(room) - room
@@ -98,7 +106,7 @@ class Linked:
         return cls(columns, root, nodes, forest.value[source], trees)
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)
 def _put_side_by_side(tree, steps, start, leaves, node_start, column, limit, first, nodes):  # type: ignore[no-untyped-def]
     lanes = tree.shape[1]
     for group in range(tree.shape[0]):
@@ -115,7 +123,7 @@ def _put_side_by_side(tree, steps, start, leaves, node_start, column, limit, fir
                     nodes[place + 2 * lanes + lane] = 255
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)
 def _put_leaves(tree, steps, start, leaves, leaf_start, source, value):  # type: ignore[no-untyped-def]
     for group in range(tree.shape[0]):
         for lane in range(tree.shape[1]):
@@ -126,7 +134,7 @@ def _put_leaves(tree, steps, start, leaves, leaf_start, source, value):  # type:
                     value[place + leaf] = source[leaf_start[member] + leaf]
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)
 def _link(trees, roots, left, right, node_start, new_root, source, inner, new_left):  # type: ignore[no-untyped-def]
     """Orders the nodes of each tree breadth first; names of inner nodes are their in-order ones."""
     leaves = np.empty(left.size, dtype=np.int32)

@@ -63,8 +63,8 @@ def can_look_up() -> bool:
     return processor_has("ssse3")
 
 
-@intrinsic(prefer_literal=True)  # type: ignore[untyped-decorator]
-def load(_context, address, bits, lanes):  # type: ignore[no-untyped-def]
+@intrinsic(prefer_literal=True)
+def load(_context, _address, bits, lanes):  # type: ignore[no-untyped-def]
     """Reads a vector from memory, at any alignment."""
     vector = Vector(bits.literal_value, lanes.literal_value)
 
@@ -75,8 +75,8 @@ def load(_context, address, bits, lanes):  # type: ignore[no-untyped-def]
     return vector(types.intp, bits, lanes), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def store(_context, address, vector):  # type: ignore[no-untyped-def]
+@intrinsic
+def store(_context, _address, vector):  # type: ignore[no-untyped-def]
     """Writes a vector to memory, at any alignment."""
 
     def generate(context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
@@ -87,8 +87,8 @@ def store(_context, address, vector):  # type: ignore[no-untyped-def]
     return types.void(types.intp, vector), generate
 
 
-@intrinsic(prefer_literal=True)  # type: ignore[untyped-decorator]
-def splat(_context, value, bits, lanes):  # type: ignore[no-untyped-def]
+@intrinsic(prefer_literal=True)
+def splat(_context, _value, bits, lanes):  # type: ignore[no-untyped-def]
     """The low bits of an integer in every lane."""
     vector = Vector(bits.literal_value, lanes.literal_value)
 
@@ -98,8 +98,8 @@ def splat(_context, value, bits, lanes):  # type: ignore[no-untyped-def]
     return vector(types.intp, bits, lanes), generate
 
 
-@intrinsic(prefer_literal=True)  # type: ignore[untyped-decorator]
-def splat_at(_context, address, bits, lanes):  # type: ignore[no-untyped-def]
+@intrinsic(prefer_literal=True)
+def splat_at(_context, _address, bits, lanes):  # type: ignore[no-untyped-def]
     """The integer at an address in every lane."""
     vector = Vector(bits.literal_value, lanes.literal_value)
     element = ir.IntType(vector.bits)
@@ -111,8 +111,8 @@ def splat_at(_context, address, bits, lanes):  # type: ignore[no-untyped-def]
     return vector(types.intp, bits, lanes), generate
 
 
-@intrinsic(prefer_literal=True)  # type: ignore[untyped-decorator]
-def integer_at(_context, address, bits):  # type: ignore[no-untyped-def]
+@intrinsic(prefer_literal=True)
+def integer_at(_context, _address, bits):  # type: ignore[no-untyped-def]
     """The unsigned integer of so many bits at an address."""
     element = ir.IntType(bits.literal_value)
 
@@ -124,8 +124,8 @@ def integer_at(_context, address, bits):  # type: ignore[no-untyped-def]
     return types.intp(types.intp, bits), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def float_at(_context, address):  # type: ignore[no-untyped-def]
+@intrinsic
+def float_at(_context, _address):  # type: ignore[no-untyped-def]
     """The float32 at an address."""
 
     def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
@@ -135,8 +135,8 @@ def float_at(_context, address):  # type: ignore[no-untyped-def]
     return types.float32(types.intp), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def put_float(_context, address, value):  # type: ignore[no-untyped-def]
+@intrinsic
+def put_float(_context, _address, _value):  # type: ignore[no-untyped-def]
     """Writes a float32 to an address."""
 
     def generate(context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
@@ -147,7 +147,21 @@ def put_float(_context, address, value):  # type: ignore[no-untyped-def]
     return types.void(types.intp, types.float32), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
+def prefetch(_context, _address):  # type: ignore[no-untyped-def]
+    """Asks for the cache line at an address, to be read soon."""
+
+    def generate(context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+        pointer, flag = _BYTE.as_pointer(), ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [pointer, flag, flag, flag])
+        function = builder.module.declare_intrinsic("llvm.prefetch", (pointer,), kind)
+        builder.call(function, [builder.inttoptr(arguments[0], pointer), flag(0), flag(3), flag(1)])
+        return context.get_dummy_value()
+
+    return types.void(types.intp), generate
+
+
+@intrinsic
 def greater(_context, left, right):  # type: ignore[no-untyped-def]
     """A mask of the lanes in which left exceeds right, both signed."""
 
@@ -157,7 +171,7 @@ def greater(_context, left, right):  # type: ignore[no-untyped-def]
     return Vector(1, left.lanes)(left, right), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def select(_context, mask, true, false):  # type: ignore[no-untyped-def]
     """One of two vectors, lane by lane."""
 
@@ -167,7 +181,7 @@ def select(_context, mask, true, false):  # type: ignore[no-untyped-def]
     return true(mask, true, false), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def add(_context, left, right):  # type: ignore[no-untyped-def]
     """The sums of two vectors of float32, lane by lane."""
 
@@ -177,7 +191,7 @@ def add(_context, left, right):  # type: ignore[no-untyped-def]
     return left(left, right), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def unbias(_context, vector):  # type: ignore[no-untyped-def]
     """Signed integers plus 2**(bits - 1), as unsigned ones."""
 
@@ -188,7 +202,7 @@ def unbias(_context, vector):  # type: ignore[no-untyped-def]
     return vector(vector), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def assemble(_context, byte0, byte1, byte2, byte3):  # type: ignore[no-untyped-def]
     """Float32 values of their four bytes, the lowest first; value i is that of lane `assembled_lane`[i]."""
     result = FloatVector(byte0.lanes)
@@ -197,7 +211,9 @@ def assemble(_context, byte0, byte1, byte2, byte3):  # type: ignore[no-untyped-d
         width = min(register_bytes(), byte0.lanes)
         pieces = []
         for first in range(0, byte0.lanes, width):
-            one, two, three, four = (_take(builder, byte, range(first, first + width)) for byte in arguments)
+            one, two, three, four = (
+                _take(builder, byte, range(first, first + width)) for byte in arguments
+            )
             low, high = _unpack(builder, one, two, 1), _unpack(builder, three, four, 1)
             pieces += [part for pair in zip(low, high, strict=True) for part in _unpack(builder, *pair, 2)]
         return builder.bitcast(_join(builder, pieces), _llvm(result))
@@ -218,8 +234,8 @@ def assembled_lane(lanes: int) -> list[int]:
     return places
 
 
-@intrinsic(prefer_literal=True)  # type: ignore[untyped-decorator]
-def load_floats(_context, address, lanes):  # type: ignore[no-untyped-def]
+@intrinsic(prefer_literal=True)
+def load_floats(_context, _address, lanes):  # type: ignore[no-untyped-def]
     """Reads float32 values from memory."""
     vector = FloatVector(lanes.literal_value)
 
@@ -230,8 +246,8 @@ def load_floats(_context, address, lanes):  # type: ignore[no-untyped-def]
     return vector(types.intp, lanes), generate
 
 
-@intrinsic(prefer_literal=True)  # type: ignore[untyped-decorator]
-def splat_float(_context, value, lanes):  # type: ignore[no-untyped-def]
+@intrinsic(prefer_literal=True)
+def splat_float(_context, _value, lanes):  # type: ignore[no-untyped-def]
     """A float32 in every lane."""
     vector = FloatVector(lanes.literal_value)
 
@@ -241,8 +257,8 @@ def splat_float(_context, value, lanes):  # type: ignore[no-untyped-def]
     return vector(types.float32, lanes), generate
 
 
-@intrinsic(prefer_literal=True)  # type: ignore[untyped-decorator]
-def gather(_context, table, places, bits, lanes):  # type: ignore[no-untyped-def]
+@intrinsic(prefer_literal=True)
+def gather(_context, _table, _places, bits, lanes):  # type: ignore[no-untyped-def]
     """The float32 values of a table at the unsigned places in memory, in the order of `assembled_lane`."""
     vector = FloatVector(lanes.literal_value)
     integer = ir.IntType(bits.literal_value)
@@ -253,7 +269,9 @@ def gather(_context, table, places, bits, lanes):  # type: ignore[no-untyped-def
         first = builder.inttoptr(arguments[1], integer.as_pointer())
         result = ir.Constant(_llvm(vector), ir.Undefined)
         for lane, source in enumerate(assembled_lane(vector.lanes)):
-            place = builder.load(builder.gep(first, [index(source)], source_etype=integer), align=1, typ=integer)
+            place = builder.load(
+                builder.gep(first, [index(source)], source_etype=integer), align=1, typ=integer
+            )
             leaf = builder.gep(base, [builder.zext(place, index)], source_etype=float_type)
             value = builder.load(leaf, align=4, typ=float_type)
             result = builder.insert_element(result, value, ir.IntType(32)(lane))
@@ -262,8 +280,8 @@ def gather(_context, table, places, bits, lanes):  # type: ignore[no-untyped-def
     return vector(types.intp, types.intp, bits, lanes), generate
 
 
-@intrinsic(prefer_literal=True)  # type: ignore[untyped-decorator]
-def lookup(_context, table, size, places):  # type: ignore[no-untyped-def]
+@intrinsic(prefer_literal=True)
+def lookup(_context, _table, size, places):  # type: ignore[no-untyped-def]
     """table[place] in every lane: `size` bytes in memory, 16, 32, 48, 64, 128 or 256 of them."""
 
     def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
@@ -271,7 +289,12 @@ def lookup(_context, table, size, places):  # type: ignore[no-untyped-def]
         wide = width == 64 and processor_has("avx512vbmi")
         permute = _permute_by_wide_table if wide else _permute_by_shuffles
         pieces = [
-            permute(builder, arguments[0], size.literal_value, _take(builder, arguments[2], range(first, first + width)))
+            permute(
+                builder,
+                arguments[0],
+                size.literal_value,
+                _take(builder, arguments[2], range(first, first + width)),
+            )
             for first in range(0, places.lanes, width)
         ]
         return _join(builder, pieces)
@@ -282,7 +305,11 @@ def lookup(_context, table, size, places):  # type: ignore[no-untyped-def]
 def _permute_by_shuffles(builder: ir.IRBuilder, table: ir.Value, size: int, places: ir.Value) -> ir.Value:
     """One byte shuffle for every 16 entries; the places' upper bits choose among their results."""
     width = places.type.count
-    name = {16: "llvm.x86.ssse3.pshuf.b.128", 32: "llvm.x86.avx2.pshuf.b", 64: "llvm.x86.avx512.pshuf.b.512"}
+    name = {
+        16: "llvm.x86.ssse3.pshuf.b.128",
+        32: "llvm.x86.avx2.pshuf.b",
+        64: "llvm.x86.avx512.pshuf.b.512",
+    }
     function = _declare(builder, name[width], places.type, [places.type, places.type])
     # A shuffle looks at the lowest four bits, and gives 0 where the highest is set.
     low = builder.and_(places, _constant(0x0F, width)) if size > 128 else places
@@ -301,7 +328,9 @@ def _permute_by_wide_table(builder: ir.IRBuilder, table: ir.Value, size: int, pl
     if size <= 64:
         entries = _load_bytes(builder, table, 0, size)
         function = _declare(builder, "llvm.x86.avx512.permvar.qi.512", vector, [vector, vector])
-        return builder.call(function, [_take(builder, entries, [lane % size for lane in range(64)]), places])
+        return builder.call(
+            function, [_take(builder, entries, [lane % size for lane in range(64)]), places]
+        )
     function = _declare(builder, "llvm.x86.avx512.vpermi2var.qi.512", vector, [vector] * 3)
     found = []
     for first in range(0, size, 128):
@@ -317,7 +346,9 @@ def _choose(builder: ir.IRBuilder, found: list[ir.Value], places: ir.Value, bit:
         shifted = builder.shl(places, _constant(7 - bit, places.type.count))
         upper = builder.icmp_signed("<", shifted, _constant(0, places.type.count))
         last = found[len(found) // 2 * 2 :]
-        found = [builder.select(upper, high, low) for low, high in zip(found[::2], found[1::2], strict=False)]
+        found = [
+            builder.select(upper, high, low) for low, high in zip(found[::2], found[1::2], strict=False)
+        ]
         found += last
         bit += 1
     return found[0]

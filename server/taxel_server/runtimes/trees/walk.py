@@ -28,7 +28,7 @@ def walk(forest: Forest, scales: Scales, windows: NDArray[np.float32]) -> NDArra
     return result * scales.output_std + scales.output_mean if scales.applied else result
 
 
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True)
 def _walk(roots, outputs, left, right, feature, default_left, value, base_score, windows, result):  # type: ignore[no-untyped-def]
     for row in range(windows.shape[0]):
         result[row] = base_score
