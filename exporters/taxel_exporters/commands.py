@@ -13,6 +13,9 @@ def export(
     repository: Annotated[Path, typer.Option("--repository", metavar="REPO", help="Where to add it.")],
     name: Annotated[str | None, typer.Option(help="Name to serve it under; the family's if none.")] = None,
     version: Annotated[str | None, typer.Option(help="Version; the next free one if none.")] = None,
+    model_format: Annotated[
+        str | None, typer.Option("--format", help="`xgboost` or `onnx`; the family's default if none.")
+    ] = None,
     description: Annotated[str | None, typer.Option(help="One sentence for its card.")] = None,
     as_json: Json = False,
 ) -> None:
@@ -20,7 +23,14 @@ def export(
     from taxel_exporters.export import export as run
 
     with ERR.status("exporting and checking parity"):
-        manifest = run(folder, repository, name=name, version=version, description=description)
+        manifest = run(
+            folder,
+            repository,
+            name=name,
+            version=version,
+            model_format=model_format,
+            description=description,
+        )
     if as_json:
         print_json(manifest.model_dump(mode="json"))
         return

@@ -6,17 +6,16 @@ import tempfile
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
 from taxel import __version__, artifacts
 from taxel.artifacts import MANIFEST, manifest_json
 from taxel.errors import ArtifactError, NotFound, SettingsError
-from taxel.manifest import Manifest, ModelFile, WindowLayout, tensors
+from taxel.manifest import Manifest, ModelFile, Normalisation, tensors
 from taxel_exporters import formats
 from taxel_exporters.card import card
 from taxel_exporters.parity import check_parity
 from taxel_models.training import trained as trained_models
-from taxel_models.training.dataset import examples
+from taxel_models.training.dataset import concatenate, examples
+from taxel_models.training.trained import TrainedModel
 
 CARD: Final = "README.md"
 
@@ -27,6 +26,7 @@ def export(
     *,
     name: str | None = None,
     version: str | None = None,
+    model_format: str | None = None,
     description: str | None = None,
 ) -> Manifest:
     """Export the trained model in `folder` as `<repository>/<name>/<version>`.
@@ -37,23 +37,24 @@ def export(
     Args:
         name: the family's name if none is given.
         version: the next free one if none is given.
+        model_format: `xgboost` or `onnx`; the family's default if none is given.
 
     Raises:
         ArtifactError: the trained model is damaged, or the artifact's predictions differ.
         SettingsError: the name or version is not possible, or the version exists.
     """
     trained = trained_models.load(folder)
-    windows = np.concatenate(
-        [examples(recording, trained.spec).windows for recording in trained_models.held_out(folder)]
+    held_out = concatenate(
+        [examples(recording, trained.spec) for recording in trained_models.held_out(folder)]
     )
-    if not len(windows):
+    if not len(held_out):
         raise ArtifactError(f"{folder}: its held-out recordings give no window to check the export with")
     training = trained.record.training
     name = name or training.family
     version = version or _next_version(repository, name)
     place = _free_place(repository, name, version)
-    model = formats.write(trained)
-    layout = WindowLayout.of(trained.spec)
+    model = formats.write(trained, model_format)
+    layout = trained.layout
     inputs, outputs = tensors(layout)
     manifest = Manifest(
         name=name,
@@ -64,7 +65,7 @@ def export(
         inputs=inputs,
         outputs=outputs,
         window=layout,
-        normalisation=trained.record.normalisation.model_copy(update={"folded": model.folded}),
+        normalisation=_served_normalisation(trained, model.folded),
         parameters=trained.record.parameters,
         training=training,
         model_file=ModelFile(
@@ -81,7 +82,7 @@ def export(
         staged.mkdir(parents=True)
         (staged / model.file_name).write_bytes(model.content)
         (staged / MANIFEST).write_text(manifest_json(manifest), encoding="utf-8")
-        parity = check_parity(staging, name, trained, windows, model.tolerance)
+        parity = check_parity(staging, name, trained, held_out, model.tolerance)
         manifest = manifest.model_copy(update={"parity": parity})
         (staged / MANIFEST).write_text(manifest_json(manifest), encoding="utf-8")
         (staged / CARD).write_text(card(manifest), encoding="utf-8")
@@ -91,6 +92,15 @@ def export(
     finally:
         shutil.rmtree(staging, ignore_errors=True)
     return manifest
+
+
+def _served_normalisation(trained: TrainedModel, folded: bool) -> Normalisation:
+    """The statistics of everything that the served model takes."""
+    normalisation, temperature = trained.record.normalisation, trained.record.temperature
+    means, stds = normalisation.input_mean, normalisation.input_std
+    if trained.serves_temperature and temperature is not None:
+        means, stds = (*means, temperature.mean), (*stds, temperature.std)
+    return normalisation.model_copy(update={"input_mean": means, "input_std": stds, "folded": folded})
 
 
 def _describe(family: str, combination: int, data: str) -> str:

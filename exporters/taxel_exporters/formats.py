@@ -6,7 +6,6 @@ from typing import Final
 
 from taxel.errors import ArtifactError
 from taxel.manifest import Platform
-from taxel_models.families.family import FittedModel
 from taxel_models.training.trained import TrainedModel
 
 
@@ -26,24 +25,52 @@ class ExportedModel:
     tolerance: float
 
 
-def _xgboost_json(fitted: FittedModel) -> ExportedModel:
+def _xgboost_json(trained: TrainedModel) -> ExportedModel:
     from taxel_exporters.merge import merge
     from taxel_models.families.xgb import XgbModel
 
-    assert isinstance(fitted, XgbModel)
-    return ExportedModel("xgboost_json", "model.json", merge(fitted.boosters), folded=False, tolerance=1e-3)
+    assert isinstance(trained.fitted, XgbModel)
+    content = merge(trained.fitted.boosters)
+    return ExportedModel("xgboost_json", "model.json", content, folded=False, tolerance=1e-3)
 
 
-_WRITERS: Final[dict[str, Callable[[FittedModel], ExportedModel]]] = {"xgb": _xgboost_json}
+def _trees_onnx(trained: TrainedModel) -> ExportedModel:
+    from taxel_exporters.onnx_trees import trees_onnx
+
+    content = trees_onnx(trained).SerializeToString(deterministic=True)
+    return ExportedModel("onnxruntime_onnx", "model.onnx", content, folded=True, tolerance=5e-2)
 
 
-def write(trained: TrainedModel) -> ExportedModel:
+def _network_onnx(trained: TrainedModel) -> ExportedModel:
+    from taxel_exporters.onnx_network import network_onnx
+
+    content = network_onnx(trained).SerializeToString(deterministic=True)
+    return ExportedModel("onnxruntime_onnx", "model.onnx", content, folded=True, tolerance=5e-2)
+
+
+_Writer = Callable[[TrainedModel], ExportedModel]
+
+_WRITERS: Final[dict[str, dict[str, _Writer]]] = {
+    "xgb": {"xgboost": _xgboost_json, "onnx": _trees_onnx},
+    "ffnn": {"onnx": _network_onnx},
+    "transformer": {"onnx": _network_onnx},
+    "network-a": {"onnx": _network_onnx},
+    "network-b": {"onnx": _network_onnx},
+}
+"""The formats of each family; the first is the default."""
+
+
+def write(trained: TrainedModel, model_format: str | None = None) -> ExportedModel:
     """The model file of a trained model.
 
     Raises:
-        ArtifactError: no format is known for its family.
+        ArtifactError: its family cannot be written, or not in this format.
     """
-    name = trained.record.training.family
-    if name not in _WRITERS:
-        raise ArtifactError(f"no export for family {name!r}: expected one of {', '.join(_WRITERS)}")
-    return _WRITERS[name](trained.fitted)
+    family = trained.record.training.family
+    writers = _WRITERS.get(family)
+    if writers is None:
+        raise ArtifactError(f"no export for family {family!r}: expected one of {', '.join(_WRITERS)}")
+    chosen = model_format or next(iter(writers))
+    if chosen not in writers:
+        raise ArtifactError(f"format {chosen!r} for {family}: expected one of {', '.join(writers)}")
+    return writers[chosen](trained)

@@ -4,33 +4,35 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 import taxel
 from taxel.channels import CHANNELS
 from taxel.errors import ArtifactError
 from taxel.manifest import Parity
+from taxel_models.training.dataset import Examples
 from taxel_models.training.trained import TrainedModel
 
 MOST_WINDOWS: Final = 8192
 
 
 def check_parity(
-    repository: Path, name: str, trained: TrainedModel, windows: NDArray[np.float32], tolerance: float
+    repository: Path, name: str, trained: TrainedModel, held_out: Examples, tolerance: float
 ) -> Parity:
     """Compare the artifact, as it will be served, with the library that trained the model.
 
     Args:
-        windows: (n, f) held-out windows; evenly spaced ones are taken where there are very many.
+        held_out: windows to compare on; evenly spaced ones are taken where there are very many.
         tolerance: largest difference allowed, counts.
 
     Raises:
         ArtifactError: a prediction differs by more than `tolerance`, or is not finite.
     """
-    chosen = windows[np.linspace(0, len(windows) - 1, min(len(windows), MOST_WINDOWS)).astype(np.int64)]
-    expected = trained.predict(chosen)
+    rows = np.linspace(0, len(held_out) - 1, min(len(held_out), MOST_WINDOWS)).astype(np.int64)
+    windows, temperature = held_out.windows[rows], held_out.temperature[rows].astype(np.float32)
+    served = trained.serves_temperature
+    expected = trained.predict(windows, temperature[:, 0] if served else None)
     with taxel.load(repository) as source:
-        found = source.predictor(name).predict(chosen)
+        found = source.predictor(name).predict(np.hstack([windows, temperature]) if served else windows)
     differences = np.abs(found.astype(np.float64) - expected)
     largest = float(differences.max())
     if not largest <= tolerance:
@@ -39,4 +41,4 @@ def check_parity(
             f"parity: window {row}, channel {CHANNELS[column]}: the artifact gives {found[row, column]}, "
             f"the trained model {expected[row, column]}: expected at most {tolerance:g} counts between them"
         )
-    return Parity(windows=len(chosen), largest_difference=largest, tolerance=tolerance)
+    return Parity(windows=len(rows), largest_difference=largest, tolerance=tolerance)

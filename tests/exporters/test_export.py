@@ -73,8 +73,10 @@ def test_an_artifact_that_fails_parity_is_not_written(
 ) -> None:
     original = formats.write
 
-    def with_one_tree_changed(trained: trained_models.TrainedModel) -> formats.ExportedModel:
-        model = original(trained)
+    def with_one_tree_changed(
+        trained: trained_models.TrainedModel, model_format: str | None
+    ) -> formats.ExportedModel:
+        model = original(trained, model_format)
         content = json.loads(model.content)
         tree = content["learner"]["gradient_booster"]["model"]["trees"][0]
         leaves = [node for node, left in enumerate(tree["left_children"]) if left == -1]

@@ -80,9 +80,8 @@ def train(
         return
     OUT.print(_table(record.training.metrics))
     counts = record.training.windows
-    OUT.print(
-        f"{counts['train']} windows to train, {counts['validation']} to stop early, {counts['test']} held out."
-    )
+    parts = ", ".join(f"{count} {part}" for part, count in counts.items())
+    OUT.print(f"Windows: {parts}.")
     OUT.print(f"Parameters: {record.parameters}. Best at {record.history.unit} {record.history.best}.")
     OUT.print(f"Wrote {output}. Next: taxel export {output} --repository REPO", soft_wrap=True)
 

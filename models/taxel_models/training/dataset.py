@@ -83,7 +83,7 @@ class Dataset:
             for part in Part:
                 chosen = of_window == part
                 found[part].append(Examples.at(recording, windows.values[chosen], windows.rows[chosen]))
-        parts = {part: _concatenate(found[part]) for part in Part}
+        parts = {part: concatenate(found[part]) for part in Part}
         for part, content in parts.items():
             if not len(content):
                 raise SettingsError(
@@ -111,6 +111,7 @@ def _part_of_windows(
     return np.where(whole, of_row[rows], np.int8(-1))
 
 
-def _concatenate(parts: list[Examples]) -> Examples:
+def concatenate(parts: list[Examples]) -> Examples:
+    """Examples one after another; at least one part, which may be empty."""
     columns = zip(*(vars(part).values() for part in parts), strict=True)
     return Examples(*(np.concatenate(column) for column in columns))

@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 from taxel.artifacts import describe
 from taxel.atomic import whole_folder
 from taxel.errors import ArtifactError
-from taxel.manifest import Normalisation, Training
+from taxel.manifest import ExtraFeature, Normalisation, Training, WindowLayout
 from taxel.scaling import Scaler
 from taxel.windows import WindowSpec
 from taxel_models.families.family import FittedModel, History
@@ -72,6 +72,19 @@ class TrainedModel:
     def spec(self) -> WindowSpec:
         """The window that it takes."""
         return WindowSpec.of(self.record.combination)
+
+    @property
+    def serves_temperature(self) -> bool:
+        """Whether the temperature is an input of the served model."""
+        return self.record.temperature is not None and self.record.temperature.served
+
+    @property
+    def layout(self) -> WindowLayout:
+        """What the served model takes: the window, and the temperature where it is served."""
+        extras: tuple[ExtraFeature, ...] = ()
+        if self.serves_temperature and self.record.temperature is not None:
+            extras = (ExtraFeature(name="tdc", unit="counts", default=self.record.temperature.mean),)
+        return WindowLayout.of(self.spec, extras)
 
     def predict(
         self, windows: NDArray[np.float32], temperature: NDArray[np.float32] | None = None

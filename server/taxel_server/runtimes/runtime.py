@@ -19,10 +19,6 @@ class Runtime(Protocol):
     def features(self) -> int:
         """Values in one window."""
 
-    @property
-    def parameters(self) -> int:
-        """Learned numbers in the model."""
-
     def evaluate(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
         """Counts (n, 21) float32 of windows (n, f) float32, C-contiguous, finite, n above 0."""
 
@@ -36,6 +32,7 @@ class RuntimeFactory(Protocol):
 
 _FACTORIES: Final[dict[Platform, str]] = {
     "xgboost_json": "taxel_server.runtimes.trees:TreesRuntime",
+    "onnxruntime_onnx": "taxel_server.runtimes.onnx_models:OnnxRuntime",
 }
 """Where each platform's factory lies: imported on first use, as each needs its own libraries."""
 

@@ -89,3 +89,22 @@ def test_fewer_rows_take_the_first_form_and_many_the_last() -> None:
     ]
     assert forms.steps(0) == []
     assert [(step.kernel, step.stop) for step in Forms((None,), (1.0,)).steps(900)] == [(0, 900)]
+
+
+@pytest.mark.skipif(os.uname().machine != "x86_64", reason="names x86 processors")
+def test_code_for_greater_processors_compiles() -> None:
+    # It is not run: the processor at hand may not have the instructions.
+    code = """
+from taxel_server.runtimes.trees import rows_in_lanes, trees_in_lanes
+from taxel_server.runtimes.trees.lookups import register_bytes
+assert register_bytes() == 64
+assert all(trees_in_lanes.find_exits(columns) for columns in (16, 48, 128, 256))
+assert all(rows_in_lanes.find_exits(bits, lanes) for bits in (8, 16) for lanes in (64, 256))
+assert rows_in_lanes.add_leaves(64)
+"""
+    features = "+ssse3,+avx,+avx2,+avx512f,+avx512bw,+avx512vl,+avx512dq,+avx512vbmi"
+    greater = {"NUMBA_CPU_NAME": "icelake-server", "NUMBA_CPU_FEATURES": features}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | greater, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr

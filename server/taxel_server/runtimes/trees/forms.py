@@ -14,7 +14,8 @@ from taxel_server.runtimes.trees.plans import Scratch
 from taxel_server.runtimes.trees.rows_form import RowsForm, RowsKernel
 from taxel_server.runtimes.trees.rows_layout import MOST_LEAVES
 from taxel_server.runtimes.trees.scales import Scales
-from taxel_server.runtimes.trees.trees_form import TILE, TreesKernel
+from taxel_server.runtimes.trees.trees_evaluation import TILE
+from taxel_server.runtimes.trees.trees_form import TreesKernel
 from taxel_server.runtimes.trees.walk import walk
 
 BLOCKS: Final = (64, 256)

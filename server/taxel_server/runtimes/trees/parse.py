@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.scan import ScannedText
 from taxel_server.runtimes.trees.schema import LearnerParam, Model, Tree
 
-_PER_NODE = (
+_PER_NODE: Final = (
     "left_children",
     "right_children",
     "split_indices",
@@ -52,8 +53,8 @@ def _forest(
     base_score: NDArray[np.float32],
     features: int,
 ) -> Forest:
-    sizes = np.array([tree.tree_param.num_nodes for tree in trees], dtype=np.int64)
-    arrays = {name: [getattr(tree, name)[0] for tree in trees] for name in _PER_NODE}
+    sizes = np.array([tree["tree_param"]["num_nodes"] for tree in trees], dtype=np.int64)
+    arrays = {name: [tree[name][0] for tree in trees] for name in _PER_NODE}
     for name, spans in arrays.items():
         lengths = text.lengths(spans)
         wrong = np.flatnonzero(lengths != sizes)

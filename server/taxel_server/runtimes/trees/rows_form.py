@@ -1,7 +1,7 @@
 """The form of a forest for many rows: blocks of rows go through all trees, then the leaves are summed."""
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numba
 import numpy as np
@@ -11,20 +11,12 @@ from taxel_server.runtimes.trees.calls import call
 from taxel_server.runtimes.trees.columns import rank_column, ranking_at
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
+from taxel_server.runtimes.trees.leaf_tables import LEAVES, write_leaf_tables
+from taxel_server.runtimes.trees.lookups import assembled_lane
 from taxel_server.runtimes.trees.plans import Scratch, array_at, pack
 from taxel_server.runtimes.trees.rows_in_lanes import add_leaves, find_exits
 from taxel_server.runtimes.trees.rows_layout import MOST_LEAVES, RowsLayout
 from taxel_server.runtimes.trees.scales import Scales, scales_at
-from taxel_server.runtimes.trees.vectors import assembled_lane, can_look_up
-
-LEAVES: Final = np.dtype([("table", "<i8"), ("exits", "<i4"), ("kind", "<i4")])
-"""Of a tree: its leaf table's first byte, its exits' place, and the table's kind.
-
-Kinds above 0 are byte tables: so many times 16 leaves, all their lowest bytes first. Kind 0 are
-floats found with 8-bit exits, -1 floats found with 16-bit exits.
-"""
-
-_ALIGNMENT: Final = 64
 
 
 class _Part(NamedTuple):
@@ -92,12 +84,12 @@ class RowsForm:
         most = int(places.max(initial=0)) + 2
         leaves = np.empty(forest.trees, dtype=LEAVES)
         leaves["exits"] = places[order]
-        tables = _leaf_tables(index, order, small[order], leaves)
-        layouts = [
+        tables = write_leaf_tables(index, order, small[order], leaves)
+        narrow, wide = (
             RowsLayout.of(index, bits, np.flatnonzero(chosen), forest.outputs, places, most, len(start) - 1)
             for bits, chosen in ((8, small), (16, ~small))
-        ]
-        return cls(*layouts, leaves, start, tables, most + 2, forest.base_score)
+        )
+        return cls(narrow, wide, leaves, start, tables, most + 2, forest.base_score)
 
     def kernel(self, lanes: int, scales: Scales) -> "RowsKernel":
         """Compiles the form for blocks of so many rows."""
@@ -150,38 +142,6 @@ class RowsKernel:
     def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32], scratch: Scratch) -> None:
         """Fills `result` (n, outputs) with what the forest says of `windows` (n, features)."""
         _evaluate(self._plan, scratch.plan, windows, result)
-
-
-def _leaf_tables(
-    index: InOrder, order: NDArray[np.int64], small: NDArray[np.bool_], leaves: NDArray[np.void]
-) -> NDArray[np.uint8]:
-    """Writes the leaf tables, and their place and kind into `leaves`."""
-    counts = index.leaves[order]
-    sixteens = -(-counts // 16)
-    kinds = np.where(sixteens > 4, 8, sixteens) if can_look_up() else np.zeros_like(counts)
-    leaves["kind"] = np.where(small, kinds, -1)
-    sizes = np.where(leaves["kind"] > 0, 64 * leaves["kind"], 4 * counts)
-    sizes = -(-sizes // _ALIGNMENT) * _ALIGNMENT
-    leaves["table"] = np.cumsum(sizes) - sizes
-    tables = np.zeros(int(sizes.sum()), dtype=np.uint8)
-    _write_tables(
-        index.leaf_start[order],
-        counts,
-        leaves["table"].copy(),
-        leaves["kind"].copy(),
-        index.value.view(np.uint8),
-        tables,
-    )
-    return tables
-
-
-@numba.njit(cache=True, nogil=True)
-def _write_tables(starts, counts, places, kinds, values, tables):  # type: ignore[no-untyped-def]
-    for tree in range(starts.size):
-        plane, step = (16 * kinds[tree], 1) if kinds[tree] > 0 else (1, 4)
-        for leaf in range(counts[tree]):
-            for byte in range(4):
-                tables[places[tree] + byte * plane + leaf * step] = values[4 * (starts[tree] + leaf) + byte]
 
 
 @numba.njit(cache=True, nogil=True)

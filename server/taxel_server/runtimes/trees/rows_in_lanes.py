@@ -5,18 +5,14 @@ from typing import Final
 
 import numba
 
+from taxel_server.runtimes.trees.lookups import assemble, can_look_up, gather, lookup, register_bytes
 from taxel_server.runtimes.trees.rows_layout import INTERLEAVED
 from taxel_server.runtimes.trees.vectors import (
     add,
-    assemble,
-    can_look_up,
-    gather,
     greater,
     integer_at,
     load,
     load_floats,
-    lookup,
-    register_bytes,
     select,
     splat,
     splat_at,

@@ -55,7 +55,7 @@ class TreesRuntime:
         self._forms = Forms.of(forest, Scales.of(normalisation))
         self._threads = threads
         self._pool = ThreadPoolExecutor(threads - 1, "trees") if threads > 1 else None
-        self._scratches = threading.local()
+        self._local = threading.local()
 
     def evaluate(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
         """(n, features) C-contiguous float32 to (n, outputs) float32; NaN and infinities are values too."""
@@ -84,7 +84,9 @@ class TreesRuntime:
 
     def _scratch(self, kernel: int) -> Scratch:
         """This thread's scratch for a kernel, made on first use."""
-        scratches: dict[int, Scratch] = self._scratches.__dict__
+        if not hasattr(self._local, "scratches"):
+            self._local.scratches = {}
+        scratches: dict[int, Scratch] = self._local.scratches
         if kernel not in scratches:
             scratches[kernel] = self._forms.kernels[kernel].scratch()
         return scratches[kernel]

@@ -5,17 +5,8 @@ from typing import Final
 
 import numba
 
-from taxel_server.runtimes.trees.vectors import (
-    greater,
-    load,
-    lookup,
-    prefetch,
-    register_bytes,
-    select,
-    splat,
-    store,
-    unbias,
-)
+from taxel_server.runtimes.trees.lookups import lookup, register_bytes
+from taxel_server.runtimes.trees.vectors import greater, load, prefetch, select, splat, store, unbias
 
 _AHEAD: Final = 4096
 """Bytes by which the first row runs ahead of the nodes it asks for."""

@@ -14,8 +14,11 @@ from taxel_server.runtimes.trees.in_order import InOrder
 TABLE_SIZES: Final = (16, 32, 48, 64, 128, 256)
 """How many columns a row's byte ranks may have, padded."""
 
-LINKED_NODE: Final = np.dtype([("column", "<u2"), ("limit", "<i2"), ("left", "<i4")])
-"""A node of a large tree; its right child follows its left one, and a leaf is its own left child."""
+LINKED_NODE: Final = np.dtype([("column", "<u2"), ("limit", "<u2"), ("left", "<i4")])
+"""A node of a large tree; its right child follows its left one, and a leaf is its own left child.
+
+Limits are not biased here.
+"""
 
 
 @dataclass(frozen=True)
@@ -102,7 +105,8 @@ class Linked:
         is_inner = inner >= 0
         nodes["left"] = left
         nodes["column"] = np.where(is_inner, columns.column[inner] if len(columns) else 0, len(columns))
-        nodes["limit"] = np.where(is_inner, columns.limit[inner] if len(columns) else 0, np.int16(32767))
+        limit = columns.limit[inner].astype(np.int32) + 32768 if len(columns) else 0
+        nodes["limit"] = np.where(is_inner, limit, 65535)
         return cls(columns, root, nodes, forest.value[source], trees)
 
 

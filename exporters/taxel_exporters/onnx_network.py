@@ -1,0 +1,96 @@
+"""Writes a torch network as ONNX: raw windows in, counts out, normalisation and weights inside."""
+
+import logging
+import warnings
+from typing import Final
+
+import onnx
+import torch
+from torch import Tensor, nn
+
+from taxel.channels import CHANNELS
+from taxel.manifest import INPUT_NAME, OUTPUT_NAME
+from taxel.protocol import MAX_ROWS
+from taxel.scaling import Scaler
+from taxel_models.families.networks.network import NetworkModel
+from taxel_models.training.trained import TrainedModel
+
+OPSET: Final = 20
+IR_VERSION: Final = 10
+
+
+class _Served(nn.Module):
+    """What is served: `taxel.scaling` before and after the network, its first 21 outputs.
+
+    The temperature is the window's last column where it is served; elsewhere it is fixed at its
+    mean, which is 0 in z-scores.
+    """
+
+    input_mean: Tensor
+    input_std: Tensor
+    output_mean: Tensor
+    output_std: Tensor
+
+    def __init__(self, trained: TrainedModel, model: NetworkModel) -> None:
+        super().__init__()
+        record = trained.record
+        self.network = model.network
+        self.fixed_temperature = model.takes_temperature and not trained.serves_temperature
+        normalisation = record.normalisation
+        means, stds = list(normalisation.input_mean), list(normalisation.input_std)
+        if trained.serves_temperature and record.temperature is not None:
+            means.append(record.temperature.mean)
+            stds.append(record.temperature.std)
+        for name, scaler in (
+            ("input", Scaler.of(means, stds)),
+            ("output", Scaler.of(normalisation.output_mean, normalisation.output_std)),
+        ):
+            self.register_buffer(f"{name}_mean", torch.from_numpy(scaler.mean))
+            self.register_buffer(f"{name}_std", torch.from_numpy(scaler.std))
+
+    def forward(self, window: Tensor) -> Tensor:
+        columns = (window - self.input_mean) / self.input_std
+        if self.fixed_temperature:
+            columns = torch.cat([columns, torch.zeros_like(columns[:, :1])], dim=1)
+        served: Tensor = self.network(columns)[:, : len(CHANNELS)]
+        return served * self.output_std + self.output_mean
+
+
+def network_onnx(trained: TrainedModel) -> onnx.ModelProto:
+    """The ONNX model of a trained network; its batch axis is free from 1 to 65,536."""
+    fitted = trained.fitted
+    assert isinstance(fitted, NetworkModel)
+    served = _Served(trained, fitted).cpu().eval()
+    example = torch.zeros(2, len(trained.layout.features))
+    rows = torch.export.Dim("n", min=1, max=MAX_ROWS)
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)
+    with warnings.catch_warnings():
+        # torch's exporter warns of its own deprecated parts.
+        warnings.simplefilter("ignore")
+        program = torch.onnx.export(
+            served,
+            (example,),
+            dynamo=True,
+            opset_version=OPSET,
+            input_names=[INPUT_NAME],
+            output_names=[OUTPUT_NAME],
+            dynamic_shapes=({0: rows},),
+            verbose=False,
+        )
+    assert program is not None
+    return plain(program.model_proto)
+
+
+def plain(model: onnx.ModelProto) -> onnx.ModelProto:
+    """A model without the exporter's notes, which name files of the machine that it ran on."""
+    model.ir_version = IR_VERSION
+    model.producer_name, model.producer_version = "taxel", ""
+    del model.metadata_props[:]
+    graph = model.graph
+    graph.doc_string = ""
+    for part in (graph, *graph.node, *graph.input, *graph.output, *graph.value_info, *graph.initializer):
+        del part.metadata_props[:]
+        part.doc_string = ""
+    del graph.value_info[:]
+    onnx.checker.check_model(model)
+    return model

@@ -1,0 +1,78 @@
+"""Evaluates ONNX models with ONNX Runtime."""
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from taxel.channels import CHANNELS
+from taxel.errors import ArtifactError
+from taxel.manifest import INPUT_NAME, OUTPUT_NAME, Normalisation
+
+DEFAULT_PROVIDERS: Final = ("CPUExecutionProvider",)
+
+
+class OnnxRuntime:
+    """One ONNX model that takes raw windows and gives counts. Thread-safe; lets go of the GIL.
+
+    Threads and spinning are set, not left to defaults: a library that spins on every core beside
+    a simulator's loop steals the loop's time. With one thread the caller's own computes.
+
+    Args:
+        normalisation: has to be folded into the model.
+        threads: that one evaluation may use.
+        providers: ONNX Runtime's execution providers, best first.
+
+    Raises:
+        ArtifactError: the file is not such a model, or a provider is not available.
+    """
+
+    def __init__(
+        self,
+        model_path: Path,
+        normalisation: Normalisation,
+        threads: int = 1,
+        providers: tuple[str, ...] = DEFAULT_PROVIDERS,
+    ) -> None:
+        if not normalisation.folded:
+            raise ArtifactError(f"{model_path}: expected an ONNX model with its normalisation folded in")
+        missing = [name for name in providers if name not in onnxruntime.get_available_providers()]
+        if missing:
+            known = ", ".join(onnxruntime.get_available_providers())
+            raise ArtifactError(f"ONNX Runtime has no {', '.join(missing)} here; it has: {known}")
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads
+        options.inter_op_num_threads = 1
+        options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        options.log_severity_level = 3
+        try:
+            self._session = onnxruntime.InferenceSession(model_path, options, providers=list(providers))
+        except Exception as error:  # ONNX Runtime raises classes of its own for each kind of damage
+            reason = str(error).strip().splitlines()[0]
+            raise ArtifactError(f"{model_path}: ONNX Runtime cannot load it: {reason}") from None
+        self._features = self._checked_shapes(model_path)
+
+    def _checked_shapes(self, model_path: Path) -> int:
+        inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
+        if [one.name for one in inputs] != [INPUT_NAME] or not outputs or outputs[0].name != OUTPUT_NAME:
+            found = f"{[one.name for one in inputs]} to {[one.name for one in outputs]}"
+            raise ArtifactError(f"{model_path}: {found}: expected {INPUT_NAME} to {OUTPUT_NAME}")
+        shape = inputs[0].shape
+        if len(shape) != 2 or not isinstance(shape[1], int) or outputs[0].shape[1:] != [len(CHANNELS)]:
+            shapes = f"{shape} to {outputs[0].shape}"
+            raise ArtifactError(f"{model_path}: {shapes}: expected (n, f) to (n, {len(CHANNELS)})")
+        return shape[1]
+
+    @property
+    def features(self) -> int:
+        """Values in one window."""
+        return self._features
+
+    def evaluate(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Counts (n, 21) float32 of windows (n, f) float32, C-contiguous, finite, n above 0."""
+        (channels,) = self._session.run([OUTPUT_NAME], {INPUT_NAME: windows})
+        result: NDArray[np.float32] = channels
+        return result

@@ -1,0 +1,195 @@
+"""Table look-ups in vectors: the operations that have an instruction of their own on each processor.
+
+An instruction that the processor does not have would end the process, so each is chosen by the
+features that code is generated for. Without byte shuffles (`can_look_up`), only `gather` works.
+"""
+
+from typing import Final
+
+from llvmlite import ir
+from numba.core import types
+from numba.core.registry import cpu_target
+from numba.extending import intrinsic
+
+from taxel_server.runtimes.trees.vectors import FloatVector, lane_numbers, llvm_type, take
+
+_BYTE: Final = ir.IntType(8)
+_BYTES_IN_A_SHUFFLE: Final = 16
+
+
+def processor_has(*features: str) -> bool:
+    """Whether code is generated for a processor with all these features, in LLVM's names."""
+    _, _, found = cpu_target.target_context.codegen().magic_tuple()
+    return {f"+{feature}" for feature in features} <= set(found.split(","))
+
+
+def can_look_up() -> bool:
+    """Whether `lookup` can be compiled."""
+    return processor_has("ssse3")
+
+
+@intrinsic
+def assemble(_context, byte0, byte1, byte2, byte3):  # type: ignore[no-untyped-def]
+    """Float32 values of their four bytes, the lowest first; value i is that of lane `assembled_lane`[i]."""
+    result = FloatVector(byte0.lanes)
+
+    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+        width = min(register_bytes(), byte0.lanes)
+        pieces = []
+        for first in range(0, byte0.lanes, width):
+            one, two, three, four = (take(builder, byte, range(first, first + width)) for byte in arguments)
+            low, high = _unpack(builder, one, two, 1), _unpack(builder, three, four, 1)
+            pieces += [part for pair in zip(low, high, strict=True) for part in _unpack(builder, *pair, 2)]
+        return builder.bitcast(_join(builder, pieces), llvm_type(result))
+
+    return result(byte0, byte1, byte2, byte3), generate
+
+
+def assembled_lane(lanes: int) -> list[int]:
+    """The lane whose value `assemble` puts at each place: it is spared the shuffles to sort them."""
+    width = min(register_bytes(), lanes)
+    quarter = width // 4
+    places = []
+    for place in range(lanes):
+        register, inside = divmod(place, width)
+        part, rest = divmod(inside, quarter)
+        half, entry = divmod(rest, 4)
+        places.append(width * register + 16 * half + 4 * part + entry)
+    return places
+
+
+@intrinsic(prefer_literal=True)
+def gather(_context, _table, _places, bits, lanes):  # type: ignore[no-untyped-def]
+    """The float32 values of a table at the unsigned places in memory, in the order of `assembled_lane`."""
+    vector = FloatVector(lanes.literal_value)
+    integer = ir.IntType(bits.literal_value)
+
+    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+        float_type, index = ir.FloatType(), ir.IntType(64)
+        base = builder.inttoptr(arguments[0], float_type.as_pointer())
+        first = builder.inttoptr(arguments[1], integer.as_pointer())
+        result = ir.Constant(llvm_type(vector), ir.Undefined)
+        for lane, source in enumerate(assembled_lane(vector.lanes)):
+            place = builder.load(
+                builder.gep(first, [index(source)], source_etype=integer), align=1, typ=integer
+            )
+            leaf = builder.gep(base, [builder.zext(place, index)], source_etype=float_type)
+            value = builder.load(leaf, align=4, typ=float_type)
+            result = builder.insert_element(result, value, ir.IntType(32)(lane))
+        return result
+
+    return vector(types.intp, types.intp, bits, lanes), generate
+
+
+@intrinsic(prefer_literal=True)
+def lookup(_context, _table, size, places):  # type: ignore[no-untyped-def]
+    """table[place] in every lane: `size` bytes in memory, 16, 32, 48, 64, 128 or 256 of them."""
+
+    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+        width = min(register_bytes(), places.lanes)
+        wide = width == 64 and processor_has("avx512vbmi")
+        permute = _permute_by_wide_table if wide else _permute_by_shuffles
+        pieces = [
+            permute(
+                builder,
+                arguments[0],
+                size.literal_value,
+                take(builder, arguments[2], range(first, first + width)),
+            )
+            for first in range(0, places.lanes, width)
+        ]
+        return _join(builder, pieces)
+
+    return places(types.intp, size, places), generate
+
+
+def _permute_by_shuffles(builder: ir.IRBuilder, table: ir.Value, size: int, places: ir.Value) -> ir.Value:
+    """One byte shuffle for every 16 entries; the places' upper bits choose among their results."""
+    width = places.type.count
+    name = {
+        16: "llvm.x86.ssse3.pshuf.b.128",
+        32: "llvm.x86.avx2.pshuf.b",
+        64: "llvm.x86.avx512.pshuf.b.512",
+    }
+    function = _declare(builder, name[width], places.type, [places.type, places.type])
+    # A shuffle looks at the lowest four bits, and gives 0 where the highest is set.
+    low = builder.and_(places, _constant(0x0F, width)) if size > 128 else places
+    found = []
+    for first in range(0, size, _BYTES_IN_A_SHUFFLE):
+        # Loaded one by one, or LLVM would load them together and spend shuffles to part them.
+        entries = _load_bytes(builder, table, first, _BYTES_IN_A_SHUFFLE)
+        everywhere = take(builder, entries, [lane % _BYTES_IN_A_SHUFFLE for lane in range(width)])
+        found.append(builder.call(function, [everywhere, low]))
+    return _choose(builder, found, places, bit=4)
+
+
+def _permute_by_wide_table(builder: ir.IRBuilder, table: ir.Value, size: int, places: ir.Value) -> ir.Value:
+    """AVX-512 VBMI: 64 or 128 entries in one instruction."""
+    vector = places.type
+    if size <= 64:
+        entries = _load_bytes(builder, table, 0, size)
+        function = _declare(builder, "llvm.x86.avx512.permvar.qi.512", vector, [vector, vector])
+        return builder.call(function, [take(builder, entries, [lane % size for lane in range(64)]), places])
+    function = _declare(builder, "llvm.x86.avx512.vpermi2var.qi.512", vector, [vector] * 3)
+    found = []
+    for first in range(0, size, 128):
+        low = _load_bytes(builder, table, first, 64)
+        high = _load_bytes(builder, table, first + 64, 64)
+        found.append(builder.call(function, [low, places, high]))
+    return _choose(builder, found, places, bit=7)
+
+
+def _choose(builder: ir.IRBuilder, found: list[ir.Value], places: ir.Value, bit: int) -> ir.Value:
+    """Halves the candidates by one bit of the places after another, the lowest first."""
+    while len(found) > 1:
+        shifted = builder.shl(places, _constant(7 - bit, places.type.count))
+        upper = builder.icmp_signed("<", shifted, _constant(0, places.type.count))
+        last = found[len(found) // 2 * 2 :]
+        found = [
+            builder.select(upper, high, low) for low, high in zip(found[::2], found[1::2], strict=False)
+        ]
+        found += last
+        bit += 1
+    return found[0]
+
+
+def _unpack(builder: ir.IRBuilder, left: ir.Value, right: ir.Value, size: int) -> list[ir.Value]:
+    """Alternates elements of `size` bytes, for the low and the high half of every 16 bytes."""
+    count = left.type.count
+    halves = []
+    for half in (0, 8):
+        places = []
+        for first in range(0, count, 16):
+            for element in range(first + half, first + half + 8, size):
+                places += [*range(element, element + size), *range(count + element, count + element + size)]
+        halves.append(builder.shuffle_vector(left, right, lane_numbers(places)))
+    return halves
+
+
+def _join(builder: ir.IRBuilder, pieces: list[ir.Value]) -> ir.Value:
+    while len(pieces) > 1:
+        joined = lane_numbers(range(2 * pieces[0].type.count))
+        pieces = [
+            builder.shuffle_vector(low, high, joined)
+            for low, high in zip(pieces[::2], pieces[1::2], strict=True)
+        ]
+    return pieces[0]
+
+
+def register_bytes() -> int:
+    """Bytes in the widest register whose bytes can be shuffled."""
+    return 64 if processor_has("avx512bw") else 32 if processor_has("avx2") else 16
+
+
+def _declare(builder: ir.IRBuilder, name: str, result: ir.Type, arguments: list[ir.Type]) -> ir.Function:
+    return builder.module.declare_intrinsic(name, (), ir.FunctionType(result, arguments))
+
+
+def _load_bytes(builder: ir.IRBuilder, address: ir.Value, first: int, count: int) -> ir.Value:
+    vector = ir.VectorType(_BYTE, count)
+    pointer = builder.inttoptr(builder.add(address, address.type(first)), vector.as_pointer())
+    return builder.load(pointer, align=1, typ=vector)
+
+
+def _constant(value: int, lanes: int) -> ir.Constant:
+    return ir.Constant(ir.VectorType(_BYTE, lanes), [value] * lanes)
