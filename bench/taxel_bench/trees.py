@@ -1,4 +1,4 @@
-"""The trees runtime against one XGBRegressor a channel, on random forests: `python -m taxel_bench.trees`."""
+"""The trees runtime against one XGBRegressor a channel: `python -m taxel_bench.trees`."""
 
 import argparse
 import json
@@ -37,15 +37,14 @@ def main() -> None:
     print(f"{'rows':>5} {'XGBoost':>9} {'cold':>9} {'':>6} {'warm':>9} {'':>6}")
     for rows in ROWS:
         reference, cold, warm = compare(ours, theirs, shape.features, rows, arguments.repetitions)
-        print(
-            f"{rows:5d} {reference:9.2f} {cold:9.3f} {reference / cold:5.0f}x {warm:9.3f} {reference / warm:5.0f}x"
-        )
+        print(f"{rows:5d} {reference:9.2f}", end="")
+        print(f" {cold:9.3f} {reference / cold:5.0f}x {warm:9.3f} {reference / warm:5.0f}x")
 
 
 def compare(
     ours: Predict, theirs: Predict, features: int, rows: int, repetitions: int
 ) -> tuple[float, float, float]:
-    """Median milliseconds of theirs, of ours right after theirs (cold caches), and of ours by itself (warm).
+    """Median milliseconds: theirs, ours right after theirs (cold caches), and ours by itself (warm).
 
     Raises:
         AssertionError: the two differ in a single bit.

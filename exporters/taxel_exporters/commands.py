@@ -1,16 +1,27 @@
 """`taxel export`: make a trained model servable."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from taxel.commands.frame import ERR, OUT, Json, print_json
+from taxel.errors import SettingsError
+from taxel.manifest import Manifest
+
+
+class Origin(StrEnum):
+    """What there is to export."""
+
+    TRAINED = "trained"
+    GAZEBO_PLUGIN = "gazebo-plugin"
 
 
 def export(
-    folder: Annotated[Path, typer.Argument(help="What `taxel train` wrote.")],
+    source: Annotated[Path, typer.Argument(help="What `taxel train` wrote, or the plugin's model.yaml.")],
     repository: Annotated[Path, typer.Option("--repository", metavar="REPO", help="Where to add it.")],
+    origin: Annotated[Origin, typer.Option("--from", help="Who trained it.")] = Origin.TRAINED,
     name: Annotated[str | None, typer.Option(help="Name to serve it under; the family's if none.")] = None,
     version: Annotated[str | None, typer.Option(help="Version; the next free one if none.")] = None,
     model_format: Annotated[
@@ -20,17 +31,20 @@ def export(
     as_json: Json = False,
 ) -> None:
     """Export a trained model to a repository, checked against the trained one."""
-    from taxel_exporters.export import export as run
-
     with ERR.status("exporting and checking parity"):
-        manifest = run(
-            folder,
-            repository,
-            name=name,
-            version=version,
-            model_format=model_format,
-            description=description,
-        )
+        if origin is Origin.TRAINED:
+            from taxel_exporters.export import export as run
+
+            manifest = run(
+                source,
+                repository,
+                name=name,
+                version=version,
+                model_format=model_format,
+                description=description,
+            )
+        else:
+            manifest = _import(source, repository, name, version, model_format, description)
     if as_json:
         print_json(manifest.model_dump(mode="json"))
         return
@@ -38,7 +52,24 @@ def export(
     OUT.print(f"Wrote {place}: {manifest.parameters} parameters, {manifest.model_file.size / 1e6:.1f} MB.")
     if manifest.parity:
         OUT.print(
-            f"Parity on {manifest.parity.windows} held-out windows: largest difference "
+            f"Parity on {manifest.parity.windows} {'held-out' if manifest.training else 'random'} windows: largest difference "
             f"{manifest.parity.largest_difference:g} counts (allowed {manifest.parity.tolerance:g})."
         )
     OUT.print(f"Next: taxel serve --repository {repository}", soft_wrap=True)
+
+
+def _import(
+    source: Path,
+    repository: Path,
+    name: str | None,
+    version: str | None,
+    model_format: str | None,
+    description: str | None,
+) -> Manifest:
+    from taxel_exporters.gazebo.importer import import_network
+
+    if model_format not in (None, "onnx"):
+        raise SettingsError(f"--format {model_format!r}: a network of the Gazebo plugin is written as onnx")
+    if name is None:
+        raise SettingsError("--from gazebo-plugin: expected --name NAME, to serve it under")
+    return import_network(source, repository, name=name, version=version, description=description)

@@ -1,23 +1,17 @@
 """Export: a trained model becomes a new version in a repository, or nothing is written."""
 
 import hashlib
-import shutil
-import tempfile
 from pathlib import Path
-from typing import Final
 
-from taxel import __version__, artifacts
-from taxel.artifacts import MANIFEST, manifest_json
-from taxel.errors import ArtifactError, NotFound, SettingsError
+from taxel import __version__
+from taxel.errors import ArtifactError
 from taxel.manifest import Manifest, ModelFile, Normalisation, tensors
 from taxel_exporters import formats
-from taxel_exporters.card import card
 from taxel_exporters.parity import check_parity
+from taxel_exporters.publish import free_version, publish
 from taxel_models.training import trained as trained_models
 from taxel_models.training.dataset import concatenate, examples
 from taxel_models.training.trained import TrainedModel
-
-CARD: Final = "README.md"
 
 
 def export(
@@ -51,11 +45,10 @@ def export(
         raise ArtifactError(f"{folder}: its held-out recordings give no window to check the export with")
     training = trained.record.training
     name = name or training.family
-    version = version or _next_version(repository, name)
-    place = _free_place(repository, name, version)
+    version = free_version(repository, name, version)
     model = formats.write(trained, model_format)
     layout = trained.layout
-    inputs, outputs = tensors(layout)
+    inputs, outputs = tensors(layout, spread=model.spread)
     manifest = Manifest(
         name=name,
         version=version,
@@ -75,23 +68,12 @@ def export(
         ),
         taxel_version=__version__,
     )
-    repository.mkdir(parents=True, exist_ok=True)
-    staging = Path(tempfile.mkdtemp(prefix=".export.", dir=repository))
-    try:
-        staged = staging / name / version
-        staged.mkdir(parents=True)
-        (staged / model.file_name).write_bytes(model.content)
-        (staged / MANIFEST).write_text(manifest_json(manifest), encoding="utf-8")
-        parity = check_parity(staging, name, trained, held_out, model.tolerance)
-        manifest = manifest.model_copy(update={"parity": parity})
-        (staged / MANIFEST).write_text(manifest_json(manifest), encoding="utf-8")
-        (staged / CARD).write_text(card(manifest), encoding="utf-8")
-        artifacts.read(staged)
-        place.parent.mkdir(exist_ok=True)
-        staged.rename(place)
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-    return manifest
+    return publish(
+        repository,
+        manifest,
+        model.content,
+        lambda staging: check_parity(staging, name, trained, held_out, model.tolerance),
+    )
 
 
 def _served_normalisation(trained: TrainedModel, folded: bool) -> Normalisation:
@@ -105,21 +87,3 @@ def _served_normalisation(trained: TrainedModel, folded: bool) -> Normalisation:
 
 def _describe(family: str, combination: int, data: str) -> str:
     return f"A BioTac fingertip: {family} on input combination {combination}, trained on {data} data."
-
-
-def _next_version(repository: Path, name: str) -> str:
-    try:
-        return str(int(artifacts.versions(repository, name)[-1]) + 1)
-    except (ArtifactError, NotFound, IndexError):
-        return "1"
-
-
-def _free_place(repository: Path, name: str, version: str) -> Path:
-    if not artifacts.is_name(name):
-        raise SettingsError(f"--name {name!r}: expected letters, digits, '.', '_' or '-', at most 64")
-    if not artifacts.is_version(version):
-        raise SettingsError(f"--version {version!r}: expected a positive whole number")
-    place = repository / name / version
-    if place.exists():
-        raise SettingsError(f"{place} exists already: versions do not change; choose another")
-    return place

@@ -16,6 +16,7 @@ class ExportedModel:
     Attributes:
         folded: the file takes raw windows and gives counts by itself.
         tolerance: largest difference from the trained model that the format explains, counts.
+        spread: the file gives how far its members lie apart as a second output.
     """
 
     platform: Platform
@@ -23,6 +24,7 @@ class ExportedModel:
     content: bytes
     folded: bool
     tolerance: float
+    spread: bool = False
 
 
 def _xgboost_json(trained: TrainedModel) -> ExportedModel:
@@ -48,6 +50,15 @@ def _network_onnx(trained: TrainedModel) -> ExportedModel:
     return ExportedModel("onnxruntime_onnx", "model.onnx", content, folded=True, tolerance=5e-2)
 
 
+def _ensemble_onnx(trained: TrainedModel) -> ExportedModel:
+    from taxel_exporters.onnx_ensemble import ensemble_onnx
+
+    content = ensemble_onnx(trained).SerializeToString(deterministic=True)
+    return ExportedModel(
+        "onnxruntime_onnx", "model.onnx", content, folded=True, tolerance=5e-2, spread=True
+    )
+
+
 _Writer = Callable[[TrainedModel], ExportedModel]
 
 _WRITERS: Final[dict[str, dict[str, _Writer]]] = {
@@ -56,6 +67,7 @@ _WRITERS: Final[dict[str, dict[str, _Writer]]] = {
     "transformer": {"onnx": _network_onnx},
     "network-a": {"onnx": _network_onnx},
     "network-b": {"onnx": _network_onnx},
+    "ensemble": {"onnx": _ensemble_onnx},
 }
 """The formats of each family; the first is the default."""
 

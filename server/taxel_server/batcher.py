@@ -17,7 +17,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.channels import CHANNELS
 from taxel.errors import Internal, RequestError, ResourceExhausted, Unavailable
 from taxel.protocol import InferResponse
 from taxel_server.engine import LoadedModel
@@ -151,7 +150,7 @@ class Batcher:
         started = time.monotonic()
         try:
             outputs = model.evaluate(joined)
-            if outputs.shape != (len(joined), len(CHANNELS)):
+            if outputs.shape != (len(joined), model.columns):
                 raise ValueError(f"predicted {outputs.shape} for {joined.shape}")
         except Exception:
             if len(pieces) > 1:

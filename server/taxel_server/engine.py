@@ -34,8 +34,13 @@ class LoadedModel:
         """Name and version, for messages."""
         return f"{self.manifest.name}/{self.manifest.version}"
 
+    @property
+    def columns(self) -> int:
+        """What a window is turned into: 21 channels, and their spread where the model gives it."""
+        return len(CHANNELS) * len(self.manifest.outputs)
+
     def evaluate(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Counts (n, 21) float32 of windows (n, f) float32, already checked."""
+        """Counts (n, columns) float32 of windows (n, f) float32, already checked."""
         return self.runtime.evaluate(windows)
 
 
@@ -152,8 +157,8 @@ def load_model(folder: Path, threads: int = 1) -> LoadedModel:
     window = np.asarray(artifact.manifest.normalisation.input_mean, dtype=np.float32)
     for rows in _WARM_UP_ROWS:
         outputs = model.evaluate(np.tile(window, (rows, 1)))
-        if outputs.shape != (rows, len(CHANNELS)):
-            raise ArtifactError(f"{folder}: predicts {outputs.shape}, expected {(rows, len(CHANNELS))}")
+        if outputs.shape != (rows, model.columns):
+            raise ArtifactError(f"{folder}: predicts {outputs.shape}, expected {(rows, model.columns)}")
         if not np.isfinite(outputs).all():
             raise ArtifactError(f"{folder}: predicts values that are not finite for a mean window")
     return model

@@ -57,6 +57,8 @@ class Work:
                 f"inputs[0].shape: {shape}: expected [n, {len(features)}] for {job.model.label}"
             )
         check_finite(request.windows, features)
+        if request.spread and not manifest.gives_spread:
+            raise InvalidArgument(f"outputs[1]: {job.model.label} gives no spread: expected an ensemble")
         self.job: Final = job
         self._request: Final = request
         self._timeout_s: Final = inf if request.timeout_ms is None else request.timeout_ms / 1e3
@@ -88,12 +90,12 @@ class Work:
             )
 
     def keep(self, outputs: NDArray[np.float32], *, started: float, ended: float, batch_rows: int) -> None:
-        """Take the outputs (m, 21) of the next m windows, and how they came to be."""
+        """Take the outputs (m, columns) of the next m windows, and how they came to be."""
         if len(outputs) == len(self._request.windows):
             self._outputs = outputs
         else:
             if self._outputs is None:
-                self._outputs = np.empty((len(self._request.windows), len(CHANNELS)), np.float32)
+                self._outputs = np.empty((len(self._request.windows), outputs.shape[1]), np.float32)
             self._outputs[self._done : self._done + len(outputs)] = outputs
         self._done += len(outputs)
         self._started = started if self._started is None else self._started
@@ -106,7 +108,8 @@ class Work:
         assert self._started is not None
         manifest = self.job.model.manifest
         return InferResponse(
-            outputs=self._outputs,
+            outputs=self._outputs[:, : len(CHANNELS)],
+            spread=self._outputs[:, len(CHANNELS) :] if self._request.spread else None,
             model_name=manifest.name,
             model_version=manifest.version,
             id=self._request.id,

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
+from taxel.channels import CHANNELS
 from taxel.errors import Unavailable
 from taxel.predictor import ModelInfo, Predictor, PredictorSource
 from taxel_server.engine import Engine, LoadedModel
@@ -62,7 +63,16 @@ class LocalPredictor(Predictor):
     @override
     def predict(self, windows: NDArray[Any], *, timeout: float | None = None) -> NDArray[np.float32]:
         self._source.check_open()
-        return self._evaluate(self.checked(windows))
+        return self._evaluate(self.checked(windows))[:, : len(CHANNELS)]
+
+    @override
+    def predict_with_spread(
+        self, windows: NDArray[Any], *, timeout: float | None = None
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        self._source.check_open()
+        self.check_gives_spread()
+        outputs = self._evaluate(self.checked(windows))
+        return outputs[:, : len(CHANNELS)], outputs[:, len(CHANNELS) :]
 
 
 def open_repository(path: Path) -> LocalSource:

@@ -143,5 +143,5 @@ def test_a_bad_hyperparameter_is_named(overrides: dict[str, object], message: st
 
 
 def test_an_unknown_family_is_refused() -> None:
-    with pytest.raises(SettingsError, match="expected one of xgb"):
+    with pytest.raises(SettingsError, match="expected one of xgb, ffnn"):
         family("svm")

@@ -11,6 +11,8 @@ SCHEMA: Final = 1
 
 INPUT_NAME: Final = "window"
 OUTPUT_NAME: Final = "channels"
+SPREAD_NAME: Final = "spread"
+"""An ensemble's second output: the standard deviation of its members, counts."""
 
 Platform = Literal["xgboost_json", "onnxruntime_onnx"]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
@@ -115,8 +117,16 @@ class Training(_Part):
     metrics: dict[str, Any]
 
 
+class Imported(_Part):
+    """What a model was made from that another program trained; how it came to be is not known."""
+
+    format: str
+    file: str
+    sha256: Sha256
+
+
 class Parity(_Part):
-    """How far the exported model's predictions are from the trained one's, in counts."""
+    """How far the artifact's predictions are from those of what it was made from, in counts."""
 
     windows: int
     largest_difference: FiniteFloat
@@ -134,6 +144,8 @@ class ModelFile(_Part):
 class Manifest(_Part):
     """Everything there is to know of an artifact besides its weights.
 
+    `training` says how it came to be, or `imported` what it was made from: one of the two.
+
     Raises:
         pydantic.ValidationError: any part is missing, unknown or at odds with another.
     """
@@ -144,16 +156,22 @@ class Manifest(_Part):
     description: str
     platform: Platform
     inputs: tuple[Tensor]
-    outputs: tuple[Tensor]
+    outputs: tuple[Tensor] | tuple[Tensor, Tensor]
     window: WindowLayout
     channels: tuple[str, ...] = CHANNELS
     normalisation: Normalisation
     effects: tuple[dict[str, Any], ...] = ()
     parameters: int
-    training: Training
+    training: Training | None
+    imported: Imported | None = None
     parity: Parity | None = None
     model_file: ModelFile
     taxel_version: str
+
+    @property
+    def gives_spread(self) -> bool:
+        """Whether it says how far its members lie apart."""
+        return len(self.outputs) > 1
 
     @property
     def spec(self) -> WindowSpec:
@@ -165,10 +183,12 @@ class Manifest(_Part):
         features, channels = len(self.window.features), len(CHANNELS)
         if self.channels != CHANNELS:
             raise ValueError(f"channels {list(self.channels)}: expected {list(CHANNELS)}")
-        for where, tensor, name, length in (
-            ("inputs[0]", self.inputs[0], INPUT_NAME, features),
-            ("outputs[0]", self.outputs[0], OUTPUT_NAME, channels),
+        described = [("inputs[0]", self.inputs[0], INPUT_NAME, features)]
+        for number, (tensor, name) in enumerate(
+            zip(self.outputs, (OUTPUT_NAME, SPREAD_NAME), strict=False)
         ):
+            described.append((f"outputs[{number}]", tensor, name, channels))
+        for where, tensor, name, length in described:
             if tensor.name != name or tensor.shape[1] != length:
                 raise ValueError(f"{where} is {tensor.name} {tensor.shape}: expected {name} (-1, {length})")
         for field, length in (
@@ -180,6 +200,8 @@ class Manifest(_Part):
             values = getattr(self.normalisation, field)
             if len(values) != length:
                 raise ValueError(f"normalisation.{field} has {len(values)} values: expected {length}")
+        if (self.training is None) == (self.imported is None):
+            raise ValueError("expected either training or imported to be given")
         suffix = "json" if self.platform == "xgboost_json" else "onnx"
         if self.model_file.name != f"model.{suffix}":
             raise ValueError(
@@ -188,9 +210,10 @@ class Manifest(_Part):
         return self
 
 
-def tensors(layout: WindowLayout) -> tuple[tuple[Tensor], tuple[Tensor]]:
-    """The inputs and outputs of a model that takes these windows."""
-    return (
-        (Tensor(name=INPUT_NAME, shape=(-1, len(layout.features))),),
-        (Tensor(name=OUTPUT_NAME, shape=(-1, len(CHANNELS))),),
-    )
+def tensors(
+    layout: WindowLayout, *, spread: bool = False
+) -> tuple[tuple[Tensor], tuple[Tensor] | tuple[Tensor, Tensor]]:
+    """The inputs and outputs of a model that takes these windows, and maybe gives a spread."""
+    channels = Tensor(name=OUTPUT_NAME, shape=(-1, len(CHANNELS)))
+    outputs = (channels, channels.model_copy(update={"name": SPREAD_NAME})) if spread else (channels,)
+    return (Tensor(name=INPUT_NAME, shape=(-1, len(layout.features))),), outputs

@@ -8,6 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel.errors import InvalidArgument
 from taxel.manifest import Manifest
 from taxel.protocol import check_windows
 from taxel.windows import WindowSpec, WindowStream
@@ -79,6 +80,34 @@ class Predictor(ABC):
             InvalidArgument: wrong shape or datatype, no rows, or a value that is not finite.
             RequestError: no prediction could be had; see `taxel.errors`.
         """
+
+    @abstractmethod
+    def predict_with_spread(
+        self, windows: NDArray[Any], *, timeout: float | None = None
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Predict the channels and how far the members of an ensemble lie apart.
+
+        Args:
+            windows: as for `predict`.
+            timeout: as for `predict`.
+
+        Returns:
+            The channels and their standard deviation over the members, each (n, 21) float32, counts.
+
+        Raises:
+            InvalidArgument: as `predict`; or the model is no ensemble.
+            RequestError: no prediction could be had.
+        """
+
+    def check_gives_spread(self) -> None:
+        """Refuse to ask a model for a spread that it does not give.
+
+        Raises:
+            InvalidArgument: the model is no ensemble.
+        """
+        if not self.manifest.gives_spread:
+            label = f"{self.manifest.name}/{self.manifest.version}"
+            raise InvalidArgument(f"outputs[1]: {label} gives no spread: expected an ensemble")
 
 
 class PredictorSource(ABC):

@@ -13,7 +13,7 @@ The rest of this file is the hot path: it checks by hand and copies nothing.
 """
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, TypeGuard
 
 import msgpack
 import numpy as np
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
 from taxel.errors import Internal, InvalidArgument, RequestError, ResourceExhausted, from_code
-from taxel.manifest import INPUT_NAME, OUTPUT_NAME
+from taxel.manifest import INPUT_NAME, OUTPUT_NAME, SPREAD_NAME
 
 PREFIX: Final = "taxel"
 MAX_ROWS: Final = 65_536
@@ -41,16 +41,20 @@ def model_key(prefix: str, name: str, version: str | None, action: str = "") -> 
 
 @dataclass(frozen=True)
 class InferRequest:
-    """A decoded request: windows (n, f) float32, all finite."""
+    """A decoded request: windows (n, f) float32, and whether the spread is asked for, too."""
 
     windows: NDArray[np.float32]
     id: str | None = None
     timeout_ms: float | None = None
+    spread: bool = False
 
 
 @dataclass(frozen=True)
 class InferResponse:
-    """A decoded reply: counts (n, 21) float32, and how long the server took."""
+    """A decoded reply: counts (n, 21) float32, and how long the server took.
+
+    `spread` is (n, 21) as well, where it was asked for.
+    """
 
     outputs: NDArray[np.float32]
     model_name: str
@@ -59,6 +63,7 @@ class InferResponse:
     queue_us: int
     compute_us: int
     batch_rows: int
+    spread: NDArray[np.float32] | None = None
 
 
 def check_windows(windows: NDArray[Any], features: tuple[str, ...]) -> NDArray[np.float32]:
@@ -94,7 +99,11 @@ def check_finite(windows: NDArray[np.float32], features: tuple[str, ...]) -> Non
 
 
 def pack_infer_request(
-    windows: NDArray[np.float32], *, request_id: str | None = None, timeout_ms: float | None = None
+    windows: NDArray[np.float32],
+    *,
+    request_id: str | None = None,
+    timeout_ms: float | None = None,
+    spread: bool = False,
 ) -> bytes:
     """Encode windows, (n, f) float32 C-contiguous, as an infer request."""
     request: dict[str, Any] = {
@@ -107,6 +116,8 @@ def pack_infer_request(
             }
         ]
     }
+    if spread:
+        request["outputs"] = [{"name": OUTPUT_NAME}, {"name": SPREAD_NAME}]
     if request_id is not None:
         request["id"] = request_id
     if timeout_ms is not None:
@@ -131,7 +142,24 @@ def unpack_infer_request(payload: bytes, max_rows: int = MAX_ROWS) -> InferReque
     if not isinstance(inputs, list) or len(inputs) != 1:
         raise InvalidArgument(f"inputs: {_kind(inputs)}: expected a list of one tensor, {INPUT_NAME!r}")
     windows = _tensor(_mapping(inputs[0], "inputs[0]"), "inputs[0]", INPUT_NAME, max_rows)
-    return InferRequest(windows, request_id, _timeout(request.get("parameters")))
+    return InferRequest(
+        windows, request_id, _timeout(request.get("parameters")), _asks_for_spread(request.get("outputs"))
+    )
+
+
+def _asks_for_spread(outputs: object) -> bool:
+    """Whether a request's `outputs`, if it has any, name the spread beside the channels."""
+    if outputs is None:
+        return False
+    names = [output.get("name") for output in outputs] if _are_maps(outputs) else None
+    if names not in ([OUTPUT_NAME], [OUTPUT_NAME, SPREAD_NAME]):
+        expected = f"[{OUTPUT_NAME!r}] or [{OUTPUT_NAME!r}, {SPREAD_NAME!r}]"
+        raise InvalidArgument(f"outputs: {_short(names or outputs)}: expected the names {expected}")
+    return len(names) > 1
+
+
+def _are_maps(values: object) -> TypeGuard[list[dict[str, Any]]]:
+    return isinstance(values, list) and all(isinstance(value, dict) for value in values)
 
 
 def _timeout(parameters: object) -> float | None:
@@ -169,17 +197,13 @@ def _tensor(tensor: dict[str, Any], where: str, name: str, max_rows: int) -> NDA
 
 def pack_infer_response(response: InferResponse) -> bytes:
     """Encode predictions."""
+    outputs = [_packed(OUTPUT_NAME, response.outputs)]
+    if response.spread is not None:
+        outputs.append(_packed(SPREAD_NAME, response.spread))
     reply: dict[str, Any] = {
         "model_name": response.model_name,
         "model_version": response.model_version,
-        "outputs": [
-            {
-                "name": OUTPUT_NAME,
-                "datatype": "FP32",
-                "shape": response.outputs.shape,
-                "data": np.ascontiguousarray(response.outputs, _FLOAT).data,
-            }
-        ],
+        "outputs": outputs,
         "parameters": {
             "queue_us": response.queue_us,
             "compute_us": response.compute_us,
@@ -191,6 +215,11 @@ def pack_infer_response(response: InferResponse) -> bytes:
     return packb(reply)
 
 
+def _packed(name: str, values: NDArray[np.float32]) -> dict[str, Any]:
+    data = np.ascontiguousarray(values, _FLOAT).data
+    return {"name": name, "datatype": "FP32", "shape": values.shape, "data": data}
+
+
 def unpack_infer_response(payload: bytes) -> InferResponse:
     """Decode predictions.
 
@@ -199,22 +228,27 @@ def unpack_infer_response(payload: bytes) -> InferResponse:
     """
     try:
         reply = _mapping(unpackb(payload), "reply")
-        (tensor,) = reply["outputs"]
-        outputs = _tensor(_mapping(tensor, "outputs[0]"), "outputs[0]", OUTPUT_NAME, 2**31)
-        if outputs.shape[1] != len(CHANNELS):
-            raise InvalidArgument(f"outputs[0].shape: {outputs.shape}: expected (n, {len(CHANNELS)})")
+        first, *more = reply["outputs"]
         times = reply["parameters"]
         return InferResponse(
-            outputs,
+            _channels(first, OUTPUT_NAME),
             reply["model_name"],
             reply["model_version"],
             reply.get("id"),
             times["queue_us"],
             times["compute_us"],
             times["batch_rows"],
+            _channels(more[0], SPREAD_NAME) if more else None,
         )
     except (RequestError, KeyError, TypeError, ValueError) as error:
         raise Internal(f"the server's reply is malformed: {error!r}") from None
+
+
+def _channels(tensor: object, name: str) -> NDArray[np.float32]:
+    values = _tensor(_mapping(tensor, name), name, name, 2**31)
+    if values.shape[1] != len(CHANNELS):
+        raise InvalidArgument(f"{name}.shape: {values.shape}: expected (n, {len(CHANNELS)})")
+    return values
 
 
 def pack_error(error: RequestError) -> bytes:

@@ -17,6 +17,7 @@ from taxel.manifest import Manifest
 from taxel.predictor import ModelInfo, Predictor, PredictorSource
 from taxel.protocol import (
     PREFIX,
+    InferResponse,
     model_key,
     pack_infer_request,
     unpack_error,
@@ -121,13 +122,26 @@ class RemotePredictor(Predictor):
 
     @override
     def predict(self, windows: NDArray[Any], *, timeout: float | None = None) -> NDArray[np.float32]:
+        return self._infer(windows, timeout, spread=False).outputs
+
+    @override
+    def predict_with_spread(
+        self, windows: NDArray[Any], *, timeout: float | None = None
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        self.check_gives_spread()
+        response = self._infer(windows, timeout, spread=True)
+        if response.spread is None or len(response.spread) != len(response.outputs):
+            raise Internal("the server answered without the spread that was asked for")
+        return response.outputs, response.spread
+
+    def _infer(self, windows: NDArray[Any], timeout: float | None, *, spread: bool) -> InferResponse:
         wait = self._source.timeout if timeout is None else checked_timeout(timeout)
         rows = self.checked(windows)
-        payload = pack_infer_request(rows, timeout_ms=wait * 1e3)
+        payload = pack_infer_request(rows, timeout_ms=wait * 1e3, spread=spread)
         response = unpack_infer_response(self._source.get(self._key, payload, wait + _GRACE_S))
         if len(response.outputs) != len(rows):
             raise Internal(f"the server answered {len(response.outputs)} rows to {len(rows)} windows")
-        return response.outputs
+        return response
 
 
 def connect(endpoint: str, *, timeout: float = 5.0, prefix: str = PREFIX) -> RemoteSource:

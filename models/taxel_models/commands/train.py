@@ -29,6 +29,12 @@ def train(
     ] = "auto",
     test: Annotated[float, typer.Option(help="Share of trials or chunks held out for testing.")] = 0.1,
     validation: Annotated[float, typer.Option(help="Share held out for early stopping.")] = 0.1,
+    members: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FAMILY:COUNT,…", help="For an ensemble; `--set FAMILY.NAME=VALUE` sets theirs."
+        ),
+    ] = None,
     temperature: Annotated[
         str,
         typer.Option(
@@ -60,7 +66,7 @@ def train(
         combination=inputs,
         split=SplitPlan(holdout, test, validation, split_seed),  # type: ignore[arg-type]
         seed=seed,
-        overrides=parse_settings(settings or []),
+        overrides=parse_settings(settings or []) | ({"members": members} if members else {}),
         temperature=temperature,  # type: ignore[arg-type]
         checkpoint=output.with_name(f".{output.name}.checkpoint"),
         jobs=jobs or os.cpu_count() or 1,

@@ -132,6 +132,10 @@ class Family(ABC):
     def paper_hyperparameters(self, combination: int) -> Mapping[str, Any]:
         """The published choice for an input combination."""
 
+    def choose(self, combination: int, overrides: Mapping[str, Any]) -> dict[str, Any]:
+        """The published choice with some of it replaced; not validated yet."""
+        return {**self.paper_hyperparameters(combination), **overrides}
+
     @abstractmethod
     def fit(self, task: FitTask, hyperparameters: Hyperparameters) -> tuple[FittedModel, History]:
         """Fit to the training part, stopping early by the validation part."""

@@ -16,6 +16,7 @@ _HOMES: Final = {
     "transformer": "taxel_models.families.networks.transformer:TransformerFamily",
     "network-a": "taxel_models.families.networks.network_a:NetworkAFamily",
     "network-b": "taxel_models.families.networks.network_b:NetworkBFamily",
+    "ensemble": "taxel_models.families.ensemble:EnsembleFamily",
 }
 
 FAMILIES: Final = tuple(_HOMES)
@@ -40,7 +41,7 @@ def resolve(kind: Family, combination: int, overrides: dict[str, Any]) -> Hyperp
     Raises:
         SettingsError: an override is unknown or not valid.
     """
-    chosen = {**kind.paper_hyperparameters(combination), **overrides}
+    chosen = kind.choose(combination, overrides)
     try:
         return kind.hyperparameters.model_validate(chosen)
     except ValidationError as error:

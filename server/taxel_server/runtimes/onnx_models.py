@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
 from taxel.errors import ArtifactError
-from taxel.manifest import INPUT_NAME, OUTPUT_NAME, Normalisation
+from taxel.manifest import INPUT_NAME, OUTPUT_NAME, SPREAD_NAME, Normalisation
 
 DEFAULT_PROVIDERS: Final = ("CPUExecutionProvider",)
+
+_OUTPUTS: Final = ([OUTPUT_NAME], [OUTPUT_NAME, SPREAD_NAME])
 
 
 class OnnxRuntime:
@@ -57,13 +59,19 @@ class OnnxRuntime:
 
     def _checked_shapes(self, model_path: Path) -> int:
         inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
-        if [one.name for one in inputs] != [INPUT_NAME] or not outputs or outputs[0].name != OUTPUT_NAME:
+        names = [one.name for one in outputs]
+        if [one.name for one in inputs] != [INPUT_NAME] or names not in _OUTPUTS:
             found = f"{[one.name for one in inputs]} to {[one.name for one in outputs]}"
             raise ArtifactError(f"{model_path}: {found}: expected {INPUT_NAME} to {OUTPUT_NAME}")
         shape = inputs[0].shape
-        if len(shape) != 2 or not isinstance(shape[1], int) or outputs[0].shape[1:] != [len(CHANNELS)]:
+        if (
+            len(shape) != 2
+            or not isinstance(shape[1], int)
+            or any(one.shape[1:] != [len(CHANNELS)] for one in outputs)
+        ):
             shapes = f"{shape} to {outputs[0].shape}"
             raise ArtifactError(f"{model_path}: {shapes}: expected (n, f) to (n, {len(CHANNELS)})")
+        self._outputs = names
         return shape[1]
 
     @property
@@ -72,7 +80,10 @@ class OnnxRuntime:
         return self._features
 
     def evaluate(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Counts (n, 21) float32 of windows (n, f) float32, C-contiguous, finite, n above 0."""
-        (channels,) = self._session.run([OUTPUT_NAME], {INPUT_NAME: windows})
-        result: NDArray[np.float32] = channels
-        return result
+        """Counts of windows (n, f) float32, C-contiguous, finite, n above 0.
+
+        Returns:
+            (n, 21) float32, or (n, 42) with the spread of each channel behind the channels.
+        """
+        outputs: list[NDArray[np.float32]] = self._session.run(self._outputs, {INPUT_NAME: windows})
+        return outputs[0] if len(outputs) == 1 else np.hstack(outputs)

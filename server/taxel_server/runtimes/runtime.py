@@ -20,7 +20,11 @@ class Runtime(Protocol):
         """Values in one window."""
 
     def evaluate(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Counts (n, 21) float32 of windows (n, f) float32, C-contiguous, finite, n above 0."""
+        """Counts of windows (n, f) float32, C-contiguous, finite, n above 0.
+
+        Returns:
+            (n, 21) float32, or (n, 42) with the spread of each channel behind the channels.
+        """
 
 
 class RuntimeFactory(Protocol):

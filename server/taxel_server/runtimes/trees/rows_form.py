@@ -91,10 +91,6 @@ class RowsForm:
         )
         return cls(narrow, wide, leaves, start, tables, most + 2, forest.base_score)
 
-    def kernel(self, lanes: int, scales: Scales) -> "RowsKernel":
-        """Compiles the form for blocks of so many rows."""
-        return RowsKernel(self, lanes, scales)
-
 
 class RowsKernel:
     """A RowsForm compiled for one block size; each thread needs a scratch of its own."""

@@ -203,17 +203,6 @@ def load_floats(_context, _address, lanes):  # type: ignore[no-untyped-def]
     return vector(types.intp, lanes), generate
 
 
-@intrinsic(prefer_literal=True)
-def splat_float(_context, _value, lanes):  # type: ignore[no-untyped-def]
-    """A float32 in every lane."""
-    vector = FloatVector(lanes.literal_value)
-
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        return _splat(builder, arguments[0], vector.lanes)
-
-    return vector(types.float32, lanes), generate
-
-
 def _splat(builder: ir.IRBuilder, value: ir.Value, lanes: int) -> ir.Value:
     one = ir.VectorType(value.type, 1)
     single = builder.insert_element(ir.Constant(one, ir.Undefined), value, ir.IntType(32)(0))

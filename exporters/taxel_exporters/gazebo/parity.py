@@ -1,0 +1,68 @@
+"""Whether an imported artifact predicts what its `model.yaml` does, on random windows."""
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+import taxel
+from taxel.channels import CHANNELS, COUNTS_MAX
+from taxel.errors import ArtifactError
+from taxel.manifest import Parity
+from taxel_exporters.gazebo.columns import CHANNEL_COLUMNS, FEATURE_COLUMNS, INPUTS, TEMPERATURE
+from taxel_exporters.gazebo.document import short
+from taxel_exporters.gazebo.network import Network
+
+WINDOWS: Final = 4096
+
+_TOLERANCE: Final = 2e-5
+"""Of the largest value: what float32 leaves of several layers' sums."""
+
+_ROWS: Final = 256
+
+
+def check_parity(repository: Path, name: str, network: Network) -> Parity:
+    """Compare the artifact, as it will be served, with the network evaluated in float64.
+
+    Windows are drawn from the network's own statistics of its inputs. Half of them come with a
+    temperature, the others leave it to its default.
+
+    Raises:
+        ArtifactError: a prediction differs by more than float32 explains, or is not finite.
+    """
+    rows = _draw(network)
+    expected = np.concatenate(
+        [
+            network.evaluate(rows[start : start + _ROWS].astype(np.float64))
+            for start in range(0, WINDOWS, _ROWS)
+        ]
+    )[:, CHANNEL_COLUMNS]
+    if not np.isfinite(expected).all():
+        raise ArtifactError(
+            f"parity: output layer {short(network.output_name)}: not finite on windows of its own statistics"
+        )
+    windows = rows[:, FEATURE_COLUMNS]
+    with taxel.load(repository) as source:
+        predictor = source.predictor(name)
+        given = predictor.predict(windows[: WINDOWS // 2])
+        default = predictor.predict(windows[WINDOWS // 2 :, :-1])
+    found = np.concatenate([given, default])
+    tolerance = _TOLERANCE * max(COUNTS_MAX, float(np.abs(expected).max()))
+    differences = np.nan_to_num(np.abs(found.astype(np.float64) - expected), nan=np.inf)
+    largest = float(differences.max())
+    if not largest <= tolerance:
+        row, column = np.unravel_index(int(np.argmax(differences)), found.shape)
+        raise ArtifactError(
+            f"parity: window {row}, channel {CHANNELS[column]}: the artifact gives {found[row, column]}, "
+            f"the network {expected[row, column]}: expected at most {tolerance:g} counts between them"
+        )
+    return Parity(windows=WINDOWS, largest_difference=largest, tolerance=tolerance)
+
+
+def _draw(network: Network) -> NDArray[np.float32]:
+    """Rows of `columns.INPUTS`; the second half has the mean temperature."""
+    draws = np.random.default_rng(0).normal(size=(WINDOWS, len(INPUTS)))
+    draws[WINDOWS // 2 :, INPUTS.index(TEMPERATURE)] = 0.0
+    rows: NDArray[np.float32] = (draws * network.inputs.std + network.inputs.mean).astype(np.float32)
+    return rows
