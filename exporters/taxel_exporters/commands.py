@@ -51,8 +51,9 @@ def export(
     place = repository / manifest.name / manifest.version
     OUT.print(f"Wrote {place}: {manifest.parameters} parameters, {manifest.model_file.size / 1e6:.1f} MB.")
     if manifest.parity:
+        kind = "held-out" if manifest.training else "random"
         OUT.print(
-            f"Parity on {manifest.parity.windows} {'held-out' if manifest.training else 'random'} windows: largest difference "
+            f"Parity on {manifest.parity.windows} {kind} windows: largest difference "
             f"{manifest.parity.largest_difference:g} counts (allowed {manifest.parity.tolerance:g})."
         )
     OUT.print(f"Next: taxel serve --repository {repository}", soft_wrap=True)

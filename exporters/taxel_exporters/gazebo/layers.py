@@ -1,4 +1,4 @@
-"""Reads the layers of a `model.yaml` with their weights, checked one by one; every error names the layer."""
+"""Reads the layers of a `model.yaml` with their weights, checked one by one; errors name the layer."""
 
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Final, Literal, TypeVar

@@ -40,7 +40,7 @@ def check_parity(repository: Path, name: str, network: Network) -> Parity:
     )[:, CHANNEL_COLUMNS]
     if not np.isfinite(expected).all():
         raise ArtifactError(
-            f"parity: output layer {short(network.output_name)}: not finite on windows of its own statistics"
+            f"parity: output layer {short(network.output_name)}: not finite on windows of its statistics"
         )
     windows = rows[:, FEATURE_COLUMNS]
     with taxel.load(repository) as source:
