@@ -7,13 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from taxel.manifest import Normalisation
 from taxel_bench.forests import ForestShape, write_forest
-from taxel_server.runtimes.trees.forms import Forms
+from taxel_server.runtimes.trees import forms
+from taxel_server.runtimes.trees.forms import Forms, Kernel
 from taxel_server.runtimes.trees.parse import read_forest
+from taxel_server.runtimes.trees.plans import Scratch
 from taxel_server.runtimes.trees.scales import Scales
 from taxel_server.runtimes.trees.walk import walk
+
+Windows = NDArray[np.float32]
 
 SHAPES = {
     "even": ForestShape(trees_per_output=13, leaves=30),
@@ -75,6 +80,35 @@ forms.check(pathlib.Path({str(tmp_path)!r}), forms.SHAPES["mixed sizes"], (1, 9,
         [sys.executable, "-c", code], env=os.environ | restricted, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("odd", ["TreesKernel", "RowsKernel"])
+def test_a_form_with_other_bits_is_not_used(
+    odd: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    kind = getattr(forms, odd)
+    original = kind.evaluate
+
+    def one_bit_off(self: Kernel, windows: Windows, result: Windows, scratch: Scratch) -> None:
+        original(self, windows, result, scratch)
+        result[-1, -1] = np.nextafter(result[-1, -1], np.float32(np.inf))
+
+    monkeypatch.setattr(kind, "evaluate", one_bit_off)
+    path = tmp_path / "model.json"
+    write_forest(path, SHAPES["even"], seed=2)
+    forest = read_forest(path)
+    ones = np.ones(max(forest.features, len(forest.base_score)), np.float32)
+    scales = Scales(False, ones, ones, ones, ones)
+    chosen = Forms.of(forest, scales)
+    assert f"{odd} does not agree" in caplog.text
+    assert odd not in [type(kernel).__name__ for kernel in chosen.kernels]
+    windows = np.random.default_rng(0).normal(size=(70, forest.features)).astype(np.float32)
+    found = np.empty((70, len(forest.base_score)), np.float32)
+    for step in chosen.steps(70):
+        kernel = chosen.kernels[step.kernel]
+        rows = slice(step.first, step.stop)
+        kernel.evaluate(windows[rows], found[rows], kernel.scratch())
+    np.testing.assert_array_equal(found, walk(forest, scales, windows))
 
 
 def test_fewer_rows_take_the_first_form_and_many_the_last() -> None:
