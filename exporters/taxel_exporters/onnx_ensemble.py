@@ -9,7 +9,8 @@ from onnx import TensorProto, helper
 
 from taxel.channels import CHANNELS
 from taxel.manifest import INPUT_NAME, OUTPUT_NAME, SPREAD_NAME
-from taxel_exporters.onnx_network import IR_VERSION, network_onnx, plain
+from taxel_exporters.onnx_file import IR_VERSION, plain
+from taxel_exporters.onnx_network import network_onnx
 from taxel_exporters.onnx_trees import trees_onnx
 from taxel_models.families.ensemble import EnsembleModel
 from taxel_models.families.xgb import XgbModel

@@ -2,7 +2,6 @@
 
 import logging
 import warnings
-from typing import Final
 
 import onnx
 import torch
@@ -12,11 +11,9 @@ from taxel.channels import CHANNELS
 from taxel.manifest import INPUT_NAME, OUTPUT_NAME
 from taxel.protocol import MAX_ROWS
 from taxel.scaling import Scaler
+from taxel_exporters.onnx_file import OPSET, plain
 from taxel_models.families.networks.network import NetworkModel
 from taxel_models.training.trained import TrainedModel
-
-OPSET: Final = 20
-IR_VERSION: Final = 10
 
 
 class _Served(nn.Module):
@@ -79,18 +76,3 @@ def network_onnx(trained: TrainedModel) -> onnx.ModelProto:
         )
     assert program is not None
     return plain(program.model_proto)
-
-
-def plain(model: onnx.ModelProto) -> onnx.ModelProto:
-    """A model without the exporter's notes, which name files of the machine that it ran on."""
-    model.ir_version = IR_VERSION
-    model.producer_name, model.producer_version = "taxel", ""
-    del model.metadata_props[:]
-    graph = model.graph
-    graph.doc_string = ""
-    for part in (graph, *graph.node, *graph.input, *graph.output, *graph.value_info, *graph.initializer):
-        del part.metadata_props[:]
-        part.doc_string = ""
-    del graph.value_info[:]
-    onnx.checker.check_model(model)
-    return model

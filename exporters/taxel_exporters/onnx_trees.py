@@ -17,7 +17,7 @@ from onnx import TensorProto, helper, numpy_helper
 from taxel.channels import CHANNELS
 from taxel.manifest import INPUT_NAME, OUTPUT_NAME
 from taxel.scaling import Scaler
-from taxel_exporters.onnx_network import IR_VERSION, OPSET, plain
+from taxel_exporters.onnx_file import IR_VERSION, OPSET, plain
 from taxel_models.families.xgb import XgbModel
 from taxel_models.training.trained import TrainedModel
 

@@ -11,7 +11,7 @@ import pytest
 import taxel
 from taxel.errors import ArtifactError
 from taxel_exporters.export import export
-from taxel_exporters.onnx_network import IR_VERSION, OPSET
+from taxel_exporters.onnx_file import IR_VERSION, OPSET
 from taxel_exporters.onnx_trees import trees_onnx
 from taxel_models.training import trained as trained_models
 from taxel_models.training.split import SplitPlan

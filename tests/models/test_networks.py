@@ -11,7 +11,7 @@ from torch.nn import functional
 
 from taxel.errors import ArtifactError, SettingsError
 from taxel.windows import COMBINATIONS, WindowSpec
-from taxel_models.families.networks import recipe
+from taxel_models.families.networks import recipe, sizes
 from taxel_models.families.networks.network import NetworkFamily, NetworkModel, Shape
 from taxel_models.families.registry import family, resolve
 from taxel_models.recordings import Recording
@@ -20,11 +20,6 @@ from taxel_models.training.train import TrainingPlan, train
 
 Make = Callable[..., Recording]
 
-PUBLISHED_K = {
-    "network-b": [806, 805, 804, 807, 819, 812, 809, 822],
-    "ffnn": [2233, 2881, 1701, 1478, 2554, 1124, 1794, 2490],
-    "transformer": [599, 203, 598, 401, 237, 114, 701, 103],
-}
 CONTRADICTIONS = {("ffnn", 2), ("ffnn", 6), ("transformer", 2), ("transformer", 6)}
 """Cells of the inference table that the paper's own hyperparameter table does not give."""
 
@@ -61,12 +56,14 @@ def recording(make_recording: Make) -> Recording:
 
 
 @pytest.mark.parametrize("combination", COMBINATIONS)
-@pytest.mark.parametrize("name", PUBLISHED_K)
+@pytest.mark.parametrize("name", sizes.COMPARED)
 def test_parameter_counts_come_out_of_the_architecture(name: str, combination: int) -> None:
-    counted = sum(part.numel() for part in network(name, combination).parameters())
-    published = PUBLISHED_K[name][combination - 1] * 1000
-    agrees = abs(counted - published) <= 0.01 * published
-    assert agrees == ((name, combination) not in CONTRADICTIONS)
+    assert sizes.agrees(name, combination) == ((name, combination) not in CONTRADICTIONS)
+
+
+def test_the_documents_table_is_the_computed_one() -> None:
+    document = Path(__file__).resolve().parents[2] / "docs" / "models.md"
+    assert sizes.markdown() in document.read_text()
 
 
 def test_network_a_has_over_six_million_parameters_in_five_hidden_layers() -> None:

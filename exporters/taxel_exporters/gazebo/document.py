@@ -13,7 +13,7 @@ import yaml
 from taxel.errors import ArtifactError
 
 MAX_BYTES: Final = 1 << 27
-"""Of a file: three times what a network with 6 million parameters takes."""
+"""Of a file: four times what a network with 6 million parameters takes."""
 
 MAX_VALUES: Final = 1_000_000
 """Of a document, each counted as often as aliases repeat it."""

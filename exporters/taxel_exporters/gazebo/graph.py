@@ -11,7 +11,7 @@ from onnx import NodeProto, TensorProto, helper, numpy_helper
 from taxel.manifest import INPUT_NAME, OUTPUT_NAME
 from taxel_exporters.gazebo.columns import CHANNEL_COLUMNS, FEATURES, INPUT_COLUMNS
 from taxel_exporters.gazebo.network import Dense, Merge, Network
-from taxel_exporters.onnx_network import IR_VERSION, OPSET
+from taxel_exporters.onnx_file import IR_VERSION, OPSET
 
 _ACTIVATIONS: Final = {"relu": "Relu", "sigmoid": "Sigmoid"}
 

@@ -19,6 +19,9 @@ MAX_PARAMETERS: Final = 1 << 25
 MAX_WIDTH: Final = 1 << 16
 """Of all layers together: what one evaluation has to hold for each row."""
 
+_SHOWN: Final = 300
+"""Characters of what is wrong with one part: a hostile file may be wrong in a million places."""
+
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 _Index = Literal["0"]
 
@@ -65,7 +68,9 @@ def parse(kind: type[_P], tree: Tree, where: str) -> _P:
     try:
         return kind.model_validate(tree)
     except ValidationError as error:
-        raise ArtifactError(f"{where}: {describe(error)}") from None
+        faults = describe(error)
+        shown = faults if len(faults) <= _SHOWN else f"{faults[:_SHOWN]}…"
+        raise ArtifactError(f"{where}: {shown}") from None
 
 
 @dataclass

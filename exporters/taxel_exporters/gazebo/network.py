@@ -1,10 +1,16 @@
 """A checked network of the plugin, and what it predicts in double precision."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from taxel.errors import ArtifactError
+from taxel_exporters.gazebo.document import short
+
+_LARGEST: Final = 1e18
+"""Of a layer's values: far enough from the end of float32 that sums on the way stay finite too."""
 
 Activation = Literal["linear", "relu", "sigmoid"]
 Operation = Literal["Multiply", "Add"]
@@ -62,18 +68,26 @@ class Network:
     def evaluate(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """The values of `columns.OUTPUTS` (n, 23) for those of `columns.INPUTS` (n, 13), in float64.
 
-        Values that overflow come out as not finite, without a warning.
+        Raises:
+            ArtifactError: a layer's values are too large for float32, in which it will be served.
         """
-        with np.errstate(over="ignore", invalid="ignore"):
-            values = {self.input_name: (rows - self.inputs.mean) / self.inputs.std}
-            for layer in self.layers:
-                if isinstance(layer, Dense):
-                    values[layer.name] = _dense(layer, values[layer.source])
-                else:
-                    combine = np.multiply if layer.operation == "Multiply" else np.add
-                    values[layer.name] = combine.reduce([values[name] for name in layer.sources])
-            restored: NDArray[np.float64] = values[self.output_name] * self.outputs.std + self.outputs.mean
+        values = {self.input_name: (rows - self.inputs.mean) / self.inputs.std}
+        for layer in self.layers:
+            with np.errstate(over="ignore", invalid="ignore"):
+                found = _evaluated(layer, values)
+            if not np.abs(found).max() < _LARGEST:
+                raise ArtifactError(f"layer {short(layer.name)}: its values overflow on usual inputs")
+            values[layer.name] = found
+        restored: NDArray[np.float64] = values[self.output_name] * self.outputs.std + self.outputs.mean
         return restored
+
+
+def _evaluated(layer: Dense | Merge, values: dict[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+    if isinstance(layer, Dense):
+        return _dense(layer, values[layer.source])
+    combine = np.multiply if layer.operation == "Multiply" else np.add
+    result: NDArray[np.float64] = combine.reduce([values[name] for name in layer.sources])
+    return result
 
 
 def _dense(layer: Dense, values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,5 +1,6 @@
 """`taxel train`: fit a model to recordings."""
 
+import json
 import os
 from pathlib import Path
 from typing import Annotated, Any
@@ -93,7 +94,7 @@ def train(
 
 
 def parse_settings(settings: list[str]) -> dict[str, Any]:
-    """`name=value` pairs; a value that reads as a number is one.
+    """`name=value` pairs; a value that reads as JSON (a number, a list) is that, any other is text.
 
     Raises:
         SettingsError: a pair has no '='.
@@ -103,17 +104,11 @@ def parse_settings(settings: list[str]) -> dict[str, Any]:
         name, sign, text = setting.partition("=")
         if not sign or not name:
             raise SettingsError(f"--set {setting}: expected NAME=VALUE")
-        chosen[name] = _number_or_text(text)
-    return chosen
-
-
-def _number_or_text(text: str) -> int | float | str:
-    for kind in (int, float):
         try:
-            return kind(text)
+            chosen[name] = json.loads(text)
         except ValueError:
-            continue
-    return text
+            chosen[name] = text
+    return chosen
 
 
 def _progress() -> Progress:

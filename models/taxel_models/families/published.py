@@ -25,3 +25,8 @@ def published(family: str, combination: int) -> dict[str, Any]:
         return dict(_tables()[family][str(combination)])
     except KeyError:
         raise SettingsError(f"no published hyperparameters for {family}, inputs {combination}") from None
+
+
+def published_parameters(family: str, combination: int) -> int:
+    """The published number of parameters, rounded to thousands as the paper prints it."""
+    return 1000 * int(_tables()["parameters_k"][family][str(combination)])

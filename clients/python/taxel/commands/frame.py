@@ -53,17 +53,20 @@ def failing_clearly(command: Callable[..., None]) -> Callable[..., None]:
         try:
             command(*args, **kwargs)
         except TaxelError as error:
-            ERR.print("[bold red]error:[/]", end=" ")
-            ERR.print(str(error), markup=False, soft_wrap=True)
+            _say_error(error)
             raise typer.Exit(2 if isinstance(error, SettingsError) else 1) from None
         except ModuleNotFoundError as error:
             if error.name is None or error.name.startswith("taxel"):
                 raise
-            missing = MissingDependency("this command", error.name, "all")
-            ERR.print(f"[bold red]error:[/] {missing}", soft_wrap=True)
+            _say_error(MissingDependency("this command", error.name, "all"))
             raise typer.Exit(1) from None
 
     return run
+
+
+def _say_error(error: TaxelError) -> None:
+    ERR.print("[bold red]error:[/]", end=" ")
+    ERR.print(str(error), markup=False, soft_wrap=True)
 
 
 def _version(wanted: bool) -> None:
