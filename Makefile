@@ -56,7 +56,8 @@ artifacts: $(VENV)/.all
 artifact-%: $(VENV)/.all
 	$(BIN)/taxel train --model $* --inputs 1 --data build/twin.csv -o build/$* --overwrite $(SMALL_$*)
 	rm -rf models/repository/$*
-	$(BIN)/taxel export build/$* --repository models/repository --name $* --version 1
+	$(BIN)/taxel export build/$* --repository models/repository --name $* --version 1 --description \
+	  "A small $* model of Taxel's twin, a simulated fingertip: not of a real sensor."
 
 clean:
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
