@@ -51,6 +51,7 @@ def serve(
     max_queue_rows: Annotated[int | None, _option("max_queue_rows", "N")] = None,
     max_queue_requests: Annotated[int | None, _option("max_queue_requests", "N")] = None,
     threads: Annotated[int | None, _option("threads", "N")] = None,
+    providers: Annotated[list[str] | None, _option("providers", "NAME")] = None,
     drain_seconds: Annotated[float | None, _option("drain_seconds", "S")] = None,
     log_level: Annotated[LogLevel, typer.Option(help="What to log on stderr.")] = "warning",
     as_json: Json = False,
@@ -65,6 +66,7 @@ def serve(
     _exit_at_once_on(STOPPING, code=0)
 
     from taxel_server.engine import Engine
+    from taxel_server.runtimes import RuntimeOptions
     from taxel_server.service import Service
     from taxel_server.settings import read_settings
 
@@ -72,7 +74,7 @@ def serve(
         level=log_level.upper(), stream=sys.stderr, format="%(asctime)s %(levelname)s %(name)s: %(message)s"
     )
     settings = read_settings({name: value for name, value in given.items() if value is not None})
-    engine = Engine(settings.repository, settings.threads)
+    engine = Engine(settings.repository, RuntimeOptions(settings.threads, settings.providers))
     if not engine.load_all():
         raise ArtifactError(_nothing_to_serve(settings.repository, engine.models()))
     stop = _event_on(STOPPING)

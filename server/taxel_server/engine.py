@@ -14,7 +14,7 @@ from taxel.channels import CHANNELS
 from taxel.errors import ArtifactError, NotFound, TaxelError, Unavailable
 from taxel.manifest import Manifest
 from taxel.predictor import ModelInfo
-from taxel_server.runtimes import Runtime, open_runtime
+from taxel_server.runtimes import DEFAULTS, Runtime, RuntimeOptions, open_runtime
 
 _LOG: Final = logging.getLogger(__name__)
 
@@ -51,15 +51,15 @@ class Engine:
 
     Args:
         repository: folder of `<name>/<version>/` artifacts.
-        threads: how many threads one evaluation may use.
+        options: about evaluation.
 
     Raises:
         ArtifactError: the repository is no folder.
     """
 
-    def __init__(self, repository: Path, threads: int = 1) -> None:
+    def __init__(self, repository: Path, options: RuntimeOptions = DEFAULTS) -> None:
         self._repository = repository
-        self._threads = threads
+        self._options = options
         self._versions = {
             name: artifacts.versions(repository, name) for name in artifacts.names(repository)
         }
@@ -121,7 +121,7 @@ class Engine:
 
     def _load(self, name: str, version: str) -> LoadedModel | str:
         try:
-            return load_model(self._repository / name / version, self._threads)
+            return load_model(self._repository / name / version, self._options)
         except TaxelError as error:
             reason = str(error)
             _LOG.warning("model %s/%s is unavailable: %s", name, version, reason)
@@ -145,7 +145,7 @@ class Engine:
             return str(error)
 
 
-def load_model(folder: Path, threads: int = 1) -> LoadedModel:
+def load_model(folder: Path, options: RuntimeOptions = DEFAULTS) -> LoadedModel:
     """Read, open and warm up the artifact in a folder.
 
     Raises:
@@ -153,7 +153,7 @@ def load_model(folder: Path, threads: int = 1) -> LoadedModel:
         MissingDependency: its runtime's library is not installed.
     """
     artifact = artifacts.read(folder)
-    model = LoadedModel(artifact.manifest, open_runtime(artifact, threads))
+    model = LoadedModel(artifact.manifest, open_runtime(artifact, options))
     window = np.asarray(artifact.manifest.normalisation.input_mean, dtype=np.float32)
     for rows in _WARM_UP_ROWS:
         outputs = model.evaluate(np.tile(window, (rows, 1)))

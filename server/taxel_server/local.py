@@ -11,6 +11,7 @@ from taxel.channels import CHANNELS
 from taxel.errors import Unavailable
 from taxel.predictor import ModelInfo, Predictor, PredictorSource
 from taxel_server.engine import Engine, LoadedModel
+from taxel_server.runtimes import DEFAULTS, RuntimeOptions
 
 
 class LocalSource(PredictorSource):
@@ -18,14 +19,14 @@ class LocalSource(PredictorSource):
 
     Args:
         repository: folder of `<name>/<version>/` artifacts.
-        threads: how many threads one prediction may use.
+        options: about evaluation.
 
     Raises:
         ArtifactError: the repository is no folder.
     """
 
-    def __init__(self, repository: Path, threads: int = 1) -> None:
-        self._engine = Engine(repository, threads)
+    def __init__(self, repository: Path, options: RuntimeOptions = DEFAULTS) -> None:
+        self._engine = Engine(repository, options)
         self.closed = False
 
     @override

@@ -31,14 +31,19 @@ class ServerOptions(BaseModel):
         default=2048, gt=0, le=2**20, description="Most requests waiting; each is answered before a stop."
     )
     threads: int = Field(default=1, gt=0, le=256, description="Threads that one evaluation may use.")
+    providers: tuple[str, ...] = Field(
+        default=("CPUExecutionProvider",),
+        min_length=1,
+        description="ONNX Runtime's execution provider, best first; may be given several times.",
+    )
     drain_seconds: float = Field(
         default=1.5, ge=0, le=3600, description="Time to finish what is queued when told to stop."
     )
 
-    @field_validator("listen", mode="before")
+    @field_validator("listen", "providers", mode="before")
     @classmethod
     def _several(cls, value: Any) -> Any:
-        """One text, as an environment variable holds it, may name several endpoints."""
+        """One text, as an environment variable holds it, may name several with commas."""
         return [part.strip() for part in value.split(",")] if isinstance(value, str) else value
 
     @field_validator("listen")

@@ -1,5 +1,6 @@
 """Which runtime evaluates an artifact, and that it must agree with the manifest."""
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -29,8 +30,10 @@ def test_a_platform_without_a_runtime_is_refused(
 
 
 def test_a_missing_library_is_told(artifact: artifacts.Artifact, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(runtime._FACTORIES, "xgboost_json", "no_such_library:Runtime")
-    with pytest.raises(MissingDependency, match=r"no_such_library: pip install 'taxel\[server\]'"):
+    monkeypatch.setitem(sys.modules, "numba", None)
+    for name in [name for name in sys.modules if name.startswith("taxel_server.runtimes.trees")]:
+        monkeypatch.delitem(sys.modules, name)
+    with pytest.raises(MissingDependency, match=r"numba: pip install 'taxel\[server\]'"):
         open_runtime(artifact)
 
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS
 from taxel.errors import ArtifactError
 from taxel.manifest import INPUT_NAME, OUTPUT_NAME, SPREAD_NAME, Normalisation
-
-DEFAULT_PROVIDERS: Final = ("CPUExecutionProvider",)
+from taxel_server.runtimes.runtime import DEFAULTS
 
 _OUTPUTS: Final = ([OUTPUT_NAME], [OUTPUT_NAME, SPREAD_NAME])
 
@@ -36,7 +35,7 @@ class OnnxRuntime:
         model_path: Path,
         normalisation: Normalisation,
         threads: int = 1,
-        providers: tuple[str, ...] = DEFAULT_PROVIDERS,
+        providers: tuple[str, ...] = DEFAULTS.providers,
     ) -> None:
         if not normalisation.folded:
             raise ArtifactError(f"{model_path}: expected an ONNX model with its normalisation folded in")

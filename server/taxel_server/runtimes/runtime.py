@@ -1,7 +1,7 @@
 """What a runtime is, and which one evaluates an artifact."""
 
-from pathlib import Path
-from pkgutil import resolve_name
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final, Protocol
 
 import numpy as np
@@ -9,7 +9,23 @@ from numpy.typing import NDArray
 
 from taxel.artifacts import Artifact
 from taxel.errors import ArtifactError, MissingDependency
-from taxel.manifest import Normalisation, Platform
+from taxel.manifest import Platform
+
+
+@dataclass(frozen=True)
+class RuntimeOptions:
+    """What may be chosen about evaluation.
+
+    Attributes:
+        threads: that one evaluation may use.
+        providers: ONNX Runtime's execution providers, best first; trees have no use for them.
+    """
+
+    threads: int = 1
+    providers: tuple[str, ...] = ("CPUExecutionProvider",)
+
+
+DEFAULTS: Final = RuntimeOptions()
 
 
 class Runtime(Protocol):
@@ -27,21 +43,27 @@ class Runtime(Protocol):
         """
 
 
-class RuntimeFactory(Protocol):
-    """How every runtime is made: from a model file and the manifest's normalisation."""
-
-    def __call__(self, model_path: Path, normalisation: Normalisation, threads: int = 1) -> Runtime:
-        """Raises `ArtifactError` where the model file is none of its platform's."""
+Factory = Callable[[Artifact, RuntimeOptions], Runtime]
 
 
-_FACTORIES: Final[dict[Platform, str]] = {
-    "xgboost_json": "taxel_server.runtimes.trees:TreesRuntime",
-    "onnxruntime_onnx": "taxel_server.runtimes.onnx_models:OnnxRuntime",
-}
-"""Where each platform's factory lies: imported on first use, as each needs its own libraries."""
+def _trees(artifact: Artifact, options: RuntimeOptions) -> Runtime:
+    from taxel_server.runtimes.trees import TreesRuntime
+
+    return TreesRuntime(artifact.model_path, artifact.manifest.normalisation, options.threads)
 
 
-def open_runtime(artifact: Artifact, threads: int = 1) -> Runtime:
+def _onnx(artifact: Artifact, options: RuntimeOptions) -> Runtime:
+    from taxel_server.runtimes.onnx_models import OnnxRuntime
+
+    normalisation = artifact.manifest.normalisation
+    return OnnxRuntime(artifact.model_path, normalisation, options.threads, options.providers)
+
+
+_FACTORIES: Final[dict[Platform, Factory]] = {"xgboost_json": _trees, "onnxruntime_onnx": _onnx}
+"""How each platform's runtime is made; its own libraries are imported only then."""
+
+
+def open_runtime(artifact: Artifact, options: RuntimeOptions = DEFAULTS) -> Runtime:
     """The runtime of a checked artifact.
 
     Raises:
@@ -52,12 +74,10 @@ def open_runtime(artifact: Artifact, threads: int = 1) -> Runtime:
     if manifest.platform not in _FACTORIES:
         known = ", ".join(_FACTORIES)
         raise ArtifactError(f"{artifact.model_path}: no runtime for {manifest.platform}; there is: {known}")
-    factory: RuntimeFactory
     try:
-        factory = resolve_name(_FACTORIES[manifest.platform])
+        runtime = _FACTORIES[manifest.platform](artifact, options)
     except ModuleNotFoundError as error:
         raise MissingDependency(f"platform {manifest.platform}", str(error.name), "server") from None
-    runtime = factory(artifact.model_path, manifest.normalisation, threads)
     expected = len(manifest.window.features)
     if runtime.features != expected:
         raise ArtifactError(
