@@ -3,7 +3,7 @@
 import json
 import os
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -26,7 +26,10 @@ def train(
         typer.Option("--set", metavar="NAME=VALUE", help="Replace a hyperparameter. Repeatable."),
     ] = None,
     holdout: Annotated[
-        str, typer.Option(help="What to hold out: `trials`, `chunks` (of 1000 rows) or `auto`.")
+        Literal["auto", "trials", "chunks"],
+        typer.Option(
+            help="What to hold out; chunks have 1000 rows, and auto takes trials where there are any."
+        ),
     ] = "auto",
     test: Annotated[float, typer.Option(help="Share of trials or chunks held out for testing.")] = 0.1,
     validation: Annotated[float, typer.Option(help="Share held out for early stopping.")] = 0.1,
@@ -37,7 +40,7 @@ def train(
         ),
     ] = None,
     temperature: Annotated[
-        str,
+        Literal["measured", "mean", "none"],
         typer.Option(
             help="For network-a and network-b: `measured` makes it an input of the served model, "
             "`mean` trains with it and then fixes it at its mean, `none` leaves it out."
@@ -59,23 +62,29 @@ def train(
     from taxel_models.training.train import train as fit
     from taxel_models.training.trained import save
 
-    if holdout not in ("auto", "trials", "chunks"):
-        raise SettingsError(f"--holdout {holdout}: expected trials, chunks or auto")
     check_free(output, overwrite=overwrite)
     plan = TrainingPlan(
         model=model,
         combination=inputs,
-        split=SplitPlan(holdout, test, validation, split_seed),  # type: ignore[arg-type]
+        split=SplitPlan(holdout, test, validation, split_seed),
         seed=seed,
         overrides=parse_settings(settings or []) | ({"members": members} if members else {}),
-        temperature=temperature,  # type: ignore[arg-type]
+        temperature=temperature,
         checkpoint=output.with_name(f".{output.name}.checkpoint"),
         jobs=jobs or os.cpu_count() or 1,
     )
     with _progress() as progress:
-        bar = progress.add_task("reading", total=None, note="")
-        recordings = [read_recording(path) for path in data]
-        progress.update(bar, description="training", total=1.0)
+        bar = progress.add_task("reading", total=1.0, note="")
+        recordings = [
+            read_recording(
+                path,
+                lambda read, trials: progress.update(
+                    bar, completed=read / trials, note=f"{read} of {trials} trials"
+                ),
+            )
+            for path in data
+        ]
+        progress.reset(bar, description="training", total=1.0, note="")
         trained, held_out = fit(
             recordings, plan, lambda done, note: progress.update(bar, completed=done, note=note)
         )
