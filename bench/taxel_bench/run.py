@@ -42,16 +42,13 @@ def _run_one(subject: Subject, batch: int, repetitions: int, seed: int) -> dict[
 
 def results_table(results: Sequence[dict[str, Any]]) -> Table:
     """Results for the terminal."""
-    table = Table(
-        "model", "inputs", "engine", "batch", "median, ms", "p90, ms", "p99, ms", "rows/s", "parameters"
-    )
-    for column in table.columns[3:]:
+    table = Table("model", "inputs", "batch", "median ms", "p90 ms", "p99 ms", "rows/s", "parameters")
+    for column in table.columns[1:]:
         column.justify = "right"
     for result in results:
         table.add_row(
             result["model"],
             str(result["inputs"]),
-            result["engine"],
             str(result["batch"]),
             f"{result['median_ms']:.4f}",
             f"{result['p90_ms']:.4f}",

@@ -49,12 +49,13 @@ def export(
         print_json(manifest.model_dump(mode="json"))
         return
     place = repository / manifest.name / manifest.version
-    OUT.print(f"Wrote {place}: {manifest.parameters} parameters, {manifest.model_file.size / 1e6:.1f} MB.")
+    OUT.print(f"Wrote {place}: {manifest.parameters} parameters, {manifest.model_file.size / 1e6:.2g} MB.")
     if manifest.parity:
         kind = "held-out" if manifest.training else "random"
         OUT.print(
             f"Parity on {manifest.parity.windows} {kind} windows: largest difference "
-            f"{manifest.parity.largest_difference:g} counts (allowed {manifest.parity.tolerance:g})."
+            f"{manifest.parity.largest_difference:g} counts (allowed {manifest.parity.tolerance:g}).",
+            soft_wrap=True,
         )
     OUT.print(f"Next: taxel serve --repository {repository}", soft_wrap=True)
 

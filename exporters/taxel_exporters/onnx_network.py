@@ -33,6 +33,8 @@ class _Served(nn.Module):
         record = trained.record
         self.network = model.network
         self.fixed_temperature = model.takes_temperature and not trained.serves_temperature
+        # Beside others in an ensemble, a network without temperature leaves that column alone.
+        self.columns = trained.spec.length + (model.takes_temperature and trained.serves_temperature)
         normalisation = record.normalisation
         means, stds = list(normalisation.input_mean), list(normalisation.input_std)
         if trained.serves_temperature and record.temperature is not None:
@@ -46,7 +48,7 @@ class _Served(nn.Module):
             self.register_buffer(f"{name}_std", torch.from_numpy(scaler.std))
 
     def forward(self, window: Tensor) -> Tensor:
-        columns = (window - self.input_mean) / self.input_std
+        columns = ((window - self.input_mean) / self.input_std)[:, : self.columns]
         if self.fixed_temperature:
             columns = torch.cat([columns, torch.zeros_like(columns[:, :1])], dim=1)
         served: Tensor = self.network(columns)[:, : len(CHANNELS)]

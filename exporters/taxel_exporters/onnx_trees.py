@@ -36,9 +36,14 @@ def trees_onnx(trained: TrainedModel) -> onnx.ModelProto:
         "input_std": inputs.std,
         "output_mean": outputs.mean,
         "output_std": outputs.std,
+        "first": np.array([0]),
+        "length": np.array([trained.spec.length]),
+        "axis": np.array([1]),
     }
     nodes = [
-        helper.make_node("Sub", [INPUT_NAME, "input_mean"], ["centred"]),
+        # A temperature that others in an ensemble take stands behind the window: trees leave it alone.
+        helper.make_node("Slice", [INPUT_NAME, "first", "length", "axis"], ["window_alone"]),
+        helper.make_node("Sub", ["window_alone", "input_mean"], ["centred"]),
         helper.make_node("Div", ["centred", "input_std"], ["columns"]),
         helper.make_node(
             "TreeEnsembleRegressor",
@@ -54,7 +59,7 @@ def trees_onnx(trained: TrainedModel) -> onnx.ModelProto:
     graph = helper.make_graph(
         nodes,
         "taxel",
-        [helper.make_tensor_value_info(INPUT_NAME, TensorProto.FLOAT, ["n", trained.spec.length])],
+        [helper.make_tensor_value_info(INPUT_NAME, TensorProto.FLOAT, ["n", len(trained.layout.features)])],
         [helper.make_tensor_value_info(OUTPUT_NAME, TensorProto.FLOAT, ["n", len(CHANNELS)])],
         [numpy_helper.from_array(value, name) for name, value in constants.items()],
     )

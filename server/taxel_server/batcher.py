@@ -45,7 +45,8 @@ class Batcher:
         self._queue: SimpleQueue[Job | Work | None] = SimpleQueue()
         self._lock = Lock()
         self._rows = 0
-        self._requests = 0
+        self._open: set[Job] = set()
+        """Submitted and not yet answered."""
         self._stopping = False
         self._draining = False
         self._give_up_at = inf
@@ -65,15 +66,15 @@ class Batcher:
                 raise Unavailable("the server is stopping")
             if (
                 self._rows + job.rows > self._max_queue_rows
-                or self._requests + 1 > self._max_queue_requests
+                or len(self._open) + 1 > self._max_queue_requests
             ):
                 error = ResourceExhausted(
                     f"the queue is full: {self._rows} of {self._max_queue_rows} rows, "
-                    f"{self._requests} of {self._max_queue_requests} requests; try again later"
+                    f"{len(self._open)} of {self._max_queue_requests} requests; try again later"
                 )
                 self._statistics[job.model].add_error(error.code)
                 raise error
-            self._requests += 1
+            self._open.add(job)
             self._rows += job.rows
             self._queue.put(job)
 
@@ -98,6 +99,13 @@ class Batcher:
             if not self._stopping:
                 self._stopping = True
                 self._queue.put(None)
+
+    def abandon(self) -> None:
+        """Answer every job that has no answer yet with `Unavailable`, whatever is going on."""
+        with self._lock:
+            jobs = list(self._open)
+        for job in jobs:
+            self._settle(job, Unavailable("the server is stopping"))
 
     def join(self) -> None:
         """Return when every job has its answer, after `stop`."""
@@ -179,10 +187,12 @@ class Batcher:
                 self._settle(work.job, work.response())
 
     def _settle(self, job: Job, result: InferResponse | RequestError) -> None:
-        """Give a job its answer and take it off the books."""
+        """Give a job its answer and take it off the books, unless `abandon` has done so."""
         with self._lock:
+            if job not in self._open:
+                return
+            self._open.remove(job)
             self._rows -= job.rows
-            self._requests -= 1
             if isinstance(result, RequestError):
                 self._statistics[job.model].add_error(result.code)
             else:

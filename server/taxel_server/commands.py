@@ -5,6 +5,8 @@ import logging
 import os
 import signal
 import sys
+import time
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from threading import Event, Timer
@@ -12,7 +14,6 @@ from types import FrameType
 from typing import Annotated, Any, Final, Literal
 
 import typer
-from rich.table import Table
 
 from taxel.commands.frame import ERR, OUT, Json
 from taxel.errors import ArtifactError
@@ -23,8 +24,11 @@ STOPPING: Final = (signal.SIGINT, signal.SIGTERM)
 
 _SIGNAL_CHECK_S: Final = 0.1
 
-_AFTER_DRAINING_S: Final = 0.4
-"""How long stopping may take beyond draining, whatever a client or the network does."""
+_AFTER_DRAINING_S: Final = 0.3
+"""How long stopping may take beyond draining, whatever an evaluation, a client or the network does."""
+
+_LAST_WORDS_S: Final = 0.05
+"""What answers take to leave this process."""
 
 LogLevel = Literal["debug", "info", "warning", "error"]
 
@@ -83,7 +87,7 @@ def serve(
     # The kernel may give a signal to one of zenoh's threads, which does not wake this one.
     while not stop.wait(_SIGNAL_CHECK_S):
         pass
-    _leave_within(settings.drain_seconds + _AFTER_DRAINING_S)
+    _leave_within(settings.drain_seconds + _AFTER_DRAINING_S, service.abandon)
     if not service.close():
         ERR.print("a client has stopped reading: leaving without it", style="yellow")
         # The session would wait for that client on the way out of the interpreter, too.
@@ -97,10 +101,9 @@ def _announce(listen: tuple[str, ...], models: list[ModelInfo], as_json: bool) -
         sys.stdout.write(json.dumps(ready) + "\n")
         sys.stdout.flush()
         return
-    table = Table("model", "state", "reason")
     for model in models:
-        table.add_row(f"{model.name}/{model.version}", model.state, model.reason)
-    OUT.print(table)
+        reason = f": {model.reason}" if model.reason else ""
+        OUT.print(f"{model.name}/{model.version} {model.state}{reason}", markup=False, soft_wrap=True)
     OUT.print(f"listening on {', '.join(listen)}", soft_wrap=True)
     sys.stdout.flush()
 
@@ -133,9 +136,15 @@ def _event_on(signals: tuple[signal.Signals, ...]) -> Event:
     return event
 
 
-def _leave_within(seconds: float) -> None:
-    """Exit by then, even if closing hangs."""
-    last = Timer(seconds, _exit_now, (0,))
+def _leave_within(seconds: float, abandon: Callable[[], None]) -> None:
+    """Answer whatever is left by then, and exit, even if an evaluation or closing goes on."""
+
+    def leave() -> None:
+        abandon()
+        time.sleep(_LAST_WORDS_S)
+        _exit_now(0)
+
+    last = Timer(seconds, leave)
     last.daemon = True
     last.start()
 

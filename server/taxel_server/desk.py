@@ -60,7 +60,11 @@ class Desk:
     def _run(self) -> None:
         while (item := self._queue.get()) is not None:
             query, refusal = item
-            reply(query, refusal or self._result(str(query.key_expr)))
+            try:
+                reply(query, refusal or self._result(str(query.key_expr)))
+            except Exception:
+                # The desk outlives a query that cannot be answered.
+                _LOG.exception("an answer could not be given")
 
     def _result(self, key: str) -> bytes | RequestError:
         try:

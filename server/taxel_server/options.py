@@ -37,7 +37,7 @@ class ServerOptions(BaseModel):
         description="ONNX Runtime's execution provider, best first; may be given several times.",
     )
     drain_seconds: float = Field(
-        default=1.5, ge=0, le=3600, description="Time to finish what is queued when told to stop."
+        default=1.2, ge=0, le=3600, description="Time to finish what is queued when told to stop."
     )
 
     @field_validator("listen", "providers", mode="before")

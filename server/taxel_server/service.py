@@ -110,6 +110,10 @@ class Service:
         farewell.join(_FAREWELL_S)
         return not farewell.is_alive()
 
+    def abandon(self) -> None:
+        """Answer what is left with `Unavailable`, for when `close` takes too long."""
+        self._batcher.abandon()
+
     def _receive(self, query: zenoh.Query) -> None:
         """What zenoh calls with each query: hands it on and returns."""
         model = self._routes.get(str(query.key_expr))

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from taxel.atomic import check_free, whole_file, whole_folder
+from taxel.atomic import check_file_place, check_folder_place, whole_file, whole_folder
 from taxel.errors import SettingsError
 
 
@@ -46,8 +46,8 @@ def test_a_folder_is_only_replaced_when_asked_and_then_whole(tmp_path: Path) -> 
     path.mkdir()
     (path / "old").write_text("1")
     with pytest.raises(SettingsError, match="exists already"):
-        check_free(path)
-    with whole_folder(path, overwrite=True) as temporary:
+        check_folder_place(path)
+    with whole_folder(path, replacing="old") as temporary:
         (temporary / "new").write_text("2")
     assert [child.name for child in path.iterdir()] == ["new"]
     assert list(tmp_path.iterdir()) == [path]
@@ -57,8 +57,21 @@ def test_a_failed_folder_leaves_the_old_one(tmp_path: Path) -> None:
     path = tmp_path / "out"
     path.mkdir()
     (path / "old").write_text("1")
-    with pytest.raises(RuntimeError), whole_folder(path, overwrite=True) as temporary:
+    with pytest.raises(RuntimeError), whole_folder(path, replacing="old") as temporary:
         (temporary / "new").write_text("2")
         raise RuntimeError
     assert [child.name for child in path.iterdir()] == ["old"]
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_is_not_ours_is_never_replaced(tmp_path: Path) -> None:
+    precious = tmp_path / "precious"
+    precious.mkdir()
+    (precious / "thesis.txt").write_text("years")
+    with pytest.raises(SettingsError, match=r"holds no errors\.json: it is not ours to replace"):
+        check_folder_place(precious, replacing="errors.json")
+    with pytest.raises(SettingsError, match="is a file"):
+        check_folder_place(precious / "thesis.txt", replacing="errors.json")
+    with pytest.raises(SettingsError, match="is a folder"):
+        check_file_place(precious)
+    assert (precious / "thesis.txt").read_text() == "years"

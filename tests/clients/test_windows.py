@@ -196,8 +196,30 @@ class TestStreamRefuses:
 
     def test_a_rate_that_was_not_announced(self) -> None:
         with pytest.raises(InvalidArgument, match=r"every 1 ms .* rate_hz=1000"):
-            for step in range(1, 30):
+            for step in range(1, 102):
                 self.stream.push(step / 1000, [0, 0, 0], [0, 0, 0])
+
+    @pytest.mark.parametrize(("told", "true"), [(100, 60), (100, 125), (100, 80), (1000, 10), (100, 10)])
+    def test_a_rate_other_than_told_is_said(self, told: float, true: float) -> None:
+        stream = WindowStream(WindowSpec.of(1), rate_hz=told)
+        with pytest.raises(InvalidArgument, match=f"rate_hz={true}"):
+            for step in range(101):
+                stream.push(step / true, [0, 0, 0], [0, 0, 0])
+
+    def test_a_change_of_rate_is_said_whenever_it_comes(self) -> None:
+        stream = WindowStream(WindowSpec.of(1))
+        for step in range(250):
+            stream.push(step / 100, [0, 0, 0], [0, 0, 0])
+        with pytest.raises(InvalidArgument, match="rate_hz=50"):
+            for step in range(201):
+                stream.push(3 + step / 50, [0, 0, 0], [0, 0, 0])
+
+    def test_jitter_and_dropped_frames_are_no_other_rate(self) -> None:
+        stream = WindowStream(WindowSpec.of(1))
+        rng = np.random.default_rng(0)
+        for step in range(400):
+            if rng.random() > 0.05:
+                stream.push(step / 100 + rng.uniform(-0.003, 0.003), [0, 0, 0], [0, 0, 0])
 
     def test_a_rate_that_is_none(self) -> None:
         with pytest.raises(InvalidArgument, match="rate_hz is 0"):

@@ -84,6 +84,16 @@ def test_remote_and_local_agree_on_the_spread(repository: Path, windows: np.ndar
     np.testing.assert_array_equal(alone, found[0])
 
 
+def test_a_measured_temperature_reaches_only_the_members_that_take_it(tmp_path: Path) -> None:
+    plan = TrainingPlan("ensemble", 1, SplitPlan("chunks"), overrides=OVERRIDES, temperature="measured")
+    model, held_out = train([simulate(4000, 3)], plan)
+    trained_models.save(model, held_out, tmp_path / "trained")
+    manifest = export(tmp_path / "trained", tmp_path / "repository")
+    assert manifest.window.features[-1] == "tdc"
+    assert manifest.parity is not None
+    assert manifest.parity.largest_difference < 0.01
+
+
 def test_a_single_model_gives_no_spread(trained_folder: Path, tmp_path: Path) -> None:
     export(trained_folder, tmp_path)
     windows = np.zeros((1, 12), np.float32)

@@ -287,6 +287,20 @@ def test_stopping_gives_up_when_its_time_is_over(model: LoadedModel, runtime: Re
         assert all(isinstance(job.result(), Unavailable) for job in jobs)
 
 
+def test_abandoned_jobs_are_answered_at_once_and_only_once(model: LoadedModel, runtime: Recorder) -> None:
+    jobs = [MemoryJob(model, windows_of(1, 2, 3)) for _ in range(5)]
+    with batching(max_batch_rows=2) as batcher:
+        with busy(batcher, model, runtime) as running:
+            for job in jobs:
+                batcher.submit(job)
+            batcher.stop(60)
+            batcher.abandon()
+            assert all(isinstance(job.result(), Unavailable) for job in (running, *jobs))
+            assert batcher.queued_rows == 0
+        batcher.join()
+        assert [len(job.answers) for job in (running, *jobs)] == [1] * 6
+
+
 def test_statistics_add_up(model: LoadedModel, runtime: Recorder) -> None:
     with batching() as batcher:
         with busy(batcher, model, runtime):

@@ -1,5 +1,7 @@
 """`taxel demo`: the main job from end to end, on what Taxel ships."""
 
+import signal
+import sys
 from typing import Annotated, Any
 
 import typer
@@ -30,6 +32,8 @@ def demo(
     from taxel_models.shipped import shipped_repository
     from taxel_models.twin import simulate
 
+    # Told to stop, it still stops its server.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     paced_rows = round(seconds * 100)
     recording = simulate(_WARMED_UP + max(rows, paced_rows), _SEED).rows(slice(_WARMED_UP, None))
     with (
@@ -82,10 +86,12 @@ def _latency_table(runs: dict[str, Any]) -> Table:
 
 
 def _say_where_next(delay_s: float) -> None:
+    OUT.print("Each latency is a sample pushed, its window built, sent to the server process and answered.")
+    if delay_s:
+        OUT.print(f"This model looks {delay_s * 1e3:g} ms ahead: a sample's window is whole only then.")
     OUT.print(
-        "Each latency is a sample pushed, its window built, sent to the server process and answered.\n"
-        f"This model looks {delay_s * 1e3:g} ms ahead: a sample's window is whole only then.\n"
-        "The recording is simulated (docs/twin.md). Where next:\n"
+        "The recording is simulated (docs/twin.md). Where next, after `make install`\n"
+        "and with .venv/bin on the path:\n"
         "  taxel serve --repository models/repository     a server of your own\n"
         "  taxel train --data YOUR.csv -o trained         your own recordings (docs/recordings.md)\n"
         "  bench run --model xgb                          the bare model's latency",

@@ -1,4 +1,8 @@
-"""Files and folders that appear whole or not at all: written beside their place, then renamed."""
+"""Files and folders that appear whole or not at all: written beside their place, then renamed.
+
+One thing is weaker: where a folder replaces another, a process that is killed between two renames
+leaves the old one beside its place, as `.NAME.….old`.
+"""
 
 import os
 import shutil
@@ -15,10 +19,9 @@ def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path to write to; it takes the place of `path` if the block succeeds.
 
     Raises:
-        SettingsError: the folder that it should lie in does not exist.
+        SettingsError: a file cannot stand at `path`.
     """
-    if not path.parent.is_dir():
-        raise SettingsError(f"{path}: the folder {path.parent} does not exist")
+    check_file_place(path)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         yield temporary
@@ -27,35 +30,66 @@ def whole_file(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-@contextmanager
-def whole_folder(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
-    """Yield a temporary folder to fill; it takes the place of `path` if the block succeeds.
+def check_file_place(path: Path) -> None:
+    """Refuse, before any work is done, a place where no file can be written.
 
     Raises:
-        SettingsError: `path` exists already, and is not to be overwritten.
+        SettingsError: its folder does not exist, or it is a folder itself.
     """
-    check_free(path, overwrite=overwrite)
+    if path.is_dir():
+        raise SettingsError(f"{path} is a folder: expected the name of a file to write")
+    if not path.parent.is_dir():
+        raise SettingsError(f"{path}: the folder {path.parent} does not exist")
+
+
+@contextmanager
+def whole_folder(path: Path, *, replacing: str | None = None) -> Iterator[Path]:
+    """Yield a temporary folder to fill; it takes the place of `path` if the block succeeds.
+
+    Args:
+        path: where the folder shall be; missing parents are made.
+        replacing: a folder that holds a file of this name may be replaced.
+
+    Raises:
+        SettingsError: something stands at `path` that is not to be replaced.
+    """
+    path = path.resolve()
+    check_folder_place(path, replacing=replacing)
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent))
     try:
         temporary.chmod(0o755)
         yield temporary
-        if path.exists():
-            old = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".old", dir=path.parent))
-            path.replace(old)
-            temporary.replace(path)
-            shutil.rmtree(old)
-        else:
-            temporary.replace(path)
+        _replace(path, temporary)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def check_free(path: Path, *, overwrite: bool = False) -> None:
-    """Refuse, before any work is done, a place that may not be written.
+def _replace(path: Path, new: Path) -> None:
+    if not path.exists():
+        new.replace(path)
+        return
+    old = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".old", dir=path.parent))
+    path.replace(old)
+    try:
+        new.replace(path)
+    except OSError:
+        old.replace(path)
+        raise
+    shutil.rmtree(old)
+
+
+def check_folder_place(path: Path, *, replacing: str | None = None) -> None:
+    """Refuse, before any work is done, a place where no folder can be written.
 
     Raises:
-        SettingsError: `path` exists already, and is not to be overwritten.
+        SettingsError: something stands at `path` that is not to be replaced.
     """
-    if path.exists() and not overwrite and not (path.is_dir() and not any(path.iterdir())):
+    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
+        return
+    if not path.is_dir():
+        raise SettingsError(f"{path} is a file: expected the name of a folder to write")
+    if replacing is None:
         raise SettingsError(f"{path} exists already: choose another place, or pass --overwrite")
+    if not (path / replacing).is_file():
+        raise SettingsError(f"{path} holds no {replacing}: it is not ours to replace; choose another place")

@@ -100,7 +100,9 @@ class MissingDependency(TaxelError):
     """An optional package is not installed."""
 
     def __init__(self, purpose: str, package: str, extra: str) -> None:
-        super().__init__(f"{purpose} needs {package}: pip install 'taxel[{extra}]'")
+        super().__init__(
+            f"{purpose} needs {package}: pip install 'taxel[{extra}]', or in a checkout: make install"
+        )
 
 
 _BY_CODE: Final[dict[str, type[RequestError]]] = {

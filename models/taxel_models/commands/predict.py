@@ -9,6 +9,7 @@ import typer
 from numpy.typing import NDArray
 from rich.progress import track
 
+from taxel.atomic import check_file_place, check_folder_place
 from taxel.channels import CHANNELS
 from taxel.commands.frame import ERR, OUT, Json, print_json
 from taxel.commands.models import Connect, Repository, open_source
@@ -35,9 +36,17 @@ def predict(
     timeout: Annotated[float, typer.Option(help="Seconds to wait for each answer.")] = 30.0,
     as_json: Json = False,
 ) -> None:
-    """Predict the channels of a recording and compare them with what was measured."""
+    """Predict the channels of a recording and compare them with what was measured.
+
+    `--json` prints mae, norm_mae, mae_electrodes, norm_mae_electrodes and rows; for a recording
+    without measured channels, rows alone.
+    """
+    from taxel_models.evaluation import FIGURES
     from taxel_models.evaluation.predictions import write_predictions
 
+    check_file_place(output)
+    if report is not None:
+        check_folder_place(report, replacing=FIGURES)
     name, _, version = model.partition("/")
     with open_source(connect, repository) as source:
         predictor = source.predictor(name, version or None)

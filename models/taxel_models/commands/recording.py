@@ -72,6 +72,7 @@ def _print(summary: "Summary") -> None:
     OUT.print(facts)
 
     table = Table("column", "unit")
+    table.columns[0].no_wrap = True
     for heading in ("min", "mean", "max", "sd", "repeats"):
         table.add_column(heading, justify="right")
     for group, columns in summary.columns.items():

@@ -48,21 +48,21 @@ def train(
     ] = "mean",
     split_seed: Annotated[int, typer.Option(help="Which trials or chunks are held out.")] = 0,
     seed: Annotated[int, typer.Option(help="Every other random choice.")] = 0,
-    jobs: Annotated[
-        int, typer.Option(min=0, help="Cores to use; 0 takes all. Never changes the result.")
-    ] = 0,
+    jobs: Annotated[int, typer.Option(min=0, help="Cores to use; 0 takes all.")] = 0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing folder.")] = False,
     as_json: Json = False,
 ) -> None:
     """Train a model on recordings; whole trials or chunks are held out to test it."""
-    from taxel.atomic import check_free
+    from taxel.atomic import check_folder_place
     from taxel_models.recordings import read_recording
     from taxel_models.training.split import SplitPlan
     from taxel_models.training.train import TrainingPlan
     from taxel_models.training.train import train as fit
-    from taxel_models.training.trained import save
+    from taxel_models.training.trained import RECORD, save
 
-    check_free(output, overwrite=overwrite)
+    output = output.resolve()
+    check_folder_place(output, replacing=RECORD if overwrite else None)
+    output.parent.mkdir(parents=True, exist_ok=True)
     plan = TrainingPlan(
         model=model,
         combination=inputs,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.atomic import whole_folder
+from taxel_models.evaluation import FIGURES
 from taxel_models.evaluation.drawing import draw_errors, draw_traces
 from taxel_models.evaluation.metrics import Errors
 
@@ -22,7 +23,7 @@ def write_report(
     errors: Errors,
     baseline: Errors,
 ) -> None:
-    """Write `errors.json`, `errors.md`, `errors.png` and `traces.png`; an existing report is replaced.
+    """Write `errors.json`, `errors.md`, `errors.png` and `traces.png`; an earlier report is replaced.
 
     Args:
         about: what was evaluated, as rows of the table's head.
@@ -30,11 +31,14 @@ def write_report(
         measured: (n, 21) counts.
         predicted: (n, 21) counts.
         baseline: the errors of always saying the training mean.
+
+    Raises:
+        SettingsError: something else than a report stands at `folder`.
     """
     raw = {"about": about, "model": errors.report(), "mean_predictor": baseline.report()}
     title = ", ".join(f"{value}" for value in about.values())
-    with whole_folder(folder, overwrite=True) as place:
-        (place / "errors.json").write_text(json.dumps(raw, indent=1) + "\n", encoding="utf-8")
+    with whole_folder(folder, replacing=FIGURES) as place:
+        (place / FIGURES).write_text(json.dumps(raw, indent=1) + "\n", encoding="utf-8")
         (place / "errors.md").write_text(_markdown(about, errors, baseline), encoding="utf-8")
         draw_errors(errors, title, place / "errors.png")
         draw_traces(time_ns, measured, predicted, title, place / "traces.png")

@@ -134,7 +134,7 @@ def _parse(text: str) -> list[tuple[str, int]]:
     members = []
     for part in text.split(","):
         name, _, count = part.strip().partition(":")
-        if name == EnsembleFamily.name or not (count or "1").isdigit() or int(count or "1") < 1:
+        if name == EnsembleFamily.name or not (count or "1").isdecimal() or int(count or "1") < 1:
             raise SettingsError(f"--members {text}: expected FAMILY:COUNT, such as transformer:5,xgb:1")
         members.append((name, int(count or "1")))
     return members

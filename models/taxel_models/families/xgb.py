@@ -81,11 +81,13 @@ class _Watch(xgboost.callback.TrainingCallback):  # type: ignore[misc]
         self._total = total
         self._done = 0
         self._lock = Lock()
+        self.stopped = False
+        """Set it, and every channel ends after the tree that it is building."""
 
     @override
     def after_iteration(self, *_: Any) -> bool:
         self.advance(1)
-        return False
+        return self.stopped
 
     def advance(self, trees: int) -> None:
         """Count trees that were built, or that stopping early made needless."""
@@ -117,6 +119,8 @@ class XgbFamily(Family):
             )
             fitted = []
             for column in columns:
+                if watch.stopped:
+                    break
                 train.set_label(task.train.channels[:, column])
                 validation.set_label(task.validation.channels[:, column])
                 booster, losses = _fit_channel(train, validation, chosen, task.seed, watch)
@@ -126,7 +130,11 @@ class XgbFamily(Family):
         workers = max(1, min(task.jobs, len(CHANNELS)))
         shares = [range(start, len(CHANNELS), workers) for start in range(workers)]
         with ThreadPoolExecutor(workers) as pool:
-            fitted = sorted(one for share in pool.map(fit_some, shares) for one in share)
+            try:
+                fitted = sorted(one for share in pool.map(fit_some, shares) for one in share)
+            except BaseException:
+                watch.stopped = True
+                raise
         boosters = tuple(booster for _, booster, _ in fitted)
         return XgbModel(boosters), _history(boosters, [losses for _, _, losses in fitted])
 

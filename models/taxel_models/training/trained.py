@@ -114,9 +114,9 @@ def save(
     """Write a trained model and its held-out recordings; the folder appears whole or not at all.
 
     Raises:
-        SettingsError: the folder exists and is not to be overwritten.
+        SettingsError: the folder exists and is not to be overwritten, or is no trained model.
     """
-    with whole_folder(folder, overwrite=overwrite) as place:
+    with whole_folder(folder, replacing=RECORD if overwrite else None) as place:
         (place / "weights").mkdir()
         model.fitted.save(place / "weights")
         (place / "held_out").mkdir()

@@ -55,6 +55,12 @@ def failing_clearly(command: Callable[..., None]) -> Callable[..., None]:
         except TaxelError as error:
             _say_error(error)
             raise typer.Exit(2 if isinstance(error, SettingsError) else 1) from None
+        except KeyboardInterrupt:
+            ERR.print("interrupted", style="yellow")
+            raise typer.Exit(130) from None
+        except OSError as error:
+            _say_error(TaxelError(f"{error.filename}: {error.strerror}" if error.filename else str(error)))
+            raise typer.Exit(1) from None
         except ModuleNotFoundError as error:
             if error.name is None or error.name.startswith("taxel"):
                 raise

@@ -41,8 +41,11 @@ def models(connect: Connect = None, repository: Repository = None, as_json: Json
     if as_json:
         print_json({"models": [asdict(model) for model in offered]})
         return
-    table = Table("model", "version", "state", "inputs", "platform", "reason")
+    table = Table("model", "version", "state", "inputs", "platform")
     for model in offered:
         combination = "" if model.combination is None else str(model.combination)
-        table.add_row(model.name, model.version, model.state, combination, model.platform, model.reason)
+        table.add_row(model.name, model.version, model.state, combination, model.platform)
     OUT.print(table)
+    for model in offered:
+        if model.reason:
+            OUT.print(f"{model.name}/{model.version}: {model.reason}", markup=False, soft_wrap=True)

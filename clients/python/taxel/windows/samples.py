@@ -65,7 +65,10 @@ class Samples:
         Raises:
             InvalidArgument: shapes disagree, a value is not finite or time does not increase.
         """
-        time = np.ascontiguousarray(time_ns, dtype=np.int64)
+        time = np.ascontiguousarray(time_ns)
+        if time.size and time.dtype.kind not in "iu":
+            raise InvalidArgument(f"time_ns is {time.dtype}: expected whole nanoseconds")
+        time = time.astype(np.int64, copy=False)
         if time.ndim != 1:
             raise InvalidArgument(f"time_ns has shape {time.shape}: expected one time a sample, (n,)")
         columns = {"position": position, "force": force}

@@ -10,7 +10,11 @@ from taxel.windows.combinations import PERIOD_NS, WindowSpec
 from taxel.windows.neighbours import nearest_moved, steps_of
 from taxel.windows.samples import gap_of, period_of, rows_are_ticks
 
-_INTERVALS_CHECKED: Final = 20
+_INTERVALS_CHECKED: Final = 100
+"""The rate is the median of so many intervals, over and over, so that it may jitter and drop frames."""
+
+_RATE_TOLERANCE: Final = 0.15
+"""How far that median may be off: a live one is less certain than a whole recording's."""
 
 
 class LiveWindow(NamedTuple):
@@ -41,6 +45,7 @@ class WindowStream:
         self.spec = spec
         self.fingers = fingers
         period = period_of(rate_hz)
+        self._rate_hz = rate_hz
         self._rows_are_ticks = rows_are_ticks(period)
         self._gap_ns = gap_of(period)
         self._depth = spec.look_back + spec.look_ahead + 1
@@ -48,14 +53,18 @@ class WindowStream:
         self._ticks = np.empty((self._depth, fingers, 6))
         self._times = np.empty(self._depth, np.int64)
         self._previous = np.empty((fingers, 6))
-        self._intervals: list[int] = []
         self.reset()
 
     def reset(self) -> None:
         """Forget every sample, as at the start of a new episode."""
-        self._count = 0
+        self._intervals: list[int] = []
         self._previous_ns: int | None = None
-        self._next_tick_ns = 0
+        self._begin_segment(0)
+
+    def _begin_segment(self, time_ns: int) -> None:
+        """Start afresh at a sample that no window reaches back across."""
+        self._count = 0
+        self._next_tick_ns = time_ns
 
     def push(self, time_s: float, position: ArrayLike, force: ArrayLike) -> list[LiveWindow]:
         """Take one sample at `time_s` seconds; see `push_ns`."""
@@ -85,8 +94,7 @@ class WindowStream:
         sample[:, 3:] = self._checked("force", force)
         self._check_time(time_ns)
         if self._previous_ns is None or time_ns - self._previous_ns > self._gap_ns:
-            self.reset()
-            self._next_tick_ns = time_ns
+            self._begin_segment(time_ns)
         windows = (
             self._tick(time_ns, sample) if self._rows_are_ticks else self._interpolate(time_ns, sample)
         )
@@ -111,17 +119,19 @@ class WindowStream:
         interval = time_ns - self._previous_ns
         if interval <= 0:
             raise InvalidArgument(f"time {time_ns} ns is not after {self._previous_ns} ns before it")
-        if self._rows_are_ticks and len(self._intervals) < _INTERVALS_CHECKED:
-            self._intervals.append(interval)
-            if len(self._intervals) == _INTERVALS_CHECKED:
-                self._check_rate(float(np.median(self._intervals)))
-
-    def _check_rate(self, median_ns: float) -> None:
-        if not 0.5 < median_ns / PERIOD_NS < 2:
+        self._intervals.append(interval)
+        if len(self._intervals) == _INTERVALS_CHECKED:
+            median = int(np.median(self._intervals))
             self._intervals.clear()
+            self._check_rate(median)
+
+    def _check_rate(self, median_ns: int) -> None:
+        """Refuse samples that `build_windows` would treat in another way than this stream does."""
+        off = abs(median_ns - PERIOD_NS) / PERIOD_NS > _RATE_TOLERANCE
+        if off if self._rows_are_ticks else median_ns > self._gap_ns:
             raise InvalidArgument(
-                f"samples come every {median_ns / 1e6:g} ms but the stream was made for 100 Hz: "
-                f"make it with rate_hz={1e9 / median_ns:g}"
+                f"samples come every {median_ns / 1e6:g} ms but the stream was made for "
+                f"{self._rate_hz:g} Hz: make it with rate_hz={1e9 / median_ns:g}"
             )
 
     def _interpolate(self, time_ns: int, sample: NDArray[np.float64]) -> list[LiveWindow]:

@@ -1,12 +1,15 @@
 """The published training recipe: loss, optimiser, early stopping, best weights kept.
 
-Interrupted training goes on from its checkpoint: the epochs that follow are the same ones.
+Interrupted training goes on from its checkpoint. On a CPU the epochs that follow are the same ones;
+on a GPU, dropout draws anew.
 """
 
 import copy
+import logging
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 import torch
@@ -14,9 +17,12 @@ from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor, nn
 
+from taxel.errors import TaxelError
 from taxel_models.families.family import FitTask, History, Hyperparameters
 
-LOSS = "mean of |e| + e^2, z-scores"
+_LOG: Final = logging.getLogger(__name__)
+
+LOSS: Final = "mean of |e| + e^2, z-scores"
 
 
 class Recipe(Hyperparameters):
@@ -128,6 +134,11 @@ class Trainer:
             loss.backward()  # type: ignore[no-untyped-call]
             self._optimizer.step()
             total += loss.item() * len(rows)
+        if not math.isfinite(total):
+            raise TaxelError(
+                f"the loss is {total} in epoch {self._state.epoch + 1}: expected a finite one; "
+                f"lower the learning rate, {self._recipe.learning_rate:g}"
+            )
         self._schedule.step()
         self._state.epoch += 1
         self._state.train.append(total / len(inputs))
@@ -171,8 +182,13 @@ class Trainer:
         path = self._task.checkpoint
         if path is None or not path.exists():
             return
-        snapshot = torch.load(path, map_location=self._device, weights_only=True)
-        if snapshot["fingerprint"] != self._fingerprint():
+        try:
+            snapshot = torch.load(path, map_location=self._device, weights_only=True)
+            agrees = snapshot["fingerprint"] == self._fingerprint()
+        except Exception as error:  # torch and pickle raise whatever they like on damaged files
+            _LOG.warning("%s cannot be read (%r): training begins anew", path, error)
+            return
+        if not agrees:
             return
         self._state = _State(**snapshot["state"])
         self._network.load_state_dict(snapshot["network"])
