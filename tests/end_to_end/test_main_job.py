@@ -135,6 +135,16 @@ def test_training_never_overwrites_unasked(work: Path) -> None:
     assert (work / "trained" / "trained.json").read_bytes() == before
 
 
+def test_outputs_are_checked_before_any_work(work: Path, tmp_path: Path) -> None:
+    (held_out,) = (work / "trained" / "held_out").iterdir()
+    model = ["--model", "finger", "--repository", work / "repository", held_out]
+    (tmp_path / "thesis.txt").write_text("years")
+    assert "is a folder" in taxel("predict", *model, "-o", tmp_path, code=2).stderr
+    done = taxel("predict", *model, "-o", tmp_path / "a.csv", "--report", tmp_path, code=2)
+    assert "not ours to replace" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
+
+
 def test_progress_stays_off_stdout(work: Path) -> None:
     done = taxel("recording", work / "twin.csv", "--json")
     assert json.loads(done.stdout)["rows"] == 6000

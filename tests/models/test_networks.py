@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch.nn import functional
 
-from taxel.errors import ArtifactError, SettingsError
+from taxel.errors import ArtifactError, SettingsError, TaxelError
 from taxel.windows import COMBINATIONS, WindowSpec
 from taxel_models.families.networks import recipe, sizes
 from taxel_models.families.networks.network import NetworkFamily, NetworkModel, Shape
@@ -172,6 +172,23 @@ def test_a_checkpoint_of_another_training_is_not_taken(recording: Recording, tmp
     (tmp_path / "copy").rename(checkpoint)
     beside, _ = train([recording], plan("ffnn", seed=5, checkpoint=checkpoint))
     assert beside.record == alone.record
+
+
+def test_a_damaged_checkpoint_is_passed_over(
+    recording: Recording, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    checkpoint = tmp_path / "checkpoint"
+    checkpoint.write_bytes(b"damage")
+    beside, _ = train([recording], plan("ffnn", checkpoint=checkpoint))
+    alone, _ = train([recording], plan("ffnn"))
+    assert beside.record == alone.record
+    assert "training begins anew" in caplog.text
+
+
+def test_a_training_that_diverges_says_so(recording: Recording) -> None:
+    overrides = {**SMALL["ffnn"], **QUICK, "learning_rate": 1e30}
+    with pytest.raises(TaxelError, match=r"the loss is .* in epoch \d: .* lower the learning rate"):
+        train([recording], plan("ffnn", overrides=overrides))
 
 
 def test_early_stopping_keeps_the_best_weights(recording: Recording) -> None:

@@ -84,6 +84,21 @@ def test_a_channel_is_what_xgboost_alone_would_fit(recording: Recording) -> None
     np.testing.assert_array_equal(model.fitted.predict(windows[:500])[:, 4], peer.predict(windows[:500]))
 
 
+def test_an_interrupt_ends_every_channel(recording: Recording) -> None:
+    """The other worker must not go on with its thousands of trees."""
+    notes: list[str] = []
+
+    def interrupt_once(done: float, note: str) -> None:
+        notes.append(note)
+        if len(notes) == 10:
+            raise KeyboardInterrupt
+
+    overrides = {**SMALL, "n_estimators": 3000, "early_stopping_rounds": 0}
+    with pytest.raises(KeyboardInterrupt):
+        train([recording], small_plan(overrides=overrides, jobs=2), interrupt_once)
+    assert len(notes) < 1000
+
+
 def test_early_stopping_keeps_the_best_trees(recording: Recording) -> None:
     noisy = Recording.of(
         recording.samples.time_ns,

@@ -1,7 +1,7 @@
 """XGBoost: one gradient-boosted forest for each of the 21 channels, as in the paper."""
 
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from pathlib import Path
 from threading import Lock
 from typing import Annotated, Any
@@ -130,11 +130,13 @@ class XgbFamily(Family):
         workers = max(1, min(task.jobs, len(CHANNELS)))
         shares = [range(start, len(CHANNELS), workers) for start in range(workers)]
         with ThreadPoolExecutor(workers) as pool:
+            futures = [pool.submit(fit_some, share) for share in shares]
             try:
-                fitted = sorted(one for share in pool.map(fit_some, shares) for one in share)
-            except BaseException:
+                wait(futures, return_when=FIRST_EXCEPTION)
+            finally:
+                # All are done, or one failed, or the user interrupts: the others shall not go on.
                 watch.stopped = True
-                raise
+        fitted = sorted(one for future in futures for one in future.result())
         boosters = tuple(booster for _, booster, _ in fitted)
         return XgbModel(boosters), _history(boosters, [losses for _, _, losses in fitted])
 
