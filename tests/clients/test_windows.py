@@ -217,9 +217,13 @@ class TestStreamRefuses:
     def test_jitter_and_dropped_frames_are_no_other_rate(self) -> None:
         stream = WindowStream(WindowSpec.of(1))
         rng = np.random.default_rng(0)
-        for step in range(400):
-            if rng.random() > 0.05:
-                stream.push(step / 100 + rng.uniform(-0.003, 0.003), [0, 0, 0], [0, 0, 0])
+        steps = [step for step in range(400) if rng.random() > 0.05]
+        windows = [
+            window
+            for step in steps
+            for window in stream.push(step / 100 + rng.uniform(-0.003, 0.003), [0, 0, 0], [0, 0, 0])
+        ]
+        assert len(windows) == len(steps) - 20
 
     def test_a_rate_that_is_none(self) -> None:
         with pytest.raises(InvalidArgument, match="rate_hz is 0"):
