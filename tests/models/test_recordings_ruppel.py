@@ -271,7 +271,7 @@ def test_no_rows_are_refused_and_the_old_file_stays(tmp_path: Path) -> None:
 
 def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     (tmp_path / "folder.csv").mkdir()
-    with pytest.raises(SettingsError, match="cannot be written"):
+    with pytest.raises(SettingsError, match="is a folder"):
         write_ruppel(small(), tmp_path / "folder.csv")
     with pytest.raises(SettingsError, match="does not exist"):
         write_ruppel(small(), tmp_path / "none" / "out.csv")
