@@ -127,8 +127,11 @@ class WindowStream:
 
     def _check_rate(self, median_ns: int) -> None:
         """Refuse samples that `build_windows` would treat in another way than this stream does."""
-        off = abs(median_ns - PERIOD_NS) / PERIOD_NS > _RATE_TOLERANCE
-        if off if self._rows_are_ticks else median_ns > self._gap_ns:
+        if self._rows_are_ticks:
+            wrong = abs(median_ns - PERIOD_NS) > _RATE_TOLERANCE * PERIOD_NS
+        else:
+            wrong = median_ns > self._gap_ns
+        if wrong:
             raise InvalidArgument(
                 f"samples come every {median_ns / 1e6:g} ms but the stream was made for "
                 f"{self._rate_hz:g} Hz: make it with rate_hz={1e9 / median_ns:g}"
