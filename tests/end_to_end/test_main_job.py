@@ -84,6 +84,7 @@ def test_a_report_has_figures_a_table_and_pictures(work: Path, tmp_path: Path) -
     raw = json.loads((report / "errors.json").read_text())
     assert raw["model"]["norm_mae"] == said["norm_mae"]
     assert set(raw["model"]["per_channel"]) == set(CHANNELS)
+    assert all(len(stretch) == len(CHANNELS) for stretch in raw["norm_mae_by_stretch"])
     assert f"{said['norm_mae']:.3f}" in (report / "errors.md").read_text()
 
 

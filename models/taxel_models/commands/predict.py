@@ -115,7 +115,6 @@ def _compare(
     if report is not None:
         from taxel_models.evaluation.report import write_report
 
-        means = np.broadcast_to(np.asarray(normalisation.output_mean, np.float32), predicted.shape)
         write_report(
             report,
             about={
@@ -126,8 +125,7 @@ def _compare(
             time_ns=time_ns,
             measured=measured,
             predicted=predicted,
-            errors=errors,
-            baseline=Errors.of(measured, means, normalisation.output_std),
+            normalisation=normalisation,
         )
     if as_json:
         print_json(errors.summary())

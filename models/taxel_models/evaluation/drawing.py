@@ -19,13 +19,23 @@ _SHOWN_SECONDS: Final = 20.0
 _MEASURED, _PREDICTED = "#444444", "#d1495b"
 
 
-def draw_errors(errors: Errors, title: str, path: Path) -> None:
-    """A bar a channel: the normalised MAE, with the average over all as a line."""
-    figure, axes = plt.subplots(figsize=(9, 3.6), layout="constrained")
-    axes.bar(CHANNELS, errors.channel_norm_mae, color="#30638e")
-    axes.axhline(errors.norm_mae, color=_PREDICTED, label=f"all 21 channels: {errors.norm_mae:.3f}")
+def draw_errors(errors: Errors, by_stretch: NDArray[np.float64], title: str, path: Path) -> None:
+    """A box a channel: how its normalised MAE varies over stretches, and its mean as a dot.
+
+    Args:
+        errors: over everything.
+        by_stretch: (stretches, 21) normalised MAE of each trial or chunk.
+        title: of the picture.
+        path: the picture to write.
+    """
+    figure, axes = plt.subplots(figsize=(9, 3.8), layout="constrained")
+    axes.boxplot(by_stretch, tick_labels=CHANNELS, showfliers=False, medianprops={"color": "#30638e"})
+    places = range(1, len(CHANNELS) + 1)
+    axes.plot(places, errors.channel_norm_mae, "o", ms=4, color=_PREDICTED, label="over all windows")
+    axes.axhline(errors.norm_mae, color=_PREDICTED, lw=0.8, label=f"all 21 channels: {errors.norm_mae:.3f}")
     axes.set_ylabel("normalised MAE")
-    axes.set_title(title)
+    axes.set_ylim(bottom=0)
+    axes.set_title(f"{title}: {len(by_stretch)} stretches")
     axes.legend()
     axes.grid(axis="y", alpha=0.3)
     figure.savefig(path, dpi=120)
