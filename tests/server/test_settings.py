@@ -38,7 +38,7 @@ def test_the_environment_names_several_endpoints(monkeypatch: pytest.MonkeyPatch
 
 def test_variables_of_other_parts_are_let_be(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TAXEL_DATA", "/recordings")
-    read_settings({"repository": Path("models")})
+    assert read_settings({"repository": Path("models")}).repository == Path("models")
 
 
 @pytest.mark.parametrize(

@@ -90,20 +90,24 @@ class EnsembleFamily(Family):
     @override
     def choose(self, combination: int, overrides: Mapping[str, Any]) -> dict[str, Any]:
         """Each member with the paper's hyperparameters; `FAMILY.NAME` replaces one of a family's."""
-        rest = dict(overrides)
-        text = rest.pop("members", None)
-        if text is None:
-            self.paper_hyperparameters(combination)
+        if "members" not in overrides:
+            return dict(self.paper_hyperparameters(combination))
+        chosen: dict[str, Any] = {key: value for key, value in overrides.items() if key != "members"}
         members = []
-        for name, count in _parse(str(text)):
+        for name, count in _parse(str(overrides["members"])):
             own = {
-                key.removeprefix(f"{name}."): rest[key] for key in list(rest) if key.startswith(f"{name}.")
+                key.removeprefix(f"{name}."): value
+                for key, value in overrides.items()
+                if key.startswith(f"{name}.")
             }
-            chosen = resolve(family(name), combination, own).model_dump(mode="json")
-            members += [{"family": name, "hyperparameters": chosen}] * count
-        named = {name for name, _ in _parse(str(text))}
-        unknown = {key: value for key, value in rest.items() if key.partition(".")[0] not in named}
-        return {"members": members, **unknown}
+            one = {
+                "family": name,
+                "hyperparameters": resolve(family(name), combination, own).model_dump(mode="json"),
+            }
+            members += [one] * count
+            chosen = {key: value for key, value in chosen.items() if not key.startswith(f"{name}.")}
+        # What no member took is left for the validation to refuse by name.
+        return {"members": members, **chosen}
 
     @override
     def fit(self, task: FitTask, hyperparameters: Hyperparameters) -> tuple[EnsembleModel, History]:
