@@ -5,13 +5,12 @@ from pathlib import Path
 
 from taxel import __version__
 from taxel.errors import ArtifactError
-from taxel.manifest import Manifest, ModelFile, Normalisation, tensors
+from taxel.manifest import Manifest, ModelFile, tensors
 from taxel_exporters import formats
 from taxel_exporters.parity import check_parity
 from taxel_exporters.publish import free_version, publish
 from taxel_models.training import trained as trained_models
 from taxel_models.training.dataset import concatenate, examples
-from taxel_models.training.trained import TrainedModel
 
 
 def export(
@@ -58,7 +57,7 @@ def export(
         inputs=inputs,
         outputs=outputs,
         window=layout,
-        normalisation=_served_normalisation(trained, model.folded),
+        normalisation=trained.served_normalisation.model_copy(update={"folded": model.folded}),
         parameters=trained.record.parameters,
         training=training,
         model_file=ModelFile(
@@ -74,15 +73,6 @@ def export(
         model.content,
         lambda staging: check_parity(staging, name, trained, held_out, model.tolerance),
     )
-
-
-def _served_normalisation(trained: TrainedModel, folded: bool) -> Normalisation:
-    """The statistics of everything that the served model takes."""
-    normalisation, temperature = trained.record.normalisation, trained.record.temperature
-    means, stds = normalisation.input_mean, normalisation.input_std
-    if trained.serves_temperature and temperature is not None:
-        means, stds = (*means, temperature.mean), (*stds, temperature.std)
-    return normalisation.model_copy(update={"input_mean": means, "input_std": stds, "folded": folded})
 
 
 def _describe(family: str, combination: int, data: str) -> str:

@@ -30,25 +30,22 @@ class _Served(nn.Module):
 
     def __init__(self, trained: TrainedModel, model: NetworkModel) -> None:
         super().__init__()
-        record = trained.record
         self.network = model.network
         self.fixed_temperature = model.takes_temperature and not trained.serves_temperature
         # Beside others in an ensemble, a network without temperature leaves that column alone.
-        self.columns = trained.spec.length + (model.takes_temperature and trained.serves_temperature)
-        normalisation = record.normalisation
-        means, stds = list(normalisation.input_mean), list(normalisation.input_std)
-        if trained.serves_temperature and record.temperature is not None:
-            means.append(record.temperature.mean)
-            stds.append(record.temperature.std)
+        self.ignored_temperature = trained.serves_temperature and not model.takes_temperature
+        normalisation = trained.served_normalisation
         for name, scaler in (
-            ("input", Scaler.of(means, stds)),
+            ("input", Scaler.of(normalisation.input_mean, normalisation.input_std)),
             ("output", Scaler.of(normalisation.output_mean, normalisation.output_std)),
         ):
             self.register_buffer(f"{name}_mean", torch.from_numpy(scaler.mean))
             self.register_buffer(f"{name}_std", torch.from_numpy(scaler.std))
 
     def forward(self, window: Tensor) -> Tensor:
-        columns = ((window - self.input_mean) / self.input_std)[:, : self.columns]
+        columns = (window - self.input_mean) / self.input_std
+        if self.ignored_temperature:
+            columns = columns[:, :-1]
         if self.fixed_temperature:
             columns = torch.cat([columns, torch.zeros_like(columns[:, :1])], dim=1)
         served: Tensor = self.network(columns)[:, : len(CHANNELS)]

@@ -36,14 +36,20 @@ def trees_onnx(trained: TrainedModel) -> onnx.ModelProto:
         "input_std": inputs.std,
         "output_mean": outputs.mean,
         "output_std": outputs.std,
-        "first": np.array([0]),
-        "length": np.array([trained.spec.length]),
-        "axis": np.array([1]),
     }
-    nodes = [
+    window, before = INPUT_NAME, []
+    if trained.serves_temperature:
         # A temperature that others in an ensemble take stands behind the window: trees leave it alone.
-        helper.make_node("Slice", [INPUT_NAME, "first", "length", "axis"], ["window_alone"]),
-        helper.make_node("Sub", ["window_alone", "input_mean"], ["centred"]),
+        constants |= {
+            "first": np.array([0]),
+            "length": np.array([trained.spec.length]),
+            "axis": np.array([1]),
+        }
+        window = "window_alone"
+        before = [helper.make_node("Slice", [INPUT_NAME, "first", "length", "axis"], [window])]
+    nodes = [
+        *before,
+        helper.make_node("Sub", [window, "input_mean"], ["centred"]),
         helper.make_node("Div", ["centred", "input_std"], ["columns"]),
         helper.make_node(
             "TreeEnsembleRegressor",

@@ -86,6 +86,16 @@ class TrainedModel:
             extras = (ExtraFeature(name="tdc", unit="counts", default=self.record.temperature.mean),)
         return WindowLayout.of(self.spec, extras)
 
+    @property
+    def served_normalisation(self) -> Normalisation:
+        """The statistics of everything that the served model takes, columns as `layout`."""
+        normalisation, temperature = self.record.normalisation, self.record.temperature
+        if temperature is None or not temperature.served:
+            return normalisation
+        means = (*normalisation.input_mean, temperature.mean)
+        stds = (*normalisation.input_std, temperature.std)
+        return normalisation.model_copy(update={"input_mean": means, "input_std": stds})
+
     def predict(
         self, windows: NDArray[np.float32], temperature: NDArray[np.float32] | None = None
     ) -> NDArray[np.float32]:
