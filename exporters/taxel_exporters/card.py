@@ -1,6 +1,8 @@
 """The README.md that lies beside an artifact and says what it is."""
 
-from taxel.manifest import Manifest, Training
+from taxel.corrections import AppliedEffect
+from taxel.manifest import Manifest, Parity, RoundedWeights, Training
+from taxel.windows import ExtraFeature
 
 
 def card(manifest: Manifest) -> str:
@@ -18,8 +20,8 @@ def card(manifest: Manifest) -> str:
 - Output: 21 channels in 12-bit counts.
 
 {_imported(manifest) if manifest.training is None else _trained(manifest.training)}
-
-{_checked(manifest)}
+{_corrected(manifest) if manifest.effects else ""}
+{" ".join(_checked(manifest))}
 """
 
 
@@ -59,18 +61,63 @@ def _imported(manifest: Manifest) -> str:
 It was trained elsewhere: on which data, and how well it predicts data held out from it, is not known."""
 
 
-def _checked(manifest: Manifest) -> str:
-    parity = manifest.parity
-    if parity is None:
-        return "It has not been compared with the model that it was made from."
-    windows, origin = (
-        ("held-out windows", "the model that was trained")
-        if manifest.training
-        else ("random windows", "its source evaluated in double precision")
+def _corrected(manifest: Manifest) -> str:
+    effects = "\n".join(_effect(effect) for effect in manifest.effects)
+    needs = "\n".join(_need(extra) for extra in manifest.window.effect_extras)
+    return f"""
+## Corrected
+
+Effects found in measured data were added to the model; what is said above is of the model without them.
+
+{effects}
+
+At run time they need:
+
+{needs or "- nothing beside the window."}
+"""
+
+
+def _effect(effect: AppliedEffect) -> str:
+    parameters = ", ".join(
+        f"{parameter.name} {parameter.value:.4g} {parameter.unit}".rstrip()
+        for parameter in effect.parameters
     )
+    return f"- `{effect.name}`: {effect.about}" + (f" ({parameters})" if parameters else "")
+
+
+def _need(extra: ExtraFeature) -> str:
+    if extra.history is not None:
+        return f"- `{extra.name}` ({extra.unit}), computed by the window builder from past contacts."
+    return f"- `{extra.name}` ({extra.unit}), given by the caller; {extra.default:g} where it is not."
+
+
+def _checked(manifest: Manifest) -> list[str]:
+    found = [rounding(manifest, manifest.rounded_weights)] if manifest.rounded_weights else []
+    if manifest.parity is not None:
+        found.append(_agreement(manifest, manifest.parity))
+    return found or ["It has not been compared with the model that it was made from."]
+
+
+def _agreement(manifest: Manifest, parity: Parity) -> str:
+    if manifest.effects:
+        windows, origin = "windows", "the model's own prediction with the effects added apart"
+    elif manifest.training:
+        windows, origin = "held-out windows", "the model that was trained"
+    else:
+        windows, origin = "random windows", "its source evaluated in double precision"
     return (
         f"On {parity.windows} {windows} it differs from {origin} by at most "
         f"{parity.largest_difference:g} counts."
+    )
+
+
+def rounding(manifest: Manifest, weights: RoundedWeights) -> str:
+    """What rounded weights save and cost, in one sentence."""
+    return (
+        f"Its weights are rounded to {weights.datatype}: on {weights.windows} held-out windows the "
+        f"normalised MAE is {weights.norm_mae:.4f}, with float32 weights {weights.float32_norm_mae:.4f} "
+        f"({weights.rise:+.2%}); the model file has {manifest.model_file.size / 1e6:.2f} MB instead of "
+        f"{weights.float32_size / 1e6:.2f} MB."
     )
 
 

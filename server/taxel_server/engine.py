@@ -154,7 +154,7 @@ def load_model(folder: Path, options: RuntimeOptions = DEFAULTS) -> LoadedModel:
     """
     artifact = artifacts.read(folder)
     model = LoadedModel(artifact.manifest, open_runtime(artifact, options))
-    window = np.asarray(artifact.manifest.normalisation.input_mean, dtype=np.float32)
+    window = np.asarray(artifact.manifest.typical_window, dtype=np.float32)
     for rows in _WARM_UP_ROWS:
         outputs = model.evaluate(np.tile(window, (rows, 1)))
         if outputs.shape != (rows, model.columns):

@@ -2,10 +2,13 @@
 
 from typing import Annotated, Any, Final, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, StringConstraints, model_validator
+from pydantic import Field, FiniteFloat, StringConstraints, model_validator
 
 from taxel.channels import CHANNELS
-from taxel.windows import COMBINATIONS, PERIOD_NS, WindowSpec
+from taxel.corrections import AppliedEffect
+from taxel.errors import InvalidArgument
+from taxel.parts import Part, Positive
+from taxel.windows import PERIOD_NS, ExtraFeature, WindowSpec
 
 SCHEMA: Final = 1
 
@@ -18,14 +21,9 @@ Platform = Literal["xgboost_json", "onnxruntime_onnx"]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
 Version = Annotated[str, StringConstraints(pattern=r"^[1-9][0-9]{0,8}$")]
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Tensor(_Part):
+class Tensor(Part):
     """A tensor as the Open Inference Protocol describes it; -1 stands for the batch axis."""
 
     name: str
@@ -33,21 +31,12 @@ class Tensor(_Part):
     shape: tuple[Literal[-1], Annotated[int, Field(gt=0)]]
 
 
-class ExtraFeature(_Part):
-    """A value that a model takes beside its window, such as the sensor's temperature `tdc`.
-
-    Whoever does not know it leaves it out, and `default` stands in.
-    """
-
-    name: str
-    unit: str
-    default: FiniteFloat
-
-
-class WindowLayout(_Part):
+class WindowLayout(Part):
     """The window that a model was trained on, spelled out so that nothing is left to memory.
 
-    `features` names every column in order: those of the input combination, then the extras.
+    `features` names every column in order: those of the input combination, then the extras of the
+    model file, then those that only the effects take. The window's middle lies `shift` ticks
+    before T.
     """
 
     combination: int
@@ -55,6 +44,7 @@ class WindowLayout(_Part):
     features: tuple[str, ...]
     extras: tuple[ExtraFeature, ...] = ()
     look_ahead: int
+    shift: int = 0
 
     @classmethod
     def of(cls, spec: WindowSpec, extras: tuple[ExtraFeature, ...] = ()) -> Self:
@@ -65,13 +55,35 @@ class WindowLayout(_Part):
             features=spec.features + names,
             extras=extras,
             look_ahead=spec.look_ahead,
+            shift=spec.shift,
         )
+
+    @property
+    def spec(self) -> WindowSpec:
+        """The window to build, without extras."""
+        return WindowSpec.of(self.combination, self.shift)
+
+    @property
+    def model_extras(self) -> tuple[ExtraFeature, ...]:
+        """The extras that the model file takes."""
+        return tuple(extra for extra in self.extras if extra.taken_by == "model")
+
+    @property
+    def effect_extras(self) -> tuple[ExtraFeature, ...]:
+        """The extras that only the effects take."""
+        return tuple(extra for extra in self.extras if extra.taken_by == "effects")
+
+    @property
+    def model_columns(self) -> int:
+        """How many of the features, the first ones, the model file takes."""
+        return len(self.features) - len(self.effect_extras)
 
     @model_validator(mode="after")
     def _agrees_with_the_builder(self) -> Self:
-        if self.combination not in COMBINATIONS:
-            raise ValueError(f"combination {self.combination}: expected one of 1 to 8")
-        spec = WindowSpec.of(self.combination)
+        try:
+            spec = self.spec
+        except InvalidArgument as error:
+            raise ValueError(str(error)) from None
         built = spec.features + tuple(extra.name for extra in self.extras)
         if self.features != built or len(set(built)) != len(built):
             raise ValueError(f"features {list(self.features)} are not those built: {list(built)}")
@@ -79,11 +91,13 @@ class WindowLayout(_Part):
             raise ValueError(f"look_ahead {self.look_ahead}: expected {spec.look_ahead} ticks")
         if self.sample_period_ms != PERIOD_NS / 1e6:
             raise ValueError(f"sample_period_ms {self.sample_period_ms}: expected {PERIOD_NS / 1e6}")
+        if self.extras != self.model_extras + self.effect_extras:
+            raise ValueError("extras: expected those that the model takes before those of the effects")
         return self
 
 
-class Normalisation(_Part):
-    """Mean and standard deviation of inputs and outputs over the training part.
+class Normalisation(Part):
+    """Mean and standard deviation of what the model file takes and gives, over the training part.
 
     `folded` says that the model file already takes raw windows and gives counts; otherwise
     whoever evaluates it normalises before and after.
@@ -96,7 +110,7 @@ class Normalisation(_Part):
     folded: bool = False
 
 
-class Source(_Part):
+class Source(Part):
     """One recording that a model was trained on."""
 
     name: str
@@ -105,7 +119,7 @@ class Source(_Part):
     sha256: Sha256
 
 
-class Training(_Part):
+class Training(Part):
     """How a model came to be: enough to make it again."""
 
     family: str
@@ -117,7 +131,7 @@ class Training(_Part):
     metrics: dict[str, Any]
 
 
-class Imported(_Part):
+class Imported(Part):
     """What a model was made from that another program trained; how it came to be is not known."""
 
     format: str
@@ -125,7 +139,7 @@ class Imported(_Part):
     sha256: Sha256
 
 
-class Parity(_Part):
+class Parity(Part):
     """How far the artifact's predictions are from those of what it was made from, in counts."""
 
     windows: int
@@ -133,7 +147,30 @@ class Parity(_Part):
     tolerance: Positive
 
 
-class ModelFile(_Part):
+class RoundedWeights(Part):
+    """What rounding the weights costs on held-out windows, against what was measured.
+
+    Attributes:
+        datatype: of most weights in the model file.
+        windows: how many were compared.
+        norm_mae: normalised mean absolute error of the artifact.
+        float32_norm_mae: that of the trained model.
+        float32_size: bytes of the model file with weights as trained.
+    """
+
+    datatype: Literal["INT8"]
+    windows: Annotated[int, Field(gt=0)]
+    norm_mae: Positive
+    float32_norm_mae: Positive
+    float32_size: Annotated[int, Field(gt=0)]
+
+    @property
+    def rise(self) -> float:
+        """Of the error, relative."""
+        return self.norm_mae / self.float32_norm_mae - 1
+
+
+class ModelFile(Part):
     """The model's bytes."""
 
     name: Annotated[str, StringConstraints(pattern=r"^model\.(onnx|json)$")]
@@ -141,7 +178,7 @@ class ModelFile(_Part):
     size: Annotated[int, Field(gt=0)]
 
 
-class Manifest(_Part):
+class Manifest(Part):
     """Everything there is to know of an artifact besides its weights.
 
     `training` says how it came to be, or `imported` what it was made from: one of the two.
@@ -160,11 +197,12 @@ class Manifest(_Part):
     window: WindowLayout
     channels: tuple[str, ...] = CHANNELS
     normalisation: Normalisation
-    effects: tuple[dict[str, Any], ...] = ()
+    effects: tuple[AppliedEffect, ...] = ()
     parameters: int
     training: Training | None
     imported: Imported | None = None
     parity: Parity | None = None
+    rounded_weights: RoundedWeights | None = None
     model_file: ModelFile
     taxel_version: str
 
@@ -176,7 +214,31 @@ class Manifest(_Part):
     @property
     def spec(self) -> WindowSpec:
         """The window to build for this model."""
-        return WindowSpec.of(self.window.combination)
+        return self.window.spec
+
+    @property
+    def typical_window(self) -> tuple[float, ...]:
+        """A window of all features: the means that the model was trained on, and the effects' defaults."""
+        defaults = tuple(extra.default for extra in self.window.effect_extras)
+        return self.normalisation.input_mean + defaults
+
+    @model_validator(mode="after")
+    def _effects_have_what_they_take(self) -> Self:
+        window = self.window
+        extras = {extra.name for extra in window.extras}
+        known = extras.union(window.spec.unshifted.features)
+        for effect in self.effects:
+            if missing := effect.takes - known:
+                raise ValueError(
+                    f"effect {effect.name} takes {sorted(missing)}, which no feature is called"
+                )
+        taken = {name for effect in self.effects for name in effect.takes}
+        if idle := {extra.name for extra in window.effect_extras} - taken:
+            raise ValueError(f"extras {sorted(idle)}: no effect takes them")
+        shift = sum(effect.shift_ticks for effect in self.effects)
+        if window.shift != shift:
+            raise ValueError(f"window.shift {window.shift}: expected {shift}, what the effects come to")
+        return self
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
@@ -192,8 +254,8 @@ class Manifest(_Part):
             if tensor.name != name or tensor.shape[1] != length:
                 raise ValueError(f"{where} is {tensor.name} {tensor.shape}: expected {name} (-1, {length})")
         for field, length in (
-            ("input_mean", features),
-            ("input_std", features),
+            ("input_mean", self.window.model_columns),
+            ("input_std", self.window.model_columns),
             ("output_mean", channels),
             ("output_std", channels),
         ):

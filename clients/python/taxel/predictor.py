@@ -47,7 +47,7 @@ class Predictor(ABC):
     def checked(self, windows: NDArray[Any]) -> NDArray[np.float32]:
         """Windows as the model takes them: float32, C-contiguous, with its extra features.
 
-        Extra features that are not given take their defaults.
+        Extra features that are not given, the last ones, take their defaults.
 
         Raises:
             InvalidArgument: wrong shape or datatype, no rows, or a value that is not finite.
@@ -55,14 +55,16 @@ class Predictor(ABC):
         layout = self.manifest.window
         if layout.extras:
             array = np.asarray(windows)
-            if array.ndim == 2 and array.shape[1] == len(layout.features) - len(layout.extras):
-                defaults = np.array([extra.default for extra in layout.extras], dtype=np.float32)
-                windows = np.hstack([array, np.broadcast_to(defaults, (len(array), len(defaults)))])
+            missing = len(layout.features) - array.shape[1] if array.ndim == 2 else 0
+            if 0 < missing <= len(layout.extras):
+                defaults = np.array([extra.default for extra in layout.extras[-missing:]], np.float32)
+                windows = np.hstack([array, np.broadcast_to(defaults, (len(array), missing))])
         return check_windows(windows, layout.features)
 
     def stream(self, *, rate_hz: float = 100.0, fingers: int = 1) -> WindowStream:
-        """A builder of this model's windows from live samples."""
-        return WindowStream(self.window, rate_hz=rate_hz, fingers=fingers)
+        """A builder of this model's windows, extra features included, from live samples."""
+        extras = self.manifest.window.extras
+        return WindowStream(self.window, rate_hz=rate_hz, fingers=fingers, extras=extras)
 
     @abstractmethod
     def predict(self, windows: NDArray[Any], *, timeout: float | None = None) -> NDArray[np.float32]:

@@ -8,7 +8,6 @@ import numpy as np
 
 from taxel import __version__
 from taxel.manifest import (
-    ExtraFeature,
     Imported,
     Manifest,
     ModelFile,
@@ -16,6 +15,7 @@ from taxel.manifest import (
     WindowLayout,
     tensors,
 )
+from taxel.windows import ExtraFeature
 from taxel_exporters.gazebo.columns import CHANNEL_COLUMNS, FEATURE_COLUMNS, INPUTS, SPEC, TEMPERATURE
 from taxel_exporters.gazebo.document import read_content
 from taxel_exporters.gazebo.graph import network_onnx

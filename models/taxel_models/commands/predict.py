@@ -15,7 +15,7 @@ from taxel.commands.frame import ERR, OUT, Json, print_json
 from taxel.commands.models import Connect, Repository, open_source
 from taxel.errors import SettingsError
 from taxel.predictor import Predictor
-from taxel.windows import Samples, Windows, build_windows
+from taxel.windows import Samples, build_windows
 
 _ROWS_A_REQUEST = 4096
 
@@ -50,12 +50,11 @@ def predict(
     name, _, version = model.partition("/")
     with open_source(connect, repository) as source:
         predictor = source.predictor(name, version or None)
-        samples, channels, extras = _read(recording)
+        samples, channels, given = _read(recording)
         if report is not None and channels is None:
             raise SettingsError(f"--report: {recording} has no measured channels to compare with")
-        windows = build_windows(samples, predictor.window)
-        inputs = _with_extras(windows, predictor, extras)
-        predicted = _predict_all(predictor, inputs, timeout)
+        windows = build_windows(samples, predictor.window, predictor.manifest.window.extras, given)
+        predicted = _predict_all(predictor, windows.values, timeout)
     time_ns = samples.time_ns[windows.rows]
     write_predictions(time_ns, predicted, output)
     if channels is None or not len(windows):
@@ -76,17 +75,6 @@ def _read(path: Path) -> tuple[Samples, NDArray[np.float64] | None, Mapping[str,
         return read_contacts(path).ticks(), None, {}
     ticks = read_recording(path).ticks()
     return ticks.samples, ticks.channels, {**ticks.auxiliary, **ticks.covariates}
-
-
-def _with_extras(
-    windows: Windows, predictor: Predictor, columns: Mapping[str, NDArray[np.float64]]
-) -> NDArray[np.float32]:
-    """Windows with the model's extra features from the recording's columns, or their defaults."""
-    values = [
-        columns[extra.name][windows.rows] if extra.name in columns else np.full(len(windows), extra.default)
-        for extra in predictor.manifest.window.extras
-    ]
-    return np.column_stack([windows.values, *values]).astype(np.float32)
 
 
 def _predict_all(predictor: Predictor, windows: NDArray[np.float32], timeout: float) -> NDArray[np.float32]:

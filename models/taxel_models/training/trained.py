@@ -18,9 +18,9 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 from taxel.artifacts import describe
 from taxel.atomic import whole_folder
 from taxel.errors import ArtifactError
-from taxel.manifest import ExtraFeature, Normalisation, Training, WindowLayout
+from taxel.manifest import Normalisation, Training, WindowLayout
 from taxel.scaling import Scaler
-from taxel.windows import WindowSpec
+from taxel.windows import ExtraFeature, WindowSpec
 from taxel_models.families.family import FittedModel, History
 from taxel_models.families.registry import family
 from taxel_models.recordings import Recording, read_ruppel, write_ruppel

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from taxel.artifacts import Artifact
 from taxel.errors import ArtifactError, MissingDependency
 from taxel.manifest import Platform
+from taxel_server.runtimes.corrected import CorrectedRuntime
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ _FACTORIES: Final[dict[Platform, Factory]] = {"xgboost_json": _trees, "onnxrunti
 
 
 def open_runtime(artifact: Artifact, options: RuntimeOptions = DEFAULTS) -> Runtime:
-    """The runtime of a checked artifact.
+    """The runtime of a checked artifact, with the effects that its manifest adds.
 
     Raises:
         ArtifactError: no runtime for its platform, or a model file at odds with its manifest.
@@ -78,9 +79,9 @@ def open_runtime(artifact: Artifact, options: RuntimeOptions = DEFAULTS) -> Runt
         runtime = _FACTORIES[manifest.platform](artifact, options)
     except ModuleNotFoundError as error:
         raise MissingDependency(f"platform {manifest.platform}", str(error.name), "server") from None
-    expected = len(manifest.window.features)
+    expected = manifest.window.model_columns
     if runtime.features != expected:
         raise ArtifactError(
             f"{artifact.model_path} takes {runtime.features} features, but its manifest names {expected}"
         )
-    return runtime
+    return CorrectedRuntime(runtime.evaluate, manifest) if manifest.effects else runtime

@@ -2,17 +2,40 @@
 
 from taxel.windows.batch import Windows, build_windows
 from taxel.windows.combinations import COMBINATIONS, PERIOD_NS, WindowSpec
+from taxel.windows.extras import ExtraFeature, extra_columns
+from taxel.windows.history import (
+    Direction,
+    Elapsed,
+    HistoryFeature,
+    Play,
+    Rate,
+    Relaxation,
+    RelaxationShare,
+    Speed,
+    history_columns,
+)
 from taxel.windows.samples import Samples, resample
 from taxel.windows.stream import LiveWindow, WindowStream
 
 __all__ = [
     "COMBINATIONS",
     "PERIOD_NS",
+    "Direction",
+    "Elapsed",
+    "ExtraFeature",
+    "HistoryFeature",
     "LiveWindow",
+    "Play",
+    "Rate",
+    "Relaxation",
+    "RelaxationShare",
     "Samples",
+    "Speed",
     "WindowSpec",
     "WindowStream",
     "Windows",
     "build_windows",
+    "extra_columns",
+    "history_columns",
     "resample",
 ]

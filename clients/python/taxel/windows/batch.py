@@ -1,11 +1,13 @@
 """Windows of a whole recording at once."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taxel.windows.combinations import WindowSpec
+from taxel.windows.extras import ExtraFeature, extra_columns
 from taxel.windows.neighbours import nearest_moved, steps_of
 from taxel.windows.samples import Samples
 
@@ -15,7 +17,7 @@ class Windows:
     """Windows of a recording and where each stands in it.
 
     Attributes:
-        values: (m, f) float32, columns as `WindowSpec.features`.
+        values: (m, f) float32, columns as `WindowSpec.features`, then the extras.
         rows: (m,) row of T among the ticks that the windows were built from.
     """
 
@@ -26,20 +28,35 @@ class Windows:
         return len(self.rows)
 
 
-def build_windows(samples: Samples, spec: WindowSpec) -> Windows:
+def build_windows(
+    samples: Samples,
+    spec: WindowSpec,
+    extras: Sequence[ExtraFeature] = (),
+    given: Mapping[str, NDArray[np.float64]] | None = None,
+) -> Windows:
     """Every window of `samples` whose steps all lie inside one segment.
 
     Samples that are not 10 ms ticks are resampled first; then `Windows.rows` counts the rows
     of `samples.ticks()`.
+
+    Args:
+        extras: further columns behind the window's; `manifest.window.extras` for a loaded model.
+        given: values of extras by name, one a sample; see `extra_columns`.
+
+    Raises:
+        InvalidArgument: a given column has another length than the samples.
     """
     ticks = samples.ticks()
     rows = _complete_rows(ticks, spec)
-    now = ticks.position[rows]
+    middle = rows - spec.shift
+    now = ticks.position[middle]
     columns = [
-        nearest_moved(now, (ticks.position[rows + step] for step in steps_of(which)))
+        nearest_moved(now, (ticks.position[middle + step] for step in steps_of(which)))
         for which in spec.positions
     ]
-    columns += [ticks.force[rows + step] for step in spec.force_steps]
+    columns += [ticks.force[middle + step] for step in spec.force_steps]
+    if extras:
+        columns.append(extra_columns(samples, extras, given or {})[rows])
     return Windows(np.concatenate(columns, axis=1).astype(np.float32), rows)
 
 

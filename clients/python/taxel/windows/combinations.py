@@ -1,6 +1,6 @@
 """The paper's eight input combinations: which samples around time T make a window."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, Literal
 
@@ -11,6 +11,9 @@ PERIOD_NS: Final = 10_000_000
 
 REACH: Final = 10
 """Ticks that 'last' and 'next' position search, and the longest step of any combination."""
+
+MOST_SHIFT: Final = 100
+"""Largest shift of a window, ticks."""
 
 Position = Literal["now", "last", "next"]
 
@@ -36,38 +39,52 @@ class WindowSpec:
     """What one window holds: positions (m), then forces (N), in the sensor's frame.
 
     `WindowSpec.of(combination)` is the usual way to get one.
+
+    Attributes:
+        positions: which ones, about the middle of the window.
+        force_steps: ticks from the middle of the window.
+        shift: ticks by which the middle lies before T; 0 unless the channels trail the contact.
     """
 
     combination: int
     positions: tuple[Position, ...]
     force_steps: tuple[int, ...]
+    shift: int = 0
 
     @classmethod
-    def of(cls, combination: int) -> "WindowSpec":
-        """The window of input combination 1..8.
+    def of(cls, combination: int, shift: int = 0) -> "WindowSpec":
+        """The window of input combination 1..8, built around T or `shift` ticks before it.
 
         Raises:
-            InvalidArgument: there is no such combination.
+            InvalidArgument: there is no such combination, or the shift is more than `MOST_SHIFT`.
         """
         if combination not in _FORCE_STEPS:
             raise InvalidArgument(f"input combination {combination!r}: expected one of 1 to 8")
         neighbours: tuple[Position, ...] = ("last", "next") if combination in _WITH_NEIGHBOURS else ()
-        return cls(combination, ("now", *neighbours), _FORCE_STEPS[combination])
+        if abs(shift) > MOST_SHIFT:
+            raise InvalidArgument(f"shift {shift!r}: expected at most {MOST_SHIFT} ticks")
+        return cls(combination, ("now", *neighbours), _FORCE_STEPS[combination], shift)
 
     @cached_property
     def features(self) -> tuple[str, ...]:
-        """Names in column order, such as `x`, `x[last]`, `fx`, `fx[-10]`, `fx[+10]`."""
+        """Names in column order, such as `x`, `x[last]`, `fx`, `fx[-10]`, `fx[+10]`.
+
+        They count from T: shifted by 3 ticks these are `x[-3]`, `x[last-3]`, `fx[-3]`, `fx[-13]`, `fx[+7]`.
+        """
         positions = tuple(
-            axis if which == "now" else f"{axis}[{which}]"
+            axis + (_step(-self.shift) if which == "now" else f"[{which}{_signed(-self.shift)}]")
             for which in self.positions
             for axis in ("x", "y", "z")
         )
         forces = tuple(
-            axis if step == 0 else f"{axis}[{step:+d}]"
-            for step in self.force_steps
-            for axis in ("fx", "fy", "fz")
+            axis + _step(step - self.shift) for step in self.force_steps for axis in ("fx", "fy", "fz")
         )
         return positions + forces
+
+    @cached_property
+    def unshifted(self) -> "WindowSpec":
+        """The same window around T itself: as the model knows it."""
+        return replace(self, shift=0)
 
     @cached_property
     def length(self) -> int:
@@ -77,14 +94,24 @@ class WindowSpec:
     @cached_property
     def look_back(self) -> int:
         """Ticks before T that a window needs."""
-        return max(REACH if "last" in self.positions else 0, -min(self.force_steps))
+        reach = max(REACH if "last" in self.positions else 0, -min(self.force_steps))
+        return max(reach + self.shift, 0)
 
     @cached_property
     def look_ahead(self) -> int:
         """Ticks after T that a window needs: online, its answer comes that much later."""
-        return max(REACH if "next" in self.positions else 0, max(self.force_steps))
+        reach = max(REACH if "next" in self.positions else 0, max(self.force_steps))
+        return max(reach - self.shift, 0)
 
     @property
     def delay_s(self) -> float:
         """Seconds by which an online answer trails the moment it describes; 0 if causal."""
         return self.look_ahead * PERIOD_NS / 1e9
+
+
+def _step(step: int) -> str:
+    return f"[{step:+d}]" if step else ""
+
+
+def _signed(step: int) -> str:
+    return f"{step:+d}" if step else ""

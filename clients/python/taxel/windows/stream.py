@@ -1,5 +1,6 @@
 """Windows of a live stream, tick by tick, for one fingertip or many that share a clock."""
 
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -7,6 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from taxel.errors import InvalidArgument
 from taxel.windows.combinations import PERIOD_NS, WindowSpec
+from taxel.windows.extras import ExtraFeature
+from taxel.windows.memory import Memory
 from taxel.windows.neighbours import nearest_moved, steps_of
 from taxel.windows.samples import gap_of, period_of, rows_are_ticks
 
@@ -37,9 +40,17 @@ class WindowStream:
         rate_hz: how often samples come. Near 100 Hz each sample is a tick; at any other rate
             ticks are interpolated between samples.
         fingers: fingertips sampled together at each step.
+        extras: further columns behind the window's; `manifest.window.extras` for a loaded model.
     """
 
-    def __init__(self, spec: WindowSpec, *, rate_hz: float = 100.0, fingers: int = 1) -> None:
+    def __init__(
+        self,
+        spec: WindowSpec,
+        *,
+        rate_hz: float = 100.0,
+        fingers: int = 1,
+        extras: Sequence[ExtraFeature] = (),
+    ) -> None:
         if fingers < 1:
             raise InvalidArgument(f"fingers is {fingers}: expected at least 1")
         self.spec = spec
@@ -49,14 +60,23 @@ class WindowStream:
         self._rows_are_ticks = rows_are_ticks(period)
         self._gap_ns = gap_of(period)
         self._depth = spec.look_back + spec.look_ahead + 1
-        # Rings of the newest `depth` ticks: columns 0..2 position, 3..5 force.
-        self._ticks = np.empty((self._depth, fingers, 6))
+        # Columns of a tick: 0..2 position, 3..5 force, then the extras.
+        defaults = [0.0] * 6 + [extra.default for extra in extras]
+        self._defaults = np.tile(np.array(defaults), (fingers, 1))
+        places = {extra.name: column for column, extra in enumerate(extras, start=6)}
+        computed = {extra.name: extra.history for extra in extras if extra.history is not None}
+        self._given = {name: column for name, column in places.items() if name not in computed}
+        self._computed = [places[name] for name in computed]
+        self._memory = Memory(list(computed.values()))
+        # Rings of the newest `depth` ticks.
+        self._ticks = np.empty((self._depth, *self._defaults.shape))
         self._times = np.empty(self._depth, np.int64)
-        self._previous = np.empty((fingers, 6))
         self.reset()
 
     def reset(self) -> None:
-        """Forget every sample, as at the start of a new episode."""
+        """Forget every sample and extra feature, as at the start of a new episode."""
+        self._previous = self._defaults
+        self._first_ns: int | None = None
         self._intervals: list[int] = []
         self._previous_ns: int | None = None
         self._begin_segment(0)
@@ -65,14 +85,27 @@ class WindowStream:
         """Start afresh at a sample that no window reaches back across."""
         self._count = 0
         self._next_tick_ns = time_ns
+        self._memory.restart()
 
-    def push(self, time_s: float, position: ArrayLike, force: ArrayLike) -> list[LiveWindow]:
+    def push(
+        self,
+        time_s: float,
+        position: ArrayLike,
+        force: ArrayLike,
+        extras: Mapping[str, ArrayLike] | None = None,
+    ) -> list[LiveWindow]:
         """Take one sample at `time_s` seconds; see `push_ns`."""
         if not np.isfinite(time_s):
             raise InvalidArgument(f"time_s is {time_s!r}: expected a finite number of seconds")
-        return self.push_ns(round(time_s * 1e9), position, force)
+        return self.push_ns(round(time_s * 1e9), position, force, extras)
 
-    def push_ns(self, time_ns: int, position: ArrayLike, force: ArrayLike) -> list[LiveWindow]:
+    def push_ns(
+        self,
+        time_ns: int,
+        position: ArrayLike,
+        force: ArrayLike,
+        extras: Mapping[str, ArrayLike] | None = None,
+    ) -> list[LiveWindow]:
         """Take one sample of every fingertip and return the windows it completes.
 
         Args:
@@ -80,18 +113,23 @@ class WindowStream:
                 than 50 ms the stream starts afresh, so that no window reaches across it.
             position: (3,) or (fingers, 3), m, in each sensor's own frame.
             force: likewise, N.
+            extras: what is known of the extra features that are no history, such as
+                `{"tdc": 1960.0}`: a number, or one a fingertip. Each holds until it is given anew.
 
         Returns:
             Usually one window, or none until enough samples have come; above one where samples
             come more slowly than ticks.
 
         Raises:
-            InvalidArgument: a shape is wrong, a value is not finite, time does not increase,
-                or samples come at a rate that `rate_hz` does not say. The stream is unchanged.
+            InvalidArgument: a shape is wrong, a value is not finite, an extra is none or is computed,
+                time does not increase, or samples come at a rate that `rate_hz` does not say.
+                The stream is unchanged.
         """
-        sample = np.empty((self.fingers, 6))
+        sample = self._previous.copy()
         sample[:, :3] = self._checked("position", position)
-        sample[:, 3:] = self._checked("force", force)
+        sample[:, 3:6] = self._checked("force", force)
+        for name, values in (extras or {}).items():
+            sample[:, self._column_of(name)] = self._checked_extra(name, values)
         self._check_time(time_ns)
         if self._previous_ns is None or time_ns - self._previous_ns > self._gap_ns:
             self._begin_segment(time_ns)
@@ -100,6 +138,23 @@ class WindowStream:
         )
         self._previous_ns, self._previous = time_ns, sample
         return windows
+
+    def _column_of(self, name: str) -> int:
+        if name not in self._given:
+            known = ", ".join(self._given) or "none"
+            raise InvalidArgument(f"no extra feature {name!r} is given by the caller; there is: {known}")
+        return self._given[name]
+
+    def _checked_extra(self, name: str, values: ArrayLike) -> NDArray[np.float64]:
+        try:
+            array = np.broadcast_to(np.asarray(values, dtype=np.float64), (self.fingers,))
+        except (TypeError, ValueError):
+            raise InvalidArgument(
+                f"{name} is {values!r}: expected a number, or one for each of {self.fingers} fingertips"
+            ) from None
+        if not np.isfinite(array).all():
+            raise InvalidArgument(f"{name} is {array.tolist()}: expected finite numbers")
+        return array
 
     def _checked(self, name: str, values: ArrayLike) -> NDArray[np.float64]:
         try:
@@ -153,22 +208,34 @@ class WindowStream:
     def _tick(self, time_ns: int, values: NDArray[np.float64]) -> list[LiveWindow]:
         slot = self._count % self._depth
         self._ticks[slot] = values
+        if self._computed:
+            seconds = np.full(self.fingers, self._seconds(time_ns))
+            tick = np.column_stack([values[:, :6], seconds])
+            self._ticks[slot][:, self._computed] = self._memory.step(tick)
         self._times[slot] = time_ns
         self._count += 1
         if self._count < self._depth:
             return []
-        now = self._at(0)[:, :3]
+        now = self._around(0)[:, :3]
         columns = [
-            nearest_moved(now, (self._at(step)[:, :3] for step in steps_of(which)))
+            nearest_moved(now, (self._around(step)[:, :3] for step in steps_of(which)))
             for which in self.spec.positions
         ]
-        columns += [self._at(step)[:, 3:] for step in self.spec.force_steps]
-        moment = int(self._times[self._slot(0)])
+        columns += [self._around(step)[:, 3:6] for step in self.spec.force_steps]
+        slot = self._slot(0)
+        columns.append(self._ticks[slot][:, 6:])
+        moment = int(self._times[slot])
         return [LiveWindow(moment, np.concatenate(columns, axis=1).astype(np.float32))]
 
-    def _at(self, step: int) -> NDArray[np.float64]:
-        """The tick `step` ticks after T, (fingers, 6)."""
-        tick: NDArray[np.float64] = self._ticks[self._slot(step)]
+    def _seconds(self, time_ns: int) -> float:
+        """Since the stream's first tick."""
+        if self._first_ns is None:
+            self._first_ns = time_ns
+        return (time_ns - self._first_ns) / 1e9
+
+    def _around(self, step: int) -> NDArray[np.float64]:
+        """The tick `step` ticks after the middle of the window, (fingers, 6 + extras)."""
+        tick: NDArray[np.float64] = self._ticks[self._slot(step - self.spec.shift)]
         return tick
 
     def _slot(self, step: int) -> int:

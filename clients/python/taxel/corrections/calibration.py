@@ -1,0 +1,60 @@
+"""A calibration by a user's own sensor: how far its channels lie from the model's."""
+
+from dataclasses import dataclass
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from taxel.channels import CHANNELS
+from taxel.errors import InvalidArgument
+from taxel.windows import ExtraFeature
+
+CALIBRATION_EXTRAS: Final = tuple(
+    ExtraFeature(name=f"calibration_{channel}", unit="counts", default=0.0, taken_by="effects")
+    for channel in CHANNELS
+)
+"""The extras that a model takes which can be calibrated; 0 stands for a sensor like the model's."""
+
+
+@dataclass(frozen=True)
+class OffsetCalibration:
+    """Mean difference between a sensor and a model, taken over a few tenths of a second.
+
+    Attributes:
+        offsets: (21,) measured minus predicted, counts.
+    """
+
+    offsets: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, measured: ArrayLike, predicted: ArrayLike) -> Self:
+        """From simultaneous rows.
+
+        Args:
+            measured: (m, 21), the sensor's channels, counts.
+            predicted: (m, 21), the same model's, called without calibration extras.
+
+        Raises:
+            InvalidArgument: shapes disagree, there is no row, or a value is not finite.
+        """
+        arrays = {}
+        for name, values in (("measured", measured), ("predicted", predicted)):
+            array = np.asarray(values, dtype=np.float64)
+            if array.ndim != 2 or array.shape[1] != len(CHANNELS) or not len(array):
+                raise InvalidArgument(
+                    f"{name} has shape {array.shape}: expected (m, {len(CHANNELS)}), m above 0"
+                )
+            if not np.isfinite(array).all():
+                raise InvalidArgument(f"{name} holds values that are not finite")
+            arrays[name] = array
+        found, expected = (len(arrays[name]) for name in ("measured", "predicted"))
+        if found != expected:
+            raise InvalidArgument(f"measured has {found} rows, predicted {expected}: expected as many")
+        return cls((arrays["measured"] - arrays["predicted"]).mean(axis=0))
+
+    @property
+    def extras(self) -> dict[str, float]:
+        """By the names of `CALIBRATION_EXTRAS`, for `WindowStream.push(extras=…)`."""
+        names = (extra.name for extra in CALIBRATION_EXTRAS)
+        return dict(zip(names, self.offsets.tolist(), strict=True))

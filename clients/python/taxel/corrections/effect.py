@@ -1,0 +1,55 @@
+"""An effect as a manifest holds it: what it is called, its parameters, and how it is computed."""
+
+from typing import Annotated
+
+from pydantic import Field, FiniteFloat
+
+from taxel.corrections.frame import Frame
+from taxel.corrections.limit import Limit
+from taxel.corrections.mix import Mix
+from taxel.corrections.places import Places
+from taxel.corrections.substitute import Substitute
+from taxel.corrections.weighted import Weighted
+from taxel.parts import ChannelName, Part
+from taxel.windows.combinations import MOST_SHIFT
+
+Term = Annotated[Weighted | Places | Mix | Limit | Substitute, Field(discriminator="kind")]
+"""Any of the terms, told apart by `kind`."""
+
+
+class Parameter(Part):
+    """A fitted parameter with its interval, where there is one."""
+
+    name: str
+    value: FiniteFloat
+    unit: str
+    low: FiniteFloat | None = None
+    high: FiniteFloat | None = None
+
+
+class AppliedEffect(Part):
+    """An effect that a base model lacks and that a corrected model adds to it.
+
+    Attributes:
+        name: such as `creep` or `covariate:material`.
+        about: one sentence.
+        channels: those that it changes.
+        parameters: what was fitted, for people; the terms hold what is computed with.
+        frame: how windows are turned before the base model sees them.
+        shift_ticks: by how much the middle of the window lies before T; above 0 where the
+            channels trail the contact.
+        terms: what is added to the prediction.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    about: str
+    channels: tuple[ChannelName, ...]
+    parameters: tuple[Parameter, ...] = ()
+    frame: Frame | None = None
+    shift_ticks: Annotated[int, Field(ge=-MOST_SHIFT, le=MOST_SHIFT)] = 0
+    terms: tuple[Term, ...] = ()
+
+    @property
+    def takes(self) -> frozenset[str]:
+        """The features that its terms need."""
+        return frozenset(name for term in self.terms for name in term.takes)

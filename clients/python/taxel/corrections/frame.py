@@ -1,0 +1,66 @@
+"""A frame that is turned or shifted against the one that the base model knows."""
+
+from functools import cached_property
+from typing import Annotated, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator
+
+from taxel.parts import Matrix, Part, Vector
+from taxel.windows import WindowSpec
+
+_ORTHONORMAL: Final = 1e-6
+"""How far a rotation times its transpose may be from the identity."""
+
+
+def _rotation(matrix: Matrix) -> Matrix:
+    array = np.array(matrix)
+    if np.abs(array @ array.T - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(array) < 0:
+        raise ValueError(f"{[list(row) for row in matrix]}: expected a rotation")
+    return matrix
+
+
+Rotation = Annotated[Matrix, AfterValidator(_rotation)]
+
+
+class Frame(Part):
+    """Every position and force of a window, before the base model sees it.
+
+    position' = position_rotation @ position + position_translation, m;
+    force' = force_rotation @ force, N.
+    """
+
+    position_rotation: Rotation
+    position_translation: Vector
+    force_rotation: Rotation
+
+    def turn(self, windows: NDArray[np.float32], spec: WindowSpec) -> NDArray[np.float32]:
+        """Windows in the base model's frame.
+
+        Args:
+            windows: (n, f), columns as `spec.features`; what follows them is kept.
+
+        Returns:
+            (n, f), C-contiguous.
+        """
+        positions = 3 * len(spec.positions)
+        turned = windows.copy()
+        for columns, rotation in (
+            (slice(0, positions), self._rotations[0]),
+            (slice(positions, spec.length), self._rotations[1]),
+        ):
+            triples = windows[:, columns].astype(np.float64).reshape(len(windows), -1, 3) @ rotation.T
+            if columns.start == 0:
+                triples += self._translation
+            turned[:, columns] = triples.reshape(len(windows), -1)
+        return turned
+
+    @cached_property
+    def _rotations(self) -> NDArray[np.float64]:
+        """Of positions and of forces, (2, 3, 3)."""
+        return np.array([self.position_rotation, self.force_rotation])
+
+    @cached_property
+    def _translation(self) -> NDArray[np.float64]:
+        return np.array(self.position_translation)

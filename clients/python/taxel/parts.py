@@ -1,0 +1,30 @@
+"""What everything that is stored in a manifest is made of: a frozen base, and fields checked alike."""
+
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat
+
+from taxel.channels import CHANNELS
+
+
+class Part(BaseModel):
+    """A part of a manifest: it never changes, and unknown fields are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def _channel(name: str) -> str:
+    if name not in CHANNELS:
+        raise ValueError(f"no channel {name!r}: expected one of {', '.join(CHANNELS)}")
+    return name
+
+
+ChannelName = Annotated[str, AfterValidator(_channel)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+PerChannel = Annotated[tuple[FiniteFloat, ...], Field(min_length=len(CHANNELS), max_length=len(CHANNELS))]
+"""One number a channel, in the order of `CHANNELS`."""
+
+Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+Matrix = tuple[Vector, Vector, Vector]
+"""Three rows."""

@@ -1,0 +1,65 @@
+"""Values that a model takes beside its window, and where they come from."""
+
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import FiniteFloat
+
+from taxel.errors import InvalidArgument
+from taxel.parts import Part
+from taxel.windows.history import HistoryFeature, history_columns
+from taxel.windows.samples import Samples, resample
+
+
+class ExtraFeature(Part):
+    """A value that a model takes beside its window, such as the sensor's temperature `tdc`.
+
+    One with a `history` is computed by the window builder; any other is given by whoever knows it.
+    Whoever does not leaves it out, and `default` stands in: 0 for a history, which means settled.
+
+    Attributes:
+        taken_by: who uses it: the model file, or the effects that correct what it predicts.
+    """
+
+    name: str
+    unit: str
+    default: FiniteFloat = 0.0
+    history: HistoryFeature | None = None
+    taken_by: Literal["model", "effects"] = "model"
+
+
+def extra_columns(
+    samples: Samples,
+    extras: Sequence[ExtraFeature],
+    given: Mapping[str, NDArray[np.float64]],
+) -> NDArray[np.float64]:
+    """Extra features at every tick of a recording.
+
+    Args:
+        samples: n samples.
+        given: values by name, each (n,); an extra that is neither a history nor given takes its
+            default, and names that are no extra are left alone.
+
+    Returns:
+        (ticks, extras).
+
+    Raises:
+        InvalidArgument: a given column has another length.
+    """
+    used = {extra.name: given[extra.name] for extra in extras if extra.name in given}
+    for name, values in used.items():
+        if values.shape != (len(samples),):
+            raise InvalidArgument(f"{name} has shape {values.shape}: expected ({len(samples)},)")
+    if used and not samples.are_ticks:
+        _, resampled = resample(samples, np.column_stack(list(used.values())))
+        used = dict(zip(used, resampled.T, strict=True))
+    ticks = samples.ticks()
+    columns = np.empty((len(ticks), len(extras)))
+    for column, extra in enumerate(extras):
+        if extra.history is not None:
+            columns[:, column] = history_columns(ticks, [extra.history])[:, 0]
+        else:
+            columns[:, column] = used.get(extra.name, extra.default)
+    return columns

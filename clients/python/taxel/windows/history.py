@@ -1,0 +1,216 @@
+"""What a model may know of the past beside its window: memories of force and motion, tick by tick.
+
+Every feature starts settled, as if the segment's first sample had been there for ever, so that a
+stream may begin anywhere; at a gap it starts afresh. `Elapsed` alone runs on.
+
+A tick is a row of seven: position, m, force, N, and seconds since the recording's first tick.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from itertools import accumulate
+from math import expm1
+from typing import Annotated, ClassVar, Final, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+from typing_extensions import override
+
+from taxel.parts import NotNegative, Part, Positive
+from taxel.windows.combinations import PERIOD_NS
+from taxel.windows.samples import Samples
+
+TICK_S: Final = PERIOD_NS / 1e9
+SHARE_FORCE_N: Final = 0.5
+"""Keeps `RelaxationShare` finite where there is no force."""
+
+Followed = Literal["fx", "fy", "fz", "force"]
+"""What a memory follows: a component of the force, or its magnitude; N."""
+
+
+def followed(which: Followed, ticks: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The followed values of ticks (n, 7), (n,) N."""
+    x, y, z = ticks[:, 3], ticks[:, 4], ticks[:, 5]
+    if which == "force":
+        magnitude: NDArray[np.float64] = np.sqrt(x * x + y * y + z * z)
+        return magnitude
+    return {"fx": x, "fy": y, "fz": z}[which]
+
+
+class Recursive(Part, ABC):
+    """A feature with a state y that follows u, starting at the segment's first u.
+
+    Attributes:
+        of: what u is.
+    """
+
+    of: Followed
+
+    @abstractmethod
+    def rule(self) -> Callable[[float, float], float]:
+        """How y goes on at each tick: from (y, u) to the next y."""
+
+    @abstractmethod
+    def value(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The feature, element by element."""
+
+    def along(self, ticks: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The feature, (n,), at each tick (n, 7) of one segment."""
+        u = followed(self.of, ticks)
+        y = np.fromiter(accumulate(u.tolist(), self.rule()), np.float64, len(u))
+        return self.value(y, u)
+
+
+class Lagged(Part, ABC):
+    """A feature of a tick and the one `lag` ticks before it, or the segment's first if that is nearer."""
+
+    lag: ClassVar[int]
+
+    @abstractmethod
+    def value(self, now: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The feature, (n,), of ticks (n, 7) and those before them."""
+
+    def along(self, ticks: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The feature, (n,), at each tick (n, 7) of one segment."""
+        return self.value(ticks, ticks[np.maximum(np.arange(len(ticks)) - self.lag, 0)])
+
+
+class _Relaxing(Recursive):
+    time_constant_s: Positive
+
+    @override
+    def rule(self) -> Callable[[float, float], float]:
+        step = -expm1(-TICK_S / self.time_constant_s)
+        return lambda y, u: y + step * (u - y)
+
+
+class Relaxation(_Relaxing):
+    """What is still to come of a first-order response to u: y - u.
+
+    At each tick y += (1 - exp(-10 ms / time_constant_s)) (u - y).
+    """
+
+    kind: Literal["relaxation"] = "relaxation"
+
+    @override
+    def value(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+        return y - u
+
+
+class RelaxationShare(_Relaxing):
+    """`Relaxation` as a share of the load: (y - u) / (|u| + 0.5 N)."""
+
+    kind: Literal["relaxation_share"] = "relaxation_share"
+
+    @override
+    def value(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+        return (y - u) / (np.abs(u) + SHARE_FORCE_N)
+
+
+class Play(Recursive):
+    """The play operator (backlash): H - u, with H = min(max(H, u - w), u + w).
+
+    It tells loading from unloading, at any speed: -w after u rose, +w after it fell.
+    """
+
+    kind: Literal["play"] = "play"
+    width_n: Positive
+
+    @override
+    def rule(self) -> Callable[[float, float], float]:
+        width = self.width_n
+        return lambda y, u: min(max(y, u - width), u + width)
+
+    @override
+    def value(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+        return y - u
+
+
+class _Changing(Lagged):
+    of: Followed
+    lag: ClassVar[int] = 3
+
+    def rate(self, now: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(u[T] - u[T-3]) / 30 ms, N/s."""
+        return (followed(self.of, now) - followed(self.of, before)) / (self.lag * TICK_S)
+
+
+class Rate(_Changing):
+    """How fast u changes: (u[T] - u[T-3]) / 30 ms, N/s."""
+
+    kind: Literal["rate"] = "rate"
+
+    @override
+    def value(self, now: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self.rate(now, before)
+
+
+class Direction(_Changing):
+    """Whether u rises or falls, weighted by its size: tanh(rate / (1 N/s)) |u|, N."""
+
+    kind: Literal["direction"] = "direction"
+
+    @override
+    def value(self, now: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.tanh(self.rate(now, before)) * np.abs(followed(self.of, now))
+
+
+class Speed(Lagged):
+    """How fast the contact moves: |position[T] - position[T-10]| / 100 ms, m/s."""
+
+    kind: Literal["speed"] = "speed"
+    lag: ClassVar[int] = 10
+
+    @override
+    def value(self, now: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
+        x, y, z = (now[:, axis] - before[:, axis] for axis in range(3))
+        speed: NDArray[np.float64] = np.sqrt(x * x + y * y + z * z) / (self.lag * TICK_S)
+        return speed
+
+
+class Elapsed(Part):
+    """Time since the first sample of a recording or stream, within limits: clip(t, start, end) - start, s.
+
+    A gap does not restart it. Beyond `end_s` it stays, so that nothing is extrapolated.
+    """
+
+    kind: Literal["elapsed"] = "elapsed"
+    start_s: NotNegative
+    end_s: Positive
+
+    @model_validator(mode="after")
+    def _ends_after_it_starts(self) -> Self:
+        if self.end_s <= self.start_s:
+            raise ValueError(f"end_s {self.end_s}: expected more than start_s {self.start_s}")
+        return self
+
+    def along(self, ticks: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The feature, (n,), at each tick (n, 7)."""
+        return np.clip(ticks[:, 6], self.start_s, self.end_s) - self.start_s
+
+
+HistoryFeature = Annotated[
+    Relaxation | RelaxationShare | Play | Rate | Direction | Speed | Elapsed, Field(discriminator="kind")
+]
+"""Any of the features, told apart by `kind`."""
+
+
+def history_columns(samples: Samples, features: Sequence[HistoryFeature]) -> NDArray[np.float64]:
+    """Features of the past at every tick of a recording; the same numbers as a live stream's.
+
+    Args:
+        samples: resampled to 10 ms ticks first if they are none.
+        features: in column order.
+
+    Returns:
+        (ticks, m).
+    """
+    samples = samples.ticks()
+    seconds = (samples.time_ns - samples.time_ns[:1]) / 1e9
+    ticks = np.column_stack([samples.position, samples.force, seconds])
+    columns = np.empty((len(ticks), len(features)))
+    for segment in samples.segments:
+        for column, feature in enumerate(features):
+            columns[segment, column] = feature.along(ticks[segment])
+    return columns

@@ -1,0 +1,65 @@
+"""The past of a live stream: what `history_columns` gives for a recording, one tick at a time."""
+
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.windows.history import HistoryFeature, Lagged, Recursive, followed
+
+
+class Memory:
+    """History features of fingertips that are sampled together.
+
+    Args:
+        features: in column order.
+    """
+
+    def __init__(self, features: Sequence[HistoryFeature]) -> None:
+        self._features = tuple(features)
+        self._rules = {
+            column: feature.rule()
+            for column, feature in enumerate(features)
+            if isinstance(feature, Recursive)
+        }
+        longest = max((feature.lag for feature in features if isinstance(feature, Lagged)), default=0)
+        self._recent: deque[NDArray[np.float64]] = deque(maxlen=longest + 1)
+        self._states: dict[int, list[float]] = {}
+
+    def restart(self) -> None:
+        """Forget the past: the next tick is a segment's first."""
+        self._recent.clear()
+        self._states.clear()
+
+    def step(self, tick: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Take the next tick and give the features there.
+
+        Args:
+            tick: (fingers, 7), as in `taxel.windows.history`; it is kept, so do not change it.
+
+        Returns:
+            (fingers, m).
+        """
+        self._recent.append(tick)
+        values = np.empty((len(tick), len(self._features)))
+        for column, feature in enumerate(self._features):
+            if isinstance(feature, Recursive):
+                u = followed(feature.of, tick)
+                values[:, column] = feature.value(np.array(self._followed(column, u.tolist())), u)
+            elif isinstance(feature, Lagged):
+                before = self._recent[-1 - min(feature.lag, len(self._recent) - 1)]
+                values[:, column] = feature.value(tick, before)
+            else:
+                values[:, column] = feature.along(tick)
+        return values
+
+    def _followed(self, column: int, u: list[float]) -> list[float]:
+        """The new state of a recursive feature, one number a fingertip."""
+        states, rule = self._states.get(column), self._rules[column]
+        if states is None:
+            states = u
+        else:
+            states = [rule(state, value) for state, value in zip(states, u, strict=True)]
+        self._states[column] = states
+        return states

@@ -1,0 +1,35 @@
+"""Evaluates a corrected model: any platform's model file, and the effects of its manifest."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.corrections import Correction
+from taxel.corrections.correction import Evaluate
+from taxel.manifest import Manifest
+
+
+class CorrectedRuntime:
+    """A runtime whose predictions the manifest's effects correct. As thread-safe as what it wraps.
+
+    Args:
+        evaluate: the model file's runtime, which takes only its own columns.
+        manifest: with effects.
+    """
+
+    def __init__(self, evaluate: Evaluate, manifest: Manifest) -> None:
+        self._evaluate = evaluate
+        self._correction = Correction(manifest.effects, manifest.spec, manifest.window.extras)
+        self._features = len(manifest.window.features)
+
+    @property
+    def features(self) -> int:
+        """Values in one window."""
+        return self._features
+
+    def evaluate(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Counts of windows (n, f) float32, C-contiguous, finite, n above 0.
+
+        Returns:
+            (n, 21) float32, or (n, 42) with the spread of each channel behind the channels.
+        """
+        return self._correction.apply(self._evaluate, windows)

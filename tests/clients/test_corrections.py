@@ -1,0 +1,319 @@
+"""What effects add to a prediction, against loops that spell their equations out."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
+
+from taxel.channels import CHANNELS
+from taxel.corrections import (
+    CALIBRATION_EXTRAS,
+    AppliedEffect,
+    Correction,
+    Frame,
+    Leak,
+    Limit,
+    Mix,
+    OffsetCalibration,
+    Parameter,
+    Places,
+    Substitute,
+    Term,
+    Weighted,
+)
+from taxel.errors import InvalidArgument
+from taxel.windows import ExtraFeature, WindowSpec
+
+SPEC = WindowSpec.of(7)
+EXTRAS = (
+    ExtraFeature(name="tdc", unit="counts", default=1900.0),
+    ExtraFeature(name="creep", unit="N", taken_by="effects"),
+)
+NAMES = (*SPEC.features, "tdc", "creep")
+IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+QUARTER = ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+"""A quarter turn about z: x becomes y."""
+
+Rows = NDArray[np.float64]
+
+
+def rows_of(values: Rows) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(row) for row in values.tolist())
+
+
+def terms(rng: np.random.Generator) -> list[Term]:
+    """One of each kind and shape, with random numbers."""
+    rest, level, slope = (tuple(rng.uniform(0, 100, 21).tolist()) for _ in range(3))
+    shapes: tuple[Any, ...] = ("unit", "signal", "log_impedance")
+    weighted = [
+        Weighted(
+            shape=shape,
+            features=("fz", "one", "creep", "x[last]"),
+            references=(0.5, 0.0, -1.0, 0.01),
+            weights=rows_of(rng.normal(size=(4, 21))),
+            rest=rest,
+        )
+        for shape in shapes
+    ]
+    return [
+        *weighted,
+        Weighted(
+            shape="unit", features=("one",), references=(0.0,), weights=rows_of(rng.normal(size=(1, 21)))
+        ),
+        Places(
+            centres=rows_of(rng.normal(size=(5, 3)) * 0.01),  # type: ignore[arg-type]
+            width=0.004,
+            half_force=0.7,
+            weights=rows_of(rng.normal(size=(5, 21))),
+        ),
+        Mix(leaks=(Leak("e1", "e2", 0.1), Leak("e1", "pdc", -0.2), Leak("e9", "e1", 0.3)), rest=rest),
+        Limit(slope=slope, level=level, rest=rest),
+    ]
+
+
+def obvious(term: Term, p: Rows, columns: dict[str, float], channel: int) -> float:
+    """The equation of a term for one window, with plain numbers."""
+    name = CHANNELS[channel]
+    match term:
+        case Weighted():
+            amount = sum(
+                weights[channel] * ((1.0 if feature == "one" else columns[feature]) - reference)
+                for feature, reference, weights in zip(
+                    term.features, term.references, term.weights, strict=True
+                )
+            )
+            if term.shape == "signal":
+                assert term.rest is not None
+                return amount * (p[channel] - term.rest[channel])
+            if term.shape == "log_impedance" and name not in ("pac0", "pdc"):
+                return amount * -p[channel] * (1 - p[channel] / 4095)
+            return amount
+        case Places():
+            position = [columns[axis] for axis in "xyz"]
+            force = math.hypot(columns["fx"], columns["fy"], columns["fz"])
+            bumps = sum(
+                weights[channel] * math.exp(-(math.dist(position, centre) ** 2) / (2 * term.width**2))
+                for centre, weights in zip(term.centres, term.weights, strict=True)
+            )
+            return force / (force + term.half_force) * bumps
+        case Mix():
+            sources = [(CHANNELS.index(leak.source), leak.weight) for leak in term.leaks if leak.to == name]
+            return sum(weight * (p[source] - term.rest[source]) for source, weight in sources)
+        case Limit():
+            s = p[channel] - term.rest[channel]
+            return -term.slope[channel] * math.copysign(max(abs(s) - term.level[channel], 0), s)
+        case Substitute():
+            return term.value - p[channel] if term.channel == name else 0.0
+
+
+def some_windows(rng: np.random.Generator, rows: int = 4) -> NDArray[np.float32]:
+    windows = rng.normal(size=(rows, len(NAMES)))
+    windows[:, :9] *= 0.01
+    return windows.astype(np.float32)
+
+
+@given(st.integers(0, 2**32))
+@settings(max_examples=20)
+def test_terms_equal_their_equations(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    p = rng.uniform(-200, 4500, (4, 21))
+    values = some_windows(rng).astype(np.float64)
+    columns = dict(zip(NAMES, values.T, strict=True))
+    for term in [*terms(rng), Substitute(channel="e7", value=3.0)]:
+        assert set(term.takes) <= set(NAMES)
+        found = term.delta(p, {name: columns[name] for name in term.takes})
+        expected = [
+            [obvious(term, p[row], dict(zip(NAMES, values[row], strict=True)), c) for c in range(21)]
+            for row in range(4)
+        ]
+        np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-8)
+
+
+@given(st.integers(0, 2**32), st.booleans())
+def test_a_correction_adds_its_terms_to_the_base_in_any_order(seed: int, spread: bool) -> None:
+    rng = np.random.default_rng(seed)
+    windows = some_windows(rng)
+    outputs = rng.uniform(0, 4095, (4, 42 if spread else 21)).astype(np.float32)
+    seen: list[NDArray[np.float32]] = []
+
+    def base(inputs: NDArray[np.float32]) -> NDArray[np.float32]:
+        seen.append(inputs)
+        return outputs
+
+    everything = [*terms(rng), Substitute(channel="e3", value=9.0), Substitute(channel="e3", value=12.0)]
+    effects = [effect_of(*everything[:4]), effect_of(*everything[4:])]
+    found = Correction(effects, SPEC, EXTRAS).apply(base, windows)
+    p = outputs[:, :21].astype(np.float64)
+    columns = dict(zip(NAMES, windows.astype(np.float64).T, strict=True))
+    expected = p + sum(term.delta(p, columns) for term in everything[:-2])
+    expected[:, CHANNELS.index("e3")] = 12.0
+    np.testing.assert_allclose(found[:, :21], expected, rtol=1e-6, atol=1e-3)
+    np.testing.assert_array_equal(found[:, 21:], outputs[:, 21:])
+    np.testing.assert_array_equal(seen[0], windows[:, : SPEC.length + 1])
+    assert seen[0].flags.c_contiguous
+
+
+def effect_of(*some: Term, **fields: Any) -> AppliedEffect:
+    return AppliedEffect(name="something", about="Something.", channels=CHANNELS, terms=some, **fields)
+
+
+def test_order_does_not_matter() -> None:
+    rng = np.random.default_rng(5)
+    windows, everything = some_windows(rng), terms(rng)
+    base = rng.uniform(0, 4095, (4, 21)).astype(np.float32)
+    first, second = (
+        Correction([effect_of(*some)], SPEC, EXTRAS).apply(lambda _: base, windows)
+        for some in (everything, everything[::-1])
+    )
+    np.testing.assert_allclose(first, second, rtol=1e-6)
+
+
+def test_terms_know_shifted_windows_by_the_names_of_the_model() -> None:
+    shifted = WindowSpec.of(7, shift=4)
+    windows = some_windows(np.random.default_rng(1))
+    base = np.full((4, 21), 1000.0, np.float32)
+    term = Weighted(shape="unit", features=("fz",), references=(0.0,), weights=((1.0,) * 21,))
+    found = Correction([effect_of(term, shift_ticks=4)], shifted, EXTRAS).apply(lambda _: base, windows)
+    np.testing.assert_allclose(found[:, 5] - 1000, windows[:, SPEC.features.index("fz")], atol=1e-3)
+
+
+class TestFrame:
+    def test_identity_changes_nothing(self) -> None:
+        windows = some_windows(np.random.default_rng(2))
+        frame = Frame(position_rotation=IDENTITY, position_translation=(0, 0, 0), force_rotation=IDENTITY)
+        np.testing.assert_array_equal(frame.turn(windows, SPEC), windows)
+
+    def test_every_position_and_force_is_turned(self) -> None:
+        windows = some_windows(np.random.default_rng(3))
+        frame = Frame(position_rotation=QUARTER, position_translation=(0.5, 0, 0), force_rotation=IDENTITY)
+        turned = frame.turn(windows, SPEC)
+        for first in (0, 3, 6):
+            x, y, z = windows[:, first : first + 3].T
+            np.testing.assert_allclose(turned[:, first : first + 3].T, [0.5 - y, x, z], atol=1e-7)
+        np.testing.assert_array_equal(turned[:, 9:], windows[:, 9:])
+
+    def test_forces_turn_apart(self) -> None:
+        windows = some_windows(np.random.default_rng(4))
+        frame = Frame(position_rotation=IDENTITY, position_translation=(0, 0, 0), force_rotation=QUARTER)
+        turned = frame.turn(windows, SPEC)
+        np.testing.assert_array_equal(turned[:, :9], windows[:, :9])
+        np.testing.assert_array_equal(turned[:, 9::3][:, :3], -windows[:, 10::3][:, :3])
+        np.testing.assert_array_equal(turned[:, -2:], windows[:, -2:])
+
+    def test_the_newest_turns_first_and_terms_see_what_was_given(self) -> None:
+        windows = some_windows(np.random.default_rng(6))
+        moved = Frame(position_rotation=IDENTITY, position_translation=(1, 0, 0), force_rotation=IDENTITY)
+        turned = Frame(position_rotation=QUARTER, position_translation=(0, 0, 0), force_rotation=QUARTER)
+        term = Weighted(shape="unit", features=("x",), references=(0.0,), weights=((1.0,) * 21,))
+
+        def base(inputs: NDArray[np.float32]) -> NDArray[np.float32]:
+            np.testing.assert_allclose(inputs[:, 0], 1 - windows[:, 1], rtol=1e-6)
+            np.testing.assert_allclose(inputs[:, 1], windows[:, 0], atol=1e-7)
+            return np.zeros((len(inputs), 21), np.float32)
+
+        effects = [effect_of(frame=moved), effect_of(term, frame=turned)]
+        found = Correction(effects, SPEC, EXTRAS).apply(base, windows)
+        np.testing.assert_allclose(found[:, 0], windows[:, 0], rtol=1e-6)
+
+    def test_what_is_no_rotation_is_refused(self) -> None:
+        mirror = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0))
+        stretch = ((1.1, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        for matrix in (mirror, stretch):
+            with pytest.raises(ValidationError, match="expected a rotation"):
+                Frame(position_rotation=matrix, position_translation=(0, 0, 0), force_rotation=IDENTITY)
+
+
+def test_effects_survive_being_written() -> None:
+    frame = Frame(position_rotation=QUARTER, position_translation=(0, 0, 0.1), force_rotation=QUARTER)
+    effect = effect_of(
+        *terms(np.random.default_rng(0)),
+        Substitute(channel="e1", value=0.0),
+        frame=frame,
+        shift_ticks=-2,
+        parameters=(Parameter(name="lag", value=-2.0, unit="ticks", low=-2.5, high=-1.5),),
+    )
+    assert AppliedEffect.model_validate_json(effect.model_dump_json()) == effect
+
+
+ONES = (1.0,) * 21
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        (
+            {"kind": "weighted", "shape": "unit", "features": ["fx"], "references": [], "weights": [ONES]},
+            "0 v",
+        ),
+        (
+            {
+                "kind": "weighted",
+                "shape": "unit",
+                "features": ["one"],
+                "references": [2],
+                "weights": [ONES],
+            },
+            "0",
+        ),
+        (
+            {
+                "kind": "weighted",
+                "shape": "signal",
+                "features": ["fx"],
+                "references": [0],
+                "weights": [ONES],
+            },
+            "rest",
+        ),
+        (
+            {"kind": "weighted", "shape": "unit", "features": ["fx"], "references": [0], "weights": [[1]]},
+            "21",
+        ),
+        (
+            {"kind": "weighted", "shape": "log", "features": ["fx"], "references": [0], "weights": [ONES]},
+            "shape",
+        ),
+        (
+            {"kind": "places", "centres": [[0, 0, 0]], "width": 1, "half_force": 1, "weights": []},
+            "expected 1",
+        ),
+        ({"kind": "mix", "leaks": [["e1", "e20", 1]], "rest": ONES}, "no channel 'e20'"),
+        ({"kind": "substitute", "channel": "tdc", "value": 1}, "no channel 'tdc'"),
+        ({"kind": "substitute", "channel": "e1", "value": float("nan")}, "finite"),
+        ({"kind": "guess"}, "guess"),
+    ],
+)
+def test_impossible_terms_are_refused(fields: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValidationError, match=message):
+        TypeAdapter(Term).validate_python(fields)
+
+
+class TestOffsetCalibration:
+    def test_it_is_the_mean_difference(self) -> None:
+        rng = np.random.default_rng(0)
+        predicted, offsets = rng.normal(2000, 100, (30, 21)), np.arange(21) - 10.0
+        noise = rng.normal(0, 1, (30, 21))
+        found = OffsetCalibration.of(predicted + offsets + noise, predicted)
+        np.testing.assert_allclose(found.offsets, offsets + noise.mean(axis=0), atol=1e-9)
+        assert list(found.extras) == [extra.name for extra in CALIBRATION_EXTRAS]
+        assert found.extras["calibration_e19"] == found.offsets[20]
+
+    @pytest.mark.parametrize(
+        ("measured", "predicted", "message"),
+        [
+            (np.zeros((3, 20)), np.zeros((3, 21)), r"measured has shape \(3, 20\)"),
+            (np.zeros((3, 21)), np.zeros((2, 21)), "measured has 3 rows, predicted 2"),
+            (np.zeros((0, 21)), np.zeros((0, 21)), "m above 0"),
+            (np.full((3, 21), np.nan), np.zeros((3, 21)), "measured holds values that are not finite"),
+        ],
+    )
+    def test_what_cannot_be_compared_is_refused(
+        self, measured: Rows, predicted: Rows, message: str
+    ) -> None:
+        with pytest.raises(InvalidArgument, match=message):
+            OffsetCalibration.of(measured, predicted)
