@@ -9,6 +9,8 @@ import typer
 from taxel.commands.frame import ERR, OUT, Json, print_json
 from taxel.errors import SettingsError
 from taxel.manifest import Manifest
+from taxel_exporters.card import rounding
+from taxel_exporters.weights import Weights
 
 
 class Origin(StrEnum):
@@ -27,6 +29,9 @@ def export(
     model_format: Annotated[
         str | None, typer.Option("--format", help="`xgboost` or `onnx`; the family's default if none.")
     ] = None,
+    weights: Annotated[
+        Weights, typer.Option(help="int8 is refused where the error rises by over 1 %.")
+    ] = Weights.FLOAT32,
     description: Annotated[str | None, typer.Option(help="One sentence for its card.")] = None,
     as_json: Json = False,
 ) -> None:
@@ -41,7 +46,12 @@ def export(
                 name=name,
                 version=version,
                 model_format=model_format,
+                weights=weights,
                 description=description,
+            )
+        elif weights is not Weights.FLOAT32:
+            raise SettingsError(
+                f"--weights {weights}: for trained models only, which have held-out windows"
             )
         else:
             manifest = _import(source, repository, name, version, model_format, description)
@@ -57,6 +67,8 @@ def export(
             f"{manifest.parity.largest_difference:g} counts (allowed {manifest.parity.tolerance:g}).",
             soft_wrap=True,
         )
+    if manifest.rounded_weights:
+        OUT.print(rounding(manifest, manifest.rounded_weights), soft_wrap=True)
     OUT.print(f"Next: taxel serve --repository {repository}", soft_wrap=True)
 
 

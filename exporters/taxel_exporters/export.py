@@ -7,10 +7,14 @@ from taxel import __version__
 from taxel.errors import ArtifactError
 from taxel.manifest import Manifest, ModelFile, tensors
 from taxel_exporters import formats
+from taxel_exporters.formats import ExportedModel
 from taxel_exporters.parity import check_parity
-from taxel_exporters.publish import free_version, publish
+from taxel_exporters.publish import Check, free_version, publish
+from taxel_exporters.rounding import check_rounding
+from taxel_exporters.weights import Weights
 from taxel_models.training import trained as trained_models
-from taxel_models.training.dataset import concatenate, examples
+from taxel_models.training.dataset import Examples, concatenate, examples
+from taxel_models.training.trained import TrainedModel
 
 
 def export(
@@ -20,6 +24,7 @@ def export(
     name: str | None = None,
     version: str | None = None,
     model_format: str | None = None,
+    weights: Weights = Weights.FLOAT32,
     description: str | None = None,
 ) -> Manifest:
     """Export the trained model in `folder` as `<repository>/<name>/<version>`.
@@ -31,10 +36,14 @@ def export(
         name: the family's name if none is given.
         version: the next free one if none is given.
         model_format: `xgboost` or `onnx`; the family's default if none is given.
+        weights: rounded ones are compared with what was measured instead, and only a small rise of
+            the error is accepted.
 
     Raises:
-        ArtifactError: the trained model is damaged, or the artifact's predictions differ.
-        SettingsError: the name or version is not possible, or the version exists.
+        ArtifactError: the trained model is damaged, the artifact's predictions differ, or rounding
+            costs too much.
+        SettingsError: the name or version is not possible, the version exists, or rounding would
+            not make such a model faster.
     """
     trained = trained_models.load(folder)
     held_out = concatenate(
@@ -45,7 +54,8 @@ def export(
     training = trained.record.training
     name = name or training.family
     version = free_version(repository, name, version)
-    model = formats.write(trained, model_format)
+    write = formats.write_int8 if weights is Weights.INT8 else formats.write
+    model = write(trained, model_format)
     layout = trained.layout
     inputs, outputs = tensors(layout, spread=model.spread)
     manifest = Manifest(
@@ -67,12 +77,14 @@ def export(
         ),
         taxel_version=__version__,
     )
-    return publish(
-        repository,
-        manifest,
-        model.content,
-        lambda staging: check_parity(staging, name, trained, held_out, model.tolerance),
-    )
+    return publish(repository, manifest, model.content, _check(name, trained, held_out, model))
+
+
+def _check(name: str, trained: TrainedModel, held_out: Examples, model: ExportedModel) -> Check:
+    size = model.float32_size
+    if size is None:
+        return lambda staging: check_parity(staging, name, trained, held_out, model.tolerance)
+    return lambda staging: check_rounding(staging, name, trained, held_out, size)
 
 
 def _describe(family: str, combination: int, data: str) -> str:

@@ -1,10 +1,10 @@
 """How each family is written as a model file. To add one, write its function and name it here."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
-from taxel.errors import ArtifactError
+from taxel.errors import ArtifactError, SettingsError
 from taxel.manifest import Platform
 from taxel_models.training.trained import TrainedModel
 
@@ -16,7 +16,9 @@ class ExportedModel:
     Attributes:
         folded: the file takes raw windows and gives counts by itself.
         tolerance: largest difference from the trained model that the format explains, counts.
+            Rounded weights are judged by their error instead.
         spread: the file gives how far its members lie apart as a second output.
+        float32_size: bytes with weights as trained, of a file whose weights are rounded.
     """
 
     platform: Platform
@@ -25,6 +27,7 @@ class ExportedModel:
     folded: bool
     tolerance: float
     spread: bool = False
+    float32_size: int | None = None
 
 
 def _xgboost_json(trained: TrainedModel) -> ExportedModel:
@@ -71,6 +74,12 @@ _WRITERS: Final[dict[str, dict[str, _Writer]]] = {
 }
 """The formats of each family; the first is the default."""
 
+_ROUNDABLE: Final = ("ffnn", "network-a", "network-b")
+"""One window is one row to every layer, so that reading weights takes the time.
+
+Transformers have a row a token, and are slower with int8 weights.
+"""
+
 
 def write(trained: TrainedModel, model_format: str | None = None) -> ExportedModel:
     """The model file of a trained model.
@@ -86,3 +95,22 @@ def write(trained: TrainedModel, model_format: str | None = None) -> ExportedMod
     if chosen not in writers:
         raise ArtifactError(f"format {chosen!r} for {family}: expected one of {', '.join(writers)}")
     return writers[chosen](trained)
+
+
+def write_int8(trained: TrainedModel, model_format: str | None = None) -> ExportedModel:
+    """The model file of a trained model, with weights of 8 bits.
+
+    Raises:
+        SettingsError: a model of its family would be no faster.
+        ArtifactError: as `write`.
+    """
+    import onnx
+
+    from taxel_exporters.onnx_int8 import with_int8_weights
+
+    family = trained.record.training.family
+    if family not in _ROUNDABLE:
+        raise SettingsError(f"--weights int8: for {', '.join(_ROUNDABLE)} only, not for {family}")
+    model = write(trained, model_format)
+    content = with_int8_weights(onnx.load_from_string(model.content)).SerializeToString(deterministic=True)
+    return replace(model, content=content, float32_size=len(model.content))

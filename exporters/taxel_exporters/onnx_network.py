@@ -1,4 +1,7 @@
-"""Writes a torch network as ONNX: raw windows in, counts out, normalisation and weights inside."""
+"""Writes a torch network as ONNX: raw windows in, counts out, normalisation and weights inside.
+
+A transformer is written by `onnx_transformer`, every other network by torch's exporter.
+"""
 
 import logging
 import warnings
@@ -12,7 +15,9 @@ from taxel.manifest import INPUT_NAME, OUTPUT_NAME
 from taxel.protocol import MAX_ROWS
 from taxel.scaling import Scaler
 from taxel_exporters.onnx_file import OPSET, plain
+from taxel_exporters.onnx_transformer import transformer_onnx
 from taxel_models.families.networks.network import NetworkModel
+from taxel_models.families.networks.transformer import TransformerHyperparameters
 from taxel_models.training.trained import TrainedModel
 
 
@@ -56,6 +61,8 @@ def network_onnx(trained: TrainedModel) -> onnx.ModelProto:
     """The ONNX model of a trained network; its batch axis is free from 1 to 65,536."""
     fitted = trained.fitted
     assert isinstance(fitted, NetworkModel)
+    if isinstance(fitted.hyperparameters, TransformerHyperparameters):
+        return transformer_onnx(trained)
     served = _Served(trained, fitted).cpu().eval()
     example = torch.zeros(2, len(trained.layout.features))
     rows = torch.export.Dim("n", min=1, max=MAX_ROWS)

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 import taxel
 from taxel.channels import CHANNELS
@@ -28,11 +29,8 @@ def check_parity(
         ArtifactError: a prediction differs by more than `tolerance`, or is not finite.
     """
     rows = np.linspace(0, len(held_out) - 1, min(len(held_out), MOST_WINDOWS)).astype(np.int64)
-    windows, temperature = held_out.windows[rows], held_out.temperature[rows].astype(np.float32)
-    served = trained.serves_temperature
-    expected = trained.predict(windows, temperature[:, 0] if served else None)
-    with taxel.load(repository) as source:
-        found = source.predictor(name).predict(np.hstack([windows, temperature]) if served else windows)
+    some = Examples(*(column[rows] for column in vars(held_out).values()))
+    found, expected = predict_both(repository, name, trained, some)
     differences = np.abs(found.astype(np.float64) - expected)
     largest = float(differences.max())
     if not largest <= tolerance:
@@ -42,3 +40,15 @@ def check_parity(
             f"the trained model {expected[row, column]}: expected at most {tolerance:g} counts between them"
         )
     return Parity(windows=len(rows), largest_difference=largest, tolerance=tolerance)
+
+
+def predict_both(
+    repository: Path, name: str, trained: TrainedModel, held_out: Examples
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """What the artifact predicts, as it will be served, and what the trained model does, (n, 21) each."""
+    windows, temperature = held_out.windows, held_out.temperature.astype(np.float32)
+    served = trained.serves_temperature
+    expected = trained.predict(windows, temperature[:, 0] if served else None)
+    with taxel.load(repository) as source:
+        found = source.predictor(name).predict(np.hstack([windows, temperature]) if served else windows)
+    return found, expected

@@ -9,12 +9,12 @@ from typing import Final
 from taxel import artifacts
 from taxel.artifacts import MANIFEST, manifest_json
 from taxel.errors import ArtifactError, NotFound, SettingsError
-from taxel.manifest import Manifest, Parity
+from taxel.manifest import Manifest, Parity, RoundedWeights
 from taxel_exporters.card import card
 
 CARD: Final = "README.md"
 
-Check = Callable[[Path], Parity]
+Check = Callable[[Path], Parity | RoundedWeights]
 """Takes the repository in which the artifact is staged; raises `ArtifactError` if it is not right."""
 
 
@@ -40,7 +40,9 @@ def publish(repository: Path, manifest: Manifest, content: bytes, check: Check) 
         staged.mkdir(parents=True)
         (staged / manifest.model_file.name).write_bytes(content)
         (staged / MANIFEST).write_text(manifest_json(manifest), encoding="utf-8")
-        manifest = manifest.model_copy(update={"parity": check(staging)})
+        found = check(staging)
+        field = "parity" if isinstance(found, Parity) else "rounded_weights"
+        manifest = manifest.model_copy(update={field: found})
         (staged / MANIFEST).write_text(manifest_json(manifest), encoding="utf-8")
         (staged / CARD).write_text(card(manifest), encoding="utf-8")
         artifacts.read(staged)

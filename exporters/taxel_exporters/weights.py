@@ -1,0 +1,10 @@
+"""How the weights of a model file may be stored."""
+
+from enum import StrEnum
+
+
+class Weights(StrEnum):
+    """Datatype of an artifact's weights, as it is chosen at export."""
+
+    FLOAT32 = "float32"
+    INT8 = "int8"
