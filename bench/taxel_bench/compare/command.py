@@ -1,0 +1,67 @@
+"""`bench compare`: Taxel's server and its peers, side by side in one run."""
+
+import json
+import signal
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from taxel.commands.frame import ERR, OUT, Json, print_json
+
+
+def compare(
+    model: Annotated[
+        str, typer.Option(help="A shipped network's name, or the folder of an ONNX artifact.")
+    ] = "network-b",
+    peers: Annotated[
+        str, typer.Option(help="Servers to compare with, with commas between.")
+    ] = "fastapi,litserve,ray,mosec,grpc",
+    install: Annotated[
+        bool, typer.Option("--install", help="Install peers that are not, each into its own environment.")
+    ] = False,
+    rounds: Annotated[int, typer.Option(min=1, help="Of Taxel and one peer in turn, for each peer.")] = 5,
+    seconds: Annotated[
+        float, typer.Option(min=0.05, help="Of each of the three measurements in a turn.")
+    ] = 1.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the windows.")] = 0,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Write the JSON object to this file, too.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Compare Taxel's server with other ways to serve the same network: latency, throughput, CPU."""
+    from taxel.artifacts import MANIFEST, folder_of
+    from taxel.atomic import check_file_place, whole_file
+    from taxel_bench.compare.comparison import Plan, run_comparison
+    from taxel_bench.compare.peers import parse_peers
+    from taxel_bench.compare.table import print_comparison
+    from taxel_bench.machine import describe_machine
+    from taxel_models.shipped import shipped_repository
+
+    given = Path(model)
+    folder = given.resolve() if (given / MANIFEST).is_file() else folder_of(shipped_repository(), model)
+    plan = Plan(folder, parse_peers(peers), install, rounds, seconds, seed)
+    if output is not None:
+        check_file_place(output)
+    machine = describe_machine()
+    # Told to stop, it still stops the servers.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    with ERR.status("starting") as status:
+        comparison = run_comparison(plan, status.update)
+    report = {
+        "machine": machine,
+        "model": model,
+        "rounds": rounds,
+        "seconds": seconds,
+        **comparison.report(),
+    }
+    if output is not None:
+        with whole_file(output) as path:
+            path.write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    if as_json:
+        print_json(report)
+        return
+    print_comparison(OUT, comparison)
+    OUT.print(f"on {machine['cpu']}, {machine['cores']} cores, load {machine['load']}", soft_wrap=True)

@@ -1,0 +1,39 @@
+"""A comparison for the terminal."""
+
+from rich.console import Console
+from rich.table import Table
+
+from taxel_bench.compare.comparison import Comparison
+from taxel_bench.compare.rounds import AT_ONCE, BULK_ROWS
+
+_COLUMNS = (
+    ("sequential_p50_ms", "one window\np50 ms", "{:.3f}"),
+    ("sequential_cpu_us", "\nserver CPU µs", "{:.0f}"),
+    ("in_flight_per_s", f"{AT_ONCE} in flight\nqueries/s", "{:,.0f}"),
+    ("in_flight_cpu_us", "\nserver CPU µs", "{:.0f}"),
+    ("bulk_p50_ms", f"{BULK_ROWS} windows\np50 ms", "{:.2f}"),
+)
+
+
+def print_comparison(console: Console, comparison: Comparison) -> None:
+    """Medians of every server, then Taxel's figures as multiples of the others', then who is missing."""
+    bare = comparison.bare()
+    medians = _table("server")
+    medians.add_row("bare runtime call", f"{bare.one_p50_ms:.3f}", "", "", "", f"{bare.bulk_p50_ms:.2f}")
+    for name, figures in comparison.figures().items():
+        medians.add_row(name, *(form.format(getattr(figures, field)) for field, _, form in _COLUMNS))
+    console.print(medians)
+    if ratios := comparison.ratios():
+        table = _table("taxel as a multiple of")
+        for name, ratio in ratios.items():
+            table.add_row(name, *(f"{ratio[field]:.2f}" for field, _, _ in _COLUMNS))
+        console.print(table)
+    for name, reason in comparison.skipped.items():
+        console.print(f"skipped {name}: {reason}", markup=False, soft_wrap=True)
+
+
+def _table(first: str) -> Table:
+    table = Table(first)
+    for _, title, _ in _COLUMNS:
+        table.add_column(title, justify="right")
+    return table

@@ -1,0 +1,1 @@
+"""Drives a server over zenoh from client processes, in the scenarios that MLPerf Inference names."""

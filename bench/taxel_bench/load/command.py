@@ -1,0 +1,79 @@
+"""`bench load`: a running server under load from client processes, in MLPerf's scenarios."""
+
+import signal
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from taxel.commands.frame import ERR, OUT, Json, print_json
+from taxel_bench.load.plan import TIMEOUT_S, Plan, Scenario
+
+
+def load(
+    scenario: Annotated[Scenario, typer.Option(help="How queries follow each other.")],
+    model: Annotated[str, typer.Option(help="The name of a served model.")],
+    clients: Annotated[int, typer.Option(min=1, help="Client processes.")] = 1,
+    samples_per_query: Annotated[
+        int | None,
+        typer.Option(min=1, show_default="by scenario: 1, 8, 1, 1024", help="Windows in a query."),
+    ] = None,
+    rate: Annotated[
+        float | None,
+        typer.Option(min=0.001, show_default="500", help="Queries a second over all clients: server."),
+    ] = None,
+    duration: Annotated[
+        float | None, typer.Option(min=0.1, show_default="10", help="Seconds of sending.")
+    ] = None,
+    queries: Annotated[
+        int | None,
+        typer.Option(min=1, show_default="offline: 96", help="Send so many in all, for however long."),
+    ] = None,
+    latency_bound: Annotated[
+        float | None, typer.Option(min=0, help="INVALID where the scenario's percentile is above it, ms.")
+    ] = None,
+    timeout: Annotated[float, typer.Option(min=0.1, help="Seconds to wait for an answer.")] = TIMEOUT_S,
+    connect: Annotated[
+        str | None, typer.Option(metavar="ENDPOINT", help="A running server; without it, one is started.")
+    ] = None,
+    repository: Annotated[
+        Path | None,
+        typer.Option(help="What a server that is started serves; the shipped models if not set."),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the arrivals and the windows.")] = 0,
+    as_json: Json = False,
+) -> None:
+    """Drive a server from client processes: latency, throughput and CPU in MLPerf's scenarios."""
+    from taxel_bench.load.drive import drive, server_at
+    from taxel_bench.load.results import Results
+    from taxel_bench.load.table import print_results
+    from taxel_bench.machine import describe_machine
+    from taxel_models.shipped import shipped_repository
+
+    plan = Plan.of(
+        scenario,
+        model,
+        clients=clients,
+        samples_per_query=samples_per_query,
+        queries=queries,
+        duration_s=duration,
+        rate_qps=rate,
+        latency_bound_ms=latency_bound,
+        timeout_s=timeout,
+        seed=seed,
+    )
+    # Told to stop, it still stops its server and clients.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    with ERR.status("measuring"), server_at(connect, repository or shipped_repository()) as endpoint:
+        outcome = drive(plan, endpoint)
+    results = Results.of(plan, outcome)
+    manifest = outcome.manifest
+    machine = describe_machine()
+    if as_json:
+        served = {"version": manifest.version, "inputs": manifest.window.combination}
+        print_json({"machine": machine, "scenario": asdict(plan) | served, "results": asdict(results)})
+        return
+    print_results(OUT, plan, f"{manifest.name}/{manifest.version}", results)
+    OUT.print(f"on {machine['cpu']}, {machine['cores']} cores, load {machine['load']}", soft_wrap=True)

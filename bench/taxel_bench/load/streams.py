@@ -1,0 +1,109 @@
+"""How one client sends its queries: each after the answer to the last, or each when it is due."""
+
+import time
+from dataclasses import dataclass
+from math import inf
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.errors import RequestError, Unavailable
+from taxel.protocol import model_key
+from taxel_bench.load.arrivals import poisson_arrivals
+from taxel_bench.load.flight import Flight
+from taxel_bench.load.plan import Plan
+from taxel_bench.load.queries import encoded_queries
+from taxel_bench.load.records import RECORD, Record, Records, record
+from taxel_bench.load.sender import Sender
+
+_PATIENCE_S: Final = 1.0
+"""How much longer than its timeout a query in flight is waited for."""
+
+
+@dataclass(frozen=True)
+class Stream:
+    """One client's connection, and the queries that it sends over it."""
+
+    sender: Sender
+    key: str
+    payloads: list[bytes]
+    plan: Plan
+    client: int
+
+    @classmethod
+    def of(cls, sender: Sender, plan: Plan, client: int) -> Self:
+        """Ask for the model and encode queries for it.
+
+        Raises:
+            NotFound: the server has no such model.
+        """
+        manifest = sender.predictor(plan.model).manifest
+        payloads = encoded_queries(manifest, plan.samples_per_query, plan.seed, client)
+        key = model_key(sender.prefix, manifest.name, manifest.version, "infer")
+        return cls(sender, key, payloads, plan, client)
+
+    def warm_up(self, queries: int) -> None:
+        """Send queries that do not count, one after the other.
+
+        Raises:
+            RequestError: one is not answered with predictions.
+        """
+        for number in range(queries):
+            self.sender.get(self.key, self._payload(number))
+
+    def run(self, start: float) -> Records:
+        """Send this client's part of the plan from `start` on, on the clock `time.perf_counter`.
+
+        Ends early when the server has gone.
+        """
+        _sleep_until(start)
+        if self.plan.scenario in ("single-stream", "multi-stream"):
+            return self._one_after_the_other(start)
+        return self._when_due(start)
+
+    def _one_after_the_other(self, start: float) -> Records:
+        share = self.plan.share(self.client)
+        most = inf if share is None else share
+        ends = start + (self.plan.duration_s or inf)
+        kept: list[Record] = []
+        result: bytes | RequestError = b""
+        while len(kept) < most and time.perf_counter() < ends and not isinstance(result, Unavailable):
+            payload = self._payload(len(kept))
+            sent = time.perf_counter() - start
+            try:
+                result = self.sender.get(self.key, payload)
+            except RequestError as error:
+                result = error
+            answered = time.perf_counter() - start
+            kept.append(record(sent, sent, answered, result, self.plan.samples_per_query))
+        return np.array(kept, RECORD)
+
+    def _when_due(self, start: float) -> Records:
+        schedule = self._schedule().tolist()
+        flight = Flight(len(schedule), self.plan.samples_per_query, start)
+        for number, due in enumerate(schedule):
+            _sleep_until(start + due)
+            if flight.server_gone:
+                break
+            self.sender.send(self.key, self._payload(number), flight.depart(due))
+        return flight.land(self.plan.timeout_s + _PATIENCE_S)
+
+    def _schedule(self) -> NDArray[np.float64]:
+        """When each of this client's queries is due; the arrivals are dealt to the clients in turn."""
+        plan = self.plan
+        assert plan.queries is not None
+        if plan.rate_qps is None:
+            due = np.zeros(plan.queries)
+        else:
+            due = poisson_arrivals(plan.rate_qps, plan.queries, plan.seed)
+        return due[self.client :: plan.clients]
+
+    def _payload(self, number: int) -> bytes:
+        return self.payloads[number % len(self.payloads)]
+
+
+def _sleep_until(moment: float) -> None:
+    """Return at a moment of the clock `time.perf_counter`; at once where it has passed."""
+    if (left := moment - time.perf_counter()) > 0:
+        time.sleep(left)

@@ -1,0 +1,97 @@
+"""A comparison of Taxel's real server with peers, some of which cannot take part."""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from taxel.artifacts import folder_of
+from taxel.commands.frame import failing_clearly, new_app
+from taxel.errors import SettingsError, Unavailable
+from taxel_bench.compare.command import compare
+from taxel_bench.compare.comparison import Comparison, Plan, _prepared, run_comparison
+from taxel_bench.compare.contenders import taxel_contender
+from taxel_bench.compare.figures import Figures
+from taxel_bench.compare.peers import parse_peers
+from taxel_bench.compare.rounds import BareRuntime, Round
+from taxel_models.shipped import shipped_repository
+
+
+@pytest.fixture
+def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Plan:
+    """Of the smallest shipped network, where no peer is installed."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    folder = folder_of(shipped_repository(), "network-b")
+    return Plan(folder, parse_peers("fastapi,grpc"), install=False, rounds=2, seconds=0.05, seed=1)
+
+
+def test_ours_is_measured_and_missing_peers_are_named(plan: Plan) -> None:
+    comparison = run_comparison(plan, lambda _: None)
+    assert list(comparison.skipped) == ["fastapi", "grpc"]
+    assert all("not installed: pass --install" in reason for reason in comparison.skipped.values())
+    report = json.loads(json.dumps(comparison.report(), allow_nan=False))
+    (ours,) = report["results"]
+    assert ours.pop("server") == "taxel"
+    assert all(value >= 0 for value in ours.values())
+    assert ours["bulk_p50_ms"] > report["bare_runtime"]["one_p50_ms"] > 0
+    assert report["ratios"] == []
+
+
+def test_wrong_answers_are_not_compared(plan: Plan) -> None:
+    with _prepared(plan) as (task, _):
+        wrong = replace(task, counts=task.counts + 1)
+        with pytest.raises(Unavailable, match="its answers differ by 1"), taxel_contender(wrong):
+            pytest.fail("it was let in")
+
+
+def test_a_server_that_stops_is_told(plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A peer without its packages: our own interpreter has no mosec."""
+    (mosec,) = parse_peers("mosec")
+    monkeypatch.setattr("taxel_bench.compare.comparison.find_environment", lambda *_: Path(sys.executable))
+    comparison = run_comparison(replace(plan, peers=[mosec], rounds=1), lambda _: None)
+    assert "No module named 'mosec'" in comparison.skipped["mosec"]
+
+
+def test_trees_have_no_peers(plan: Plan) -> None:
+    with pytest.raises(SettingsError, match="xgboost_json: the peers serve ONNX networks"):
+        run_comparison(replace(plan, folder=folder_of(shipped_repository(), "xgb")), lambda _: None)
+
+
+def test_a_report_has_medians_and_ratios_of_rounds() -> None:
+    slow = Round(
+        {"fastapi": Figures(8, 80, 10, 80, 8), "taxel": Figures(4, 20, 20, 20, 4)}, BareRuntime(1, 2)
+    )
+    fast = Round(
+        {"taxel": Figures(1, 10, 90, 10, 1), "fastapi": Figures(1, 10, 30, 40, 2)}, BareRuntime(3, 4)
+    )
+    report = Comparison({"fastapi": [slow, fast, fast]}, {"ray": "too large"}).report()
+    assert [result["server"] for result in report["results"]] == ["taxel", "fastapi"]
+    assert report["results"][0]["in_flight_per_s"] == 90
+    (ratios,) = report["ratios"]
+    assert ratios == {
+        "peer": "fastapi",
+        "sequential_p50_ms": 1,
+        "sequential_cpu_us": 1,
+        "in_flight_per_s": 3,
+        "in_flight_cpu_us": 0.25,
+        "bulk_p50_ms": 0.5,
+    }
+    assert report["bare_runtime"] == {"one_p50_ms": 3, "bulk_p50_ms": 4}
+    assert report["skipped"] == [{"peer": "ray", "reason": "too large"}]
+
+
+def test_the_command_prints_and_writes_one_object(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    app = new_app("Test.")
+    app.command("compare")(failing_clearly(compare))
+    output = tmp_path / "out.json"
+    arguments = ["--peers", "mosec", "--rounds", "1", "--seconds", "0.05", "--json", "-o", str(output)]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    printed = json.loads(result.stdout)
+    assert json.loads(output.read_text()) == printed
+    assert printed["skipped"][0]["peer"] == "mosec"
+    assert CliRunner().invoke(app, ["--peers", "none"]).exit_code == 2

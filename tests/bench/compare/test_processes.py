@@ -1,0 +1,43 @@
+"""Programs in processes of their own: obeyed, accounted for, and ended with all that they started."""
+
+import sys
+import time
+
+import psutil
+import pytest
+
+from taxel.errors import Unavailable
+from taxel_bench.compare.processes import running_program
+
+ECHO = "import json, sys\nfor line in sys.stdin: print(json.dumps({'heard': json.loads(line)}), flush=True)"
+PARENT = (
+    "import subprocess, sys, time\n"
+    "child = subprocess.Popen([sys.executable, '-c', 'while True: pass'])\n"
+    "print(child.pid, file=sys.stderr, flush=True)\n"
+    "time.sleep(60)"
+)
+
+
+def test_an_order_is_answered() -> None:
+    with running_program([sys.executable, "-c", ECHO], takes_orders=True) as program:
+        assert program.order(do="sing", times=3) == {"heard": {"do": "sing", "times": 3}}
+        assert program.runs
+    assert not program.runs
+
+
+def test_last_words_are_kept() -> None:
+    command = [sys.executable, "-c", "raise ValueError('no ink')"]
+    with (
+        running_program(command, takes_orders=True) as program,
+        pytest.raises(Unavailable, match=r"^ValueError: no ink$"),
+    ):
+        program.order(do="print")
+
+
+def test_children_are_counted_and_ended() -> None:
+    with running_program([sys.executable, "-c", PARENT]) as program:
+        while program.cpu_seconds() < 0.5:
+            time.sleep(0.05)
+        child = psutil.Process(int(program.last_words()))
+        assert child.is_running()
+    assert not child.is_running() or child.status() == psutil.STATUS_ZOMBIE
