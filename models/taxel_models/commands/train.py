@@ -25,6 +25,10 @@ def train(
         list[str] | None,
         typer.Option("--set", metavar="NAME=VALUE", help="Replace a hyperparameter. Repeatable."),
     ] = None,
+    hyperparameters: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Hyperparameters that `taxel search` found; --set goes on top."),
+    ] = None,
     holdout: Annotated[
         Literal["auto", "trials", "chunks"],
         typer.Option(
@@ -55,6 +59,7 @@ def train(
     """Train a model on recordings; whole trials or chunks are held out to test it."""
     from taxel.atomic import check_folder_place
     from taxel_models.recordings import read_recording
+    from taxel_models.training.hyperparameters import read_hyperparameters
     from taxel_models.training.split import SplitPlan
     from taxel_models.training.train import TrainingPlan
     from taxel_models.training.train import train as fit
@@ -62,13 +67,14 @@ def train(
 
     output = output.resolve()
     check_folder_place(output, replacing=RECORD if overwrite else None)
+    found = read_hyperparameters(hyperparameters, model, inputs) if hyperparameters else {}
     output.parent.mkdir(parents=True, exist_ok=True)
     plan = TrainingPlan(
         model=model,
         combination=inputs,
         split=SplitPlan(holdout, test, validation, split_seed),
         seed=seed,
-        overrides=parse_settings(settings or []) | ({"members": members} if members else {}),
+        overrides=found | parse_settings(settings or []) | ({"members": members} if members else {}),
         temperature=temperature,
         checkpoint=output.with_name(f".{output.name}.checkpoint"),
         jobs=jobs or os.cpu_count() or 1,

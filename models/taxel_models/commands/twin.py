@@ -1,29 +1,109 @@
-"""`taxel twin`: write a simulated recording."""
+"""`taxel twin`: write a simulated recording, with effects planted in it where that is asked for."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from taxel.atomic import check_file_place, whole_file
 from taxel.commands.frame import OUT, Json, print_json
+from taxel.errors import SettingsError
+
+if TYPE_CHECKING:
+    from taxel_models.loop.planting import Planting
+    from taxel_models.recordings import Recording
 
 Rows = Annotated[int, typer.Option("--rows", min=1, help="Length: 100 rows are a second.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Same seed and rows, same recording.")]
 Output = Annotated[Path, typer.Option("--output", "-o", metavar="CSV", help="The file to write.")]
+Effects = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--effect",
+        metavar="NAME[:STRENGTH]",
+        help="Plant an effect that the file does not tell of; again for several. Strength 1, the "
+        "default, changes channels by as much as a good model errs, a tenth of their spread.",
+    ),
+]
+Truth = Annotated[
+    Path | None,
+    typer.Option(metavar="JSON", help="Where to write what was planted; CSV.truth.json if not given."),
+]
+Into = Annotated[
+    Path | None,
+    typer.Option(metavar="RECORDING", help="Plant in this recording instead of a simulated one."),
+]
 
 
-def twin(output: Output, rows: Rows = 60_000, seed: Seed = 7, as_json: Json = False) -> None:
-    """Write a simulated recording of a BioTac 2P, in the CSV format of the published data set."""
-    from taxel_models.recordings import write_ruppel
+def twin(
+    output: Output,
+    rows: Rows = 60_000,
+    seed: Seed = 7,
+    effect: Effects = None,
+    truth: Truth = None,
+    into: Into = None,
+    as_json: Json = False,
+) -> None:
+    """Write a simulated recording of a BioTac 2P, in the CSV format of the published data set.
+
+    With `--effect`, effects are planted in its measured channels (a turned frame in its recorded
+    forces) without a trace in the file; what they are is written apart.
+    """
+    from taxel_models.recordings import read_recording, write_ruppel
     from taxel_models.twin import simulate
     from taxel_models.twin.summary import summarise
 
-    recording = simulate(rows, seed)
+    if into is not None and not effect:
+        raise SettingsError("--into: expected --effect to plant there")
+    check_file_place(output)
+    recording = simulate(rows, seed) if into is None else read_recording(into)
+    planting = _planted(recording, effect, seed) if effect else None
+    if planting is not None:
+        recording = planting.recording
+        _write_truth(truth or output.with_name(output.name + ".truth.json"), planting, seed)
     write_ruppel(recording, output)
     summary = summarise(recording)
     if as_json:
-        print_json({"output": str(output), "rows": rows, "seed": seed, **summary})
+        print_json({"output": str(output), "rows": len(recording), "seed": seed, **summary})
         return
-    OUT.print(f"wrote {output}: {rows} rows ({rows / 100:g} s), seed {seed}, simulated", soft_wrap=True)
+    kind = "simulated" if into is None else f"from {into}"
+    OUT.print(
+        f"wrote {output}: {len(recording)} rows ({len(recording) / 100:g} s), seed {seed}, {kind}",
+        soft_wrap=True,
+    )
     for name, value in summary.items():
         OUT.print(f"  {name.replace('_', ' ')}: {value:.4g}")
+
+
+def _planted(recording: "Recording", effects: list[str], seed: int) -> "Planting":
+    from taxel_models.loop.effects.registry import effect_named
+    from taxel_models.loop.planting import Planting
+
+    planting = Planting.into(recording, seed)
+    for text in effects:
+        name, strength = _parse(text)
+        chosen = effect_named(name)
+        planting.begin(name, strength)
+        chosen.plant(planting)
+    return planting
+
+
+def _parse(text: str) -> tuple[str, float]:
+    """A name, which may be `covariate:NAME`, and a strength."""
+    name, _, last = text.rpartition(":")
+    try:
+        strength = float(last)
+    except ValueError:
+        return text, 1.0
+    if not name or not 0 < strength < float("inf"):
+        raise SettingsError(f"--effect {text}: expected NAME or NAME:STRENGTH, a strength above 0")
+    return name, strength
+
+
+def _write_truth(path: Path, planting: "Planting", seed: int) -> None:
+    import json
+
+    with whole_file(path) as temporary:
+        temporary.write_text(
+            json.dumps({"seed": seed, "effects": planting.truth}, indent=1) + "\n", encoding="utf-8"
+        )

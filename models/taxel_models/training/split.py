@@ -17,7 +17,7 @@ CHUNK_ROWS: Final = 1000
 _TRIALS_FROM: Final = 20
 """A recording of at least so many segments counts as a series of trials."""
 
-Unit = Literal["auto", "trials", "chunks"]
+Unit = Literal["auto", "trials", "chunks", "sessions"]
 
 
 class Part(IntEnum):
@@ -33,8 +33,8 @@ class SplitPlan:
     """How to divide recordings.
 
     Attributes:
-        unit: hold out whole `trials` (segments) or `chunks` of up to 1000 rows of a segment;
-            `auto` takes trials where a recording has at least 20 segments.
+        unit: hold out whole `trials` (segments), `chunks` of up to 1000 rows of a segment, or
+            `sessions` (recordings); `auto` takes trials where a recording has at least 20 segments.
         test: share of the units held out for testing.
         validation: share of the units held out for early stopping.
         seed: which units; the same seed gives the same ones.
@@ -70,9 +70,7 @@ def split(recordings: Sequence[Recording], plan: SplitPlan) -> list[NDArray[np.i
     Raises:
         SettingsError: there are too few units for three parts.
     """
-    units = [
-        (index, unit) for index, recording in enumerate(recordings) for unit in _units(recording, plan.unit)
-    ]
+    units = units_of(recordings, plan.unit)
     tests = max(1, round(plan.test * len(units)))
     validations = max(1, round(plan.validation * len(units)))
     if tests + validations >= len(units):
@@ -87,9 +85,21 @@ def split(recordings: Sequence[Recording], plan: SplitPlan) -> list[NDArray[np.i
     return parts
 
 
+def has_trials(recording: Recording) -> bool:
+    """Whether a recording is a series of trials, by its number of segments."""
+    return len(recording.segments) >= _TRIALS_FROM
+
+
+def units_of(recordings: Sequence[Recording], unit: Unit) -> list[tuple[int, slice]]:
+    """What is held out whole: the recording's number and the rows of each unit."""
+    return [(index, rows) for index, recording in enumerate(recordings) for rows in _units(recording, unit)]
+
+
 def _units(recording: Recording, unit: Unit) -> list[slice]:
     segments = recording.segments
-    if unit == "trials" or (unit == "auto" and len(segments) >= _TRIALS_FROM):
+    if unit == "sessions":
+        return [slice(0, len(recording))]
+    if unit == "trials" or (unit == "auto" and has_trials(recording)):
         return list(segments)
     return [
         slice(start, min(start + CHUNK_ROWS, segment.stop))

@@ -53,8 +53,8 @@ class TrainingPlan:
 
 
 @dataclass(frozen=True)
-class _Scalers:
-    """Statistics of the training part."""
+class Scalers:
+    """Statistics of a training part, for each of its columns."""
 
     windows: Scaler
     channels: Scaler
@@ -63,9 +63,11 @@ class _Scalers:
 
     @classmethod
     def fit(cls, part: Examples) -> Self:
+        """From the training part."""
         return cls(*(Scaler.fit(column) for column in vars(part).values()))
 
     def apply(self, part: Examples) -> FitPart:
+        """Any part as z-scores."""
         windows, channels, temperature, auxiliary = (
             scaler.normalise(column.astype(np.float32, copy=False))
             for scaler, column in zip(vars(self).values(), vars(part).values(), strict=True)
@@ -92,7 +94,7 @@ def train(
     hyperparameters = resolve(kind, plan.combination, plan.overrides)
     spec = WindowSpec.of(plan.combination)
     data = Dataset.of(recordings, spec, plan.split)
-    scalers = _Scalers.fit(data.train)
+    scalers = Scalers.fit(data.train)
     task = FitTask(
         spec=spec,
         train=scalers.apply(data.train),
@@ -131,7 +133,7 @@ def train(
     return TrainedModel(record, fitted), data.test_recordings
 
 
-def _normalisation(scalers: _Scalers) -> Normalisation:
+def _normalisation(scalers: Scalers) -> Normalisation:
     return Normalisation(
         input_mean=tuple(scalers.windows.mean.tolist()),
         input_std=tuple(scalers.windows.std.tolist()),
@@ -147,7 +149,7 @@ def _source(recording: Recording) -> Source:
 
 
 def _metrics(
-    test: Examples, fitted: FittedModel, scalers: _Scalers, temperature: Temperature | None
+    test: Examples, fitted: FittedModel, scalers: Scalers, temperature: Temperature | None
 ) -> dict[str, Any]:
     """Errors on the test part: the model's as it will be served, and those of the training mean.
 

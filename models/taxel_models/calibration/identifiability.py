@@ -1,0 +1,61 @@
+"""Which components the contacts determine: read off the Jacobian of their distances to the skin.
+
+The covariance of a least-squares estimate is s² (JᵀJ)⁻¹, with s the residuals' spread. A component
+whose standard error moves the contacts by more than a limit is noise: it is held instead of printed.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel_models.calibration.motion import ANGLES, RIGID
+
+LIMIT_MM: Final = 0.5
+"""A component is determined if its standard error moves the contacts by less than this."""
+
+_LEAST_SPREAD_MM: Final = 0.01
+"""Residuals smaller than this are taken for this much noise: no tracker is better."""
+
+_AS_LOOSE: Final = 0.5
+"""Two components that stand for one another are about as loose; the later one is held."""
+
+
+def undetermined(
+    jacobian: NDArray[np.float64], residuals: NDArray[np.float64], known: NDArray[np.float64], lever: float
+) -> int | None:
+    """The place of the free component to hold next, or none if all are determined.
+
+    Args:
+        jacobian: (n, free components), mm by mm or rad.
+        residuals: (n,), mm.
+        known: (k,), NaN for the components that the columns stand for.
+        lever: root-mean-square distance of the contacts from their centre, mm: what an angle moves.
+    """
+    places = np.flatnonzero(np.isnan(known))
+    if not len(places):
+        return None
+    angles = [RIGID.index(name) for name in ANGLES]
+    moves = np.where(np.isin(places, angles), lever, 1.0)
+    errors = standard_errors(jacobian / moves, residuals)
+    loosest = float(errors.max())
+    if loosest < LIMIT_MM:
+        return None
+    return int(places[np.flatnonzero(errors >= _AS_LOOSE * loosest)[-1]])
+
+
+def standard_errors(jacobian: NDArray[np.float64], residuals: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of each column's component, from s² (JᵀJ)⁻¹; infinite where no residual depends on it.
+
+    The spread s is the residuals' median size as a normal distribution's, which outliers leave alone.
+    """
+    rows, columns = jacobian.shape
+    spread = 1.4826 * float(np.median(np.abs(residuals))) * np.sqrt(rows / max(rows - columns, 1))
+    _, sizes, directions = np.linalg.svd(jacobian, full_matrices=False)
+    tiny = rows * np.finfo(float).eps * sizes[0]
+    inverse = np.where(sizes > tiny, 1.0 / np.maximum(sizes, tiny), np.inf)
+    # 0 · inf: a component without a share in a direction that nothing depends on.
+    shares = np.where(np.abs(directions) > 1e-6, directions, 0.0)
+    with np.errstate(invalid="ignore"):
+        parts = np.nan_to_num(shares * inverse[:, None], nan=0.0, posinf=np.inf, neginf=-np.inf)
+    return np.asarray(max(spread, _LEAST_SPREAD_MM) * np.sqrt((parts**2).sum(axis=0)))

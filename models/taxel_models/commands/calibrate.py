@@ -1,0 +1,94 @@
+"""`taxel calibrate`: where the sensor is in a recording's frame."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.progress import Progress
+from rich.table import Table
+
+from taxel.commands.frame import ERR, OUT, Json, print_json
+
+_DISTANCES = ("mean", "median", "rms")
+
+
+def calibrate(
+    recordings: Annotated[
+        list[Path],
+        typer.Argument(metavar="RECORDING…", help="Recordings in one frame: CSV files or folders."),
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write the calibration to.")],
+    rewrite: Annotated[
+        bool, typer.Option("--rewrite", help="Also write the recordings in the sensor's frame, as CSV.")
+    ] = False,
+    standoff: Annotated[
+        float | None,
+        typer.Option(
+            metavar="MM", help="Distance of the tracked point from the skin in a light touch, if known."
+        ),
+    ] = None,
+    light: Annotated[float, typer.Option(metavar="N", help="A contact is light below this force.")] = 0.3,
+    touch: Annotated[float, typer.Option(metavar="N", help="Below this force there is no contact.")] = 0.05,
+    seed: Annotated[int, typer.Option(min=0, help="Of the optimiser's starts and of the bootstrap.")] = 0,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier calibration.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Estimate the sensor's place from light contacts, so that they lie on its skin.
+
+    `--json` prints what `calibration.json` holds, and the folder.
+    """
+    from taxel.atomic import check_folder_place
+    from taxel_models.calibration.calibration import calibrate as estimate
+    from taxel_models.calibration.folder import RECORD, write_calibration
+    from taxel_models.calibration.light_contacts import Limits
+    from taxel_models.recordings import read_recording
+
+    output = output.resolve()
+    check_folder_place(output, replacing=RECORD if overwrite else None)
+    limits = Limits(touch, light)
+    with Progress(console=ERR, transient=True, disable=not ERR.is_terminal) as bar:
+        task = bar.add_task("reading", total=None)
+        read = [read_recording(path) for path in recordings]
+        bar.update(task, description="fitting")
+        calibration = estimate(read, limits=limits, standoff=standoff, seed=seed)
+        bar.update(task, description="writing")
+        write_calibration(calibration, output, read if rewrite else (), overwrite=overwrite)
+    report = calibration.report()
+    if as_json:
+        print_json({"output": str(output), **report})
+        return
+    _print(report)
+    OUT.print(f"Wrote {output}.", soft_wrap=True)
+
+
+def _print(report: dict[str, Any]) -> None:
+    table = Table(f"distance of {report['light_contacts']} light contacts from the skin, mm", *_DISTANCES)
+    for label, values in report["distance_mm"].items():
+        table.add_row(label, *(f"{values[name]:.3f}" for name in _DISTANCES))
+    OUT.print(table)
+    sensor = report["sensor"]
+    OUT.print(f"translation, mm: {_numbers(sensor['translation_mm'], 3)}")
+    quaternion = _numbers(sensor["quaternion_xyzw"], 5)
+    OUT.print(f"rotation: {sensor['rotation_deg']:.3f}°, quaternion x y z w: {quaternion}")
+    table = Table("component", "value", "standard error", "95 % interval", "unit")
+    for name, part in report["components"].items():
+        if "value" not in part:
+            table.add_row(name, part["status"], "", "", part["unit"])
+        elif "standard_error" not in part:
+            table.add_row(name, f"{part['value']:.3f}", part["status"], "", part["unit"])
+        else:
+            low, high = part["interval_95"]
+            table.add_row(
+                name,
+                f"{part['value']:.3f}",
+                f"{part['standard_error']:.3f}",
+                f"{low:.3f} to {high:.3f}",
+                part["unit"],
+            )
+    OUT.print(table)
+    for name, reason in report["not_identifiable"].items():
+        OUT.print(f"{name} is not identifiable: {reason}.", soft_wrap=True)
+
+
+def _numbers(values: list[float], digits: int) -> str:
+    return ", ".join(f"{value:.{digits}f}" for value in values)

@@ -1,0 +1,91 @@
+"""What a search minimises: the normalised MAE on the validation part of a fitted configuration."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from ConfigSpace import Configuration
+
+from taxel.errors import TaxelError
+from taxel.windows import WindowSpec
+from taxel_models.families.family import FitTask
+from taxel_models.families.registry import family, resolve
+from taxel_models.recordings import Recording
+from taxel_models.search.plan import SearchPlan
+from taxel_models.search.spaces import search_space
+from taxel_models.training.dataset import Dataset
+from taxel_models.training.train import Scalers
+
+WORST: Final = 10.0
+"""The cost of a diverged fit, and the greatest there is; knowing nothing costs less than 1."""
+
+TASK: Final = "task"
+"""The name under which the task travels to workers."""
+
+
+def fit_task(recordings: Sequence[Recording], plan: SearchPlan, jobs: int) -> FitTask:
+    """The training and the validation part, z-scored by the training part; the test part stays unseen.
+
+    Raises:
+        SettingsError: the recordings cannot be divided so.
+    """
+    spec = WindowSpec.of(plan.combination)
+    data = Dataset.of(recordings, spec, plan.split)
+    scalers = Scalers.fit(data.train)
+    return FitTask(spec, scalers.apply(data.train), scalers.apply(data.validation), plan.seed, jobs)
+
+
+def hyperparameters_of(plan: SearchPlan, values: Mapping[str, Any]) -> dict[str, Any]:
+    """A configuration as the family's hyperparameters, with those that are held."""
+    plain = {
+        name: value.item() if isinstance(value, np.generic) else value for name, value in values.items()
+    }
+    return search_space(plan.family).decode(plain) | plan.held
+
+
+@dataclass(frozen=True)
+class Objective:
+    """SMAC's target function.
+
+    Attributes:
+        plan: of the search.
+        task: to fit to; none where it is scattered to workers instead.
+    """
+
+    plan: SearchPlan
+    task: FitTask | None
+
+    def cost(
+        self,
+        config: Configuration,
+        seed: int,  # noqa: ARG002
+        budget: float | None = None,
+        data_to_scatter: Mapping[str, FitTask] | None = None,
+    ) -> tuple[float, dict[str, Any]]:
+        """Fit a configuration.
+
+        Args:
+            config: in the family's space.
+            seed: SMAC's, not used: every fit has the plan's, so that training the winner repeats it.
+            budget: epochs, for networks.
+            data_to_scatter: the task, on a worker; the name is SMAC's.
+
+        Returns:
+            The normalised MAE on the validation part, and what else is worth keeping.
+        """
+        task = data_to_scatter[TASK] if data_to_scatter is not None else self.task
+        assert task is not None
+        chosen = hyperparameters_of(self.plan, config)
+        if budget is not None:
+            chosen["epochs"] = max(1, round(budget))
+        kind = family(self.plan.family)
+        hyperparameters = resolve(kind, self.plan.combination, chosen)
+        try:
+            fitted, history = kind.fit(task, hyperparameters)
+        except TaxelError as error:
+            return WORST, {"diverged": str(error)}
+        predicted = fitted.predict(task.validation.windows)
+        mae = float(np.abs(predicted - task.validation.channels).mean(dtype=np.float64))
+        about = {"parameters": fitted.parameters, "best": history.best}
+        return (mae if mae < WORST else WORST), about

@@ -1,0 +1,118 @@
+"""What a search is: everything that its course depends on, kept beside its results."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+
+from taxel.artifacts import describe
+from taxel.atomic import check_folder_place, whole_file
+from taxel.errors import ArtifactError, SettingsError
+from taxel_models.families.registry import family, resolve
+from taxel_models.recordings import Recording
+from taxel_models.search.spaces import search_space
+from taxel_models.training.split import SplitPlan, Unit
+
+PLAN: Final = "search.json"
+
+_SEARCHED: Final = ("neurons", "activations", "epochs")
+"""Hyperparameters that follow from several dimensions of a space, or from a trial's budget."""
+
+
+class SearchPlan(BaseModel):
+    """The settings of a search; the same ones continue it.
+
+    Attributes:
+        family: to search for.
+        combination: input combination 1..8.
+        trials: fits in all, each of a configuration with a number of epochs.
+        walltime_s: to stop after, over all continuations.
+        epochs: the largest budget of a network's trial.
+        least_epochs: the smallest.
+        held: hyperparameters that are set instead of searched.
+        seed: of every random choice.
+        unit: of `SplitPlan`, as are `test`, `validation` and `split_seed`.
+        data: name of each recording, by sha256.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    schema_version: Literal[1] = 1
+    family: str
+    combination: Annotated[int, Field(ge=1, le=8)] = 1
+    trials: Annotated[int, Field(ge=1)] = 100
+    walltime_s: Annotated[FiniteFloat, Field(gt=0)] | None = None
+    epochs: Annotated[int, Field(ge=1)] = 30
+    least_epochs: Annotated[int, Field(ge=1)] = 3
+    held: dict[str, Any] = {}
+    seed: Annotated[int, Field(ge=0)] = 0
+    unit: Unit = "auto"
+    test: float = 0.1
+    validation: float = 0.1
+    split_seed: int = 0
+    data: dict[str, str] = {}
+
+    @model_validator(mode="after")
+    def _budgets_in_order(self) -> "SearchPlan":
+        if self.least_epochs > self.epochs:
+            raise ValueError(f"least_epochs {self.least_epochs} is above epochs {self.epochs}")
+        return self
+
+    @classmethod
+    def of(cls, recordings: Sequence[Recording], **settings: Any) -> Self:
+        """A plan for these recordings.
+
+        Raises:
+            SettingsError: a setting is not possible.
+        """
+        data = {recording.fingerprint: recording.name for recording in recordings}
+        try:
+            plan = cls(data=data, **settings)
+        except ValidationError as error:
+            raise SettingsError(f"search: {describe(error)}") from None
+        plan.check()
+        return plan
+
+    @property
+    def split(self) -> SplitPlan:
+        """How the recordings are divided."""
+        return SplitPlan(self.unit, self.test, self.validation, self.split_seed)
+
+    def check(self) -> None:
+        """Refuse what can be refused before any work is done.
+
+        Raises:
+            SettingsError: the family has no search space, or a hyperparameter cannot be held.
+        """
+        space, kind = search_space(self.family), family(self.family)
+        resolve(kind, self.combination, self.held)
+        for name in _SEARCHED:
+            if name in self.held and name not in space.names:
+                raise SettingsError(f"--set {name}: it is what is searched, or the budget of a trial")
+
+    def keep(self, folder: Path) -> None:
+        """Write the plan into a search's folder, or see that the search there is the same one.
+
+        Raises:
+            SettingsError: the folder holds something else, or a search with other settings.
+            ArtifactError: the plan that it holds is damaged.
+        """
+        path = folder / PLAN
+        if not path.is_file():
+            check_folder_place(folder)
+            folder.mkdir(parents=True, exist_ok=True)
+            with whole_file(path) as temporary:
+                temporary.write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
+            return
+        try:
+            earlier = type(self).model_validate_json(path.read_bytes())
+        except ValidationError as error:
+            raise ArtifactError(f"{path}: {describe(error)}") from None
+        for name, was in earlier:
+            now = getattr(self, name)
+            if was != now:
+                raise SettingsError(
+                    f"{folder} holds a search with {name} {was!r}, not {now!r}: "
+                    "the same settings continue it; choose another folder for others"
+                )

@@ -1,0 +1,89 @@
+"""A search's results on disk, beside the state from which it goes on.
+
+DIR/search.json             the settings
+DIR/hyperparameters.json    the winner, for `taxel train --hyperparameters`
+DIR/trials.json             every trial that finished
+DIR/best.md                 the best configurations
+DIR/trials.png              cost over trials, and the best so far
+DIR/smac.log, DIR/smac/     SMAC's log and state
+"""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final
+
+from taxel import __version__
+from taxel.atomic import whole_file
+from taxel_models.search.drawing import draw_trials
+from taxel_models.search.objective import WORST
+from taxel_models.search.plan import SearchPlan
+from taxel_models.search.run import Outcome, Trial
+from taxel_models.training.hyperparameters import FoundHyperparameters
+
+WINNER: Final = "hyperparameters.json"
+BEST: Final = 10
+"""Rows of the table."""
+
+
+def write_report(plan: SearchPlan, outcome: Outcome, folder: Path) -> None:
+    """Write the results; each file appears whole or not at all, and replaces an earlier one."""
+    found = FoundHyperparameters(
+        family=plan.family,
+        combination=plan.combination,
+        hyperparameters=outcome.winner.hyperparameters,
+        origin={"taxel_version": __version__, **summary(outcome), "data": plan.data},
+    )
+    texts = {
+        WINNER: found.model_dump_json(indent=1) + "\n",
+        "trials.json": json.dumps([asdict(trial) for trial in outcome.trials], indent=1) + "\n",
+        "best.md": _markdown(plan, outcome),
+    }
+    for name, text in texts.items():
+        with whole_file(folder / name) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    title = f"search: {plan.family}, input combination {plan.combination}"
+    with whole_file(folder / "trials.png") as temporary, temporary.open("wb") as picture:
+        draw_trials(outcome, title, picture)
+
+
+def summary(outcome: Outcome) -> dict[str, Any]:
+    """The figures of a search, for JSON."""
+    return {
+        "cost": outcome.winner.cost,
+        "epochs": outcome.winner.epochs,
+        "trials": len(outcome.trials),
+        "diverged": sum(trial.cost >= WORST for trial in outcome.trials),
+        "seconds_fitting": sum(trial.seconds for trial in outcome.trials),
+    }
+
+
+def _markdown(plan: SearchPlan, outcome: Outcome) -> str:
+    best = outcome.best(BEST)
+    names = list(dict.fromkeys(name for trial in best for name in trial.hyperparameters))
+    head = ["trial", "normalised MAE", "epochs", "parameters", *names]
+    lines = [
+        f"The best of {len(outcome.trials)} trials of {plan.family}, input combination {plan.combination}. "
+        "Normalised MAE on the validation part.",
+        "",
+        f"| {' | '.join(head)} |",
+        "| --- " * len(head) + "|",
+    ]
+    lines += [f"| {' | '.join(_row(trial, names))} |" for trial in best]
+    return "\n".join(lines) + "\n"
+
+
+def _row(trial: Trial, names: list[str]) -> list[str]:
+    facts = [
+        trial.number,
+        f"{trial.cost:.4f}",
+        trial.epochs or "",
+        trial.about.get("parameters", "diverged"),
+    ]
+    return [*map(str, facts), *(_text(trial.hyperparameters.get(name, "")) for name in names)]
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)

@@ -1,0 +1,199 @@
+"""A search with SMAC3: run, continued, and what came out."""
+
+import json
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from distributed import Client
+from smac import HyperparameterOptimizationFacade, MultiFidelityFacade, Scenario
+from smac.callback import Callback
+from smac.main.smbo import SMBO
+from smac.runhistory import StatusType, TrialInfo, TrialValue
+from typing_extensions import override
+
+from taxel.errors import ArtifactError, TaxelError
+from taxel_models.families.family import FitTask, Progress, unseen
+from taxel_models.search.objective import TASK, Objective, hyperparameters_of
+from taxel_models.search.plan import SearchPlan
+from taxel_models.search.spaces import search_space
+
+STATE: Final = "smac"
+LOG: Final = "smac.log"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One fit.
+
+    Attributes:
+        number: in the order of starting, from 1.
+        cost: normalised MAE on the validation part.
+        epochs: its budget, for networks.
+        seconds: that it took.
+        hyperparameters: the configuration, as the family's hyperparameters.
+        about: parameters of the model and its best step, or why it diverged.
+    """
+
+    number: int
+    config_id: int
+    cost: float
+    epochs: int | None
+    seconds: float
+    hyperparameters: dict[str, Any]
+    about: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a search found.
+
+    Attributes:
+        trials: that finished, in the order of starting.
+        incumbents: whenever the best changed: the trials finished by then, and its cost.
+        winner: the incumbent's trial with the largest budget.
+    """
+
+    trials: tuple[Trial, ...]
+    incumbents: tuple[tuple[int, float], ...]
+    winner: Trial
+
+    def best(self, count: int) -> list[Trial]:
+        """The best trials, those with more epochs first; a configuration counts once."""
+        ordered = sorted(self.trials, key=lambda trial: (-(trial.epochs or 0), trial.cost))
+        first = {trial.config_id: trial for trial in reversed(ordered)}
+        return sorted(first.values(), key=lambda trial: (-(trial.epochs or 0), trial.cost))[:count]
+
+
+class _Scenario(Scenario):  # type: ignore[misc]
+    """A scenario that continues whatever its folder holds: `SearchPlan.keep` has compared the settings.
+
+    SMAC would ask on the terminal where folder or code have moved.
+    """
+
+    @override
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Scenario)
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+class _Watch(Callback):  # type: ignore[misc]
+    """Tells of progress, and stops at a fault that is not the configuration's."""
+
+    def __init__(self, progress: Progress, trials: int) -> None:
+        self._progress = progress
+        self._trials = trials
+        self._best = float("inf")
+
+    @override
+    def on_tell_end(self, smbo: SMBO, info: TrialInfo, value: TrialValue) -> None:
+        if value.status == StatusType.CRASHED:
+            raise TaxelError(f"a trial failed: {value.additional_info['traceback']}")
+        self._best = min(self._best, value.cost)
+        done = smbo.runhistory.finished
+        self._progress(done / self._trials, f"{done} of {self._trials} trials, best {self._best:.4f}")
+
+
+def search(
+    plan: SearchPlan,
+    task: FitTask,
+    folder: Path,
+    *,
+    client: Client | None = None,
+    progress: Progress = unseen,
+) -> Outcome:
+    """Run a search in its folder, or go on with the one there; a finished one is only read.
+
+    Networks are searched with Hyperband, epochs as budget, XGBoost with full fits (the paper).
+
+    Args:
+        client: of a Dask cluster to fit on; here if none.
+
+    Raises:
+        SettingsError: the folder holds another search.
+        ArtifactError: its state is damaged.
+        TaxelError: a trial failed, or none has finished.
+    """
+    plan.keep(folder)
+    space = search_space(plan.family)
+    scenario = _Scenario(
+        configspace=space.build(frozenset(plan.held)),
+        name=STATE,
+        output_directory=folder,
+        deterministic=True,
+        n_trials=plan.trials,
+        walltime_limit=plan.walltime_s if plan.walltime_s is not None else float("inf"),
+        min_budget=plan.least_epochs if space.by_epochs else None,
+        max_budget=plan.epochs if space.by_epochs else None,
+        seed=plan.seed,
+    )
+    facade = MultiFidelityFacade if space.by_epochs else HyperparameterOptimizationFacade
+    with _logged_to(folder / LOG), warnings.catch_warnings():
+        # SMAC averages the times of its local searches for its log, also when there was none.
+        for text in ("Mean of empty slice", "invalid value encountered in scalar divide"):
+            warnings.filterwarnings("ignore", message=text, category=RuntimeWarning)
+        try:
+            smac = facade(
+                scenario,
+                Objective(plan, task if client is None else None).cost,
+                logging_level=False,
+                callbacks=[_Watch(progress, plan.trials)],
+                dask_client=client,
+            )
+        except (json.JSONDecodeError, KeyError) as error:
+            raise ArtifactError(
+                f"{folder / STATE}: damaged ({error!r}); expected SMAC's state: remove it to begin anew"
+            ) from None
+        if client is None:
+            smac.optimize()
+        else:
+            with client.as_current():  # SMAC waits for trials with the current client
+                smac.optimize(data_to_scatter={TASK: task})
+    return _outcome(plan, smac)
+
+
+def _outcome(plan: SearchPlan, smac: HyperparameterOptimizationFacade) -> Outcome:
+    history = smac.runhistory
+    trials = tuple(
+        Trial(
+            number=number,
+            config_id=key.config_id,
+            cost=value.cost,
+            epochs=None if key.budget is None else max(1, round(key.budget)),
+            seconds=value.time,
+            hyperparameters=hyperparameters_of(plan, history.get_config(key.config_id)),
+            about=value.additional_info,
+        )
+        for number, (key, value) in enumerate(history.items(), start=1)
+        if value.status == StatusType.SUCCESS
+    )
+    if not trials:
+        raise TaxelError("no trial has finished: expected a longer walltime; the same command goes on")
+    winner = history.get_config_id(smac.intensifier.get_incumbent())
+    changes = tuple((item.trial, float(item.costs[0])) for item in smac.intensifier.trajectory)
+    of_winner = [trial for trial in trials if trial.config_id == winner]
+    return Outcome(trials, changes, max(of_winner, key=lambda trial: trial.epochs or 0))
+
+
+@contextmanager
+def _logged_to(path: Path) -> Iterator[None]:
+    """SMAC's log as a file; its warnings would go to stderr otherwise."""
+    log = logging.getLogger("smac")
+    level, propagate = log.level, log.propagate
+    handler = logging.FileHandler(path, encoding="utf-8")
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    log.propagate = False
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(level)
+        log.propagate = propagate
+        handler.close()

@@ -1,0 +1,69 @@
+"""One fold's windows, z-scored: built once, then fitted by every model."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.scaling import Scaler
+from taxel.windows import WindowSpec, build_windows
+from taxel_models.families.family import FitPart
+from taxel_models.study.folds import Numbers, Partition
+from taxel_models.training.dataset import Examples, concatenate
+
+
+@dataclass(frozen=True)
+class FoldData:
+    """What a cell needs of the data.
+
+    Attributes:
+        train: z-scored, as are `validation` and `test`.
+        measured: (n, 21) the test part's channels, counts.
+        scaler: of the channels.
+    """
+
+    spec: WindowSpec
+    train: FitPart
+    validation: FitPart
+    test: FitPart
+    measured: NDArray[np.float64]
+    scaler: Scaler
+
+    @property
+    def windows(self) -> dict[str, int]:
+        """Windows in each part."""
+        return {"train": len(self.train), "validation": len(self.validation), "test": len(self.test)}
+
+
+def fold_data(partition: Partition, combination: int, fold: int) -> FoldData:
+    """Build the windows of a fold (counted from 0) for an input combination."""
+    spec = WindowSpec.of(combination)
+    table = _all_windows(partition, spec)
+    numbers = partition.folds[fold]
+    # Column by column, so that no more than one column exists twice, in float64, at a time.
+    scalers = {name: Scaler.fit(column[numbers.statistics]) for name, column in vars(table).items()}
+
+    def part(chosen: Numbers) -> FitPart:
+        windows, channels, temperature, auxiliary = (
+            scalers[name].normalise(column[chosen].astype(np.float32, copy=False))
+            for name, column in vars(table).items()
+        )
+        return FitPart(windows, channels, temperature[:, 0], auxiliary)
+
+    return FoldData(
+        spec,
+        part(numbers.train),
+        part(numbers.validation),
+        part(numbers.test),
+        table.channels[numbers.test],
+        scalers["channels"],
+    )
+
+
+def _all_windows(partition: Partition, spec: WindowSpec) -> Examples:
+    found = []
+    for recording, rows in zip(partition.recordings, partition.rows, strict=True):
+        windows = build_windows(recording.samples, spec)
+        places = np.searchsorted(windows.rows, rows)
+        found.append(Examples.at(recording, windows.values[places], rows))
+    return concatenate(found)

@@ -1,0 +1,204 @@
+"""Cross-validation: which windows each fold fits, stops early and tests with.
+
+Both protocols leave out windows at the edges of what is held out, as many as the widest input
+combination reaches. So no window of one part touches a row of another, and every combination is
+tested on the same rows, as a paired test needs.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.errors import SettingsError
+from taxel.windows import PERIOD_NS, WindowSpec
+from taxel.windows.combinations import COMBINATIONS
+from taxel_models.recordings import Recording
+from taxel_models.study.plan import Protocol
+from taxel_models.training.split import CHUNK_ROWS, Part, Unit, has_trials, units_of
+
+Numbers = NDArray[np.int64]
+
+VALIDATION_SHARE: Final = 0.1
+"""Of all units, taken from the training part for early stopping."""
+
+GUARD: Final = max(
+    max(spec.look_back, spec.look_ahead) for spec in (WindowSpec.of(number) for number in COMBINATIONS)
+)
+"""Windows left out at an edge: the ticks that the widest combination reaches."""
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Numbers of windows, counted over all recordings of a `Partition`.
+
+    Attributes:
+        statistics: those whose mean and standard deviation normalise all others.
+    """
+
+    train: Numbers
+    validation: Numbers
+    test: Numbers
+    statistics: Numbers
+
+
+@dataclass(frozen=True)
+class Partition:
+    """A protocol applied to recordings.
+
+    Attributes:
+        recordings: of ticks; where the protocol ignores gaps, without them.
+        rows: of each recording, the rows T of the windows that are numbered.
+        held_out: what a test part consists of, in words.
+        folds: the windows of each fold.
+    """
+
+    recordings: tuple[Recording, ...]
+    rows: tuple[Numbers, ...]
+    held_out: str
+    folds: tuple[Fold, ...]
+
+
+def choose_unit(recordings: Sequence[Recording], unit: Unit, folds: int) -> Unit:
+    """What `auto` stands for: sessions where there is one a fold, else trials, else chunks.
+
+    Raises:
+        SettingsError: some recordings are series of trials and others are not.
+    """
+    if unit != "auto":
+        return unit
+    if len(recordings) >= max(folds, len(Part)):
+        return "sessions"
+    trials = [has_trials(recording) for recording in recordings]
+    if any(trials) and not all(trials):
+        names = [recording.name for recording, found in zip(recordings, trials, strict=True) if found]
+        raise SettingsError(
+            f"{', '.join(names)} consists of trials, the other recordings do not: choose --unit"
+        )
+    return "trials" if all(trials) else "chunks"
+
+
+def partition(
+    protocol: Protocol, recordings: Sequence[Recording], unit: Unit, folds: int, seed: int
+) -> Partition:
+    """Divide recordings of ticks into folds.
+
+    Args:
+        unit: what the strict protocol holds out whole; the paper's always holds out chunks.
+
+    Raises:
+        SettingsError: there is too little data for so many folds.
+    """
+    if protocol == "paper":
+        return _as_published(recordings, folds, seed)
+    return _strict(recordings, unit, folds, seed)
+
+
+def _strict(recordings: Sequence[Recording], unit: Unit, folds: int, seed: int) -> Partition:
+    """Whole units for testing and for validation; gaps respected; statistics of the training part."""
+    units = units_of(recordings, unit)
+    validations = max(1, round(VALIDATION_SHARE * len(units)))
+    if len(units) < folds or len(units) - -(-len(units) // folds) <= validations:
+        raise SettingsError(f"{len(units)} {unit}: too few for {folds} folds of three parts")
+    order = np.random.default_rng(seed).permutation(len(units))
+    tests = np.array_split(order, folds)
+    found = []
+    for number, test in enumerate(tests):
+        others = np.setdiff1d(order, test)
+        validation = np.random.default_rng([seed, number]).choice(others, validations, replace=False)
+        parts = [np.full(len(recording), Part.TRAIN, np.int8) for recording in recordings]
+        for part, chosen in ((Part.TEST, test), (Part.VALIDATION, validation)):
+            for index in chosen:
+                recording, rows = units[index]
+                parts[recording][rows] = part
+        found.append(_strict_fold(recordings, parts, number))
+    rows = tuple(_guarded(recording) for recording in recordings)
+    return Partition(tuple(recordings), rows, f"whole {unit}", tuple(found))
+
+
+def _guarded(recording: Recording) -> Numbers:
+    """Rows as far from the ends of their segments as the widest window reaches."""
+    spans = [
+        np.arange(segment.start + GUARD, segment.stop - GUARD, dtype=np.int64)
+        for segment in recording.segments
+    ]
+    return np.concatenate([np.empty(0, np.int64), *spans])
+
+
+def _strict_fold(recordings: Sequence[Recording], parts: Sequence[NDArray[np.int8]], number: int) -> Fold:
+    of_window = []
+    for recording, part in zip(recordings, parts, strict=True):
+        rows = _guarded(recording)
+        changes = np.concatenate([[0], np.cumsum(np.diff(part) != 0)])
+        whole = changes[rows - GUARD] == changes[rows + GUARD]
+        of_window.append(np.where(whole, part[rows], np.int8(-1)))
+    joined = np.concatenate(of_window)
+    numbers = {of_part: np.flatnonzero(joined == of_part) for of_part in Part}
+    for of_part, found in numbers.items():
+        if not len(found):
+            raise SettingsError(
+                f"fold {number + 1}: the {of_part.name.lower()} part has no window of {2 * GUARD + 1} ticks"
+            )
+    train = numbers[Part.TRAIN]
+    return Fold(train, numbers[Part.VALIDATION], numbers[Part.TEST], statistics=train)
+
+
+def _as_published(recordings: Sequence[Recording], folds: int, seed: int) -> Partition:
+    """The published scripts' choices.
+
+    Gaps are ignored. Ticks are counted off in chunks of 1000, whatever trial they belong to; what is
+    left at the end is unused. Every chunk loses `GUARD` windows at either edge. All folds test as many
+    chunks, the last one the rest. Validation takes stretches of 1000 windows from anywhere in the
+    training part. Means and standard deviations are those of all parts together.
+    """
+    closed = tuple(_without_gaps(recording) for recording in recordings)
+    spans = [(len(recording) - 2 * GUARD) // CHUNK_ROWS for recording in closed]
+    rows = tuple(np.arange(GUARD, GUARD + max(0, chunks) * CHUNK_ROWS, dtype=np.int64) for chunks in spans)
+    chunks = np.arange(sum(map(len, rows)), dtype=np.int64).reshape(-1, CHUNK_ROWS)[:, GUARD:-GUARD]
+    each = _chunks_in_fold(len(chunks), folds)
+    order = np.random.default_rng(seed).permutation(len(chunks))
+    found = []
+    for number in range(folds):
+        tested = order[number * each :] if number == folds - 1 else order[number * each :][:each]
+        fitted = np.setdiff1d(order, tested)
+        rng = np.random.default_rng([seed, number])
+        train, validation = _published_validation(chunks[fitted].ravel(), each, rng)
+        found.append(Fold(train, validation, chunks[np.sort(tested)].ravel(), statistics=chunks.ravel()))
+    return Partition(closed, rows, f"chunks of {CHUNK_ROWS} ticks", tuple(found))
+
+
+def _chunks_in_fold(chunks: int, folds: int) -> int:
+    """Chunks that each fold but the last tests: rounded up, as 30 of 292, where the last keeps any."""
+    each = -(-chunks // folds)
+    if each * (folds - 1) >= chunks:
+        each = chunks // folds
+    if not each:
+        raise SettingsError(f"{chunks} chunks of {CHUNK_ROWS} ticks: too few for {folds} folds")
+    return each
+
+
+def _published_validation(
+    fitted: Numbers, stretches: int, rng: np.random.Generator
+) -> tuple[Numbers, Numbers]:
+    """Take stretches of 1000 windows, apart from each other and the ends, with guards on both sides."""
+    places = len(fitted) - (stretches + 1) * CHUNK_ROWS
+    if places < stretches:
+        raise SettingsError(
+            f"{len(fitted)} windows to fit: too few to take {stretches} stretches of {CHUNK_ROWS} from"
+        )
+    drawn = np.sort(rng.choice(places, stretches, replace=False))
+    starts = drawn + CHUNK_ROWS * np.arange(1, stretches + 1)
+    free = np.ones(len(fitted), bool)
+    validation = []
+    for start in starts:
+        free[start - GUARD : start + CHUNK_ROWS + GUARD] = False
+        validation.append(fitted[start + GUARD : start + CHUNK_ROWS - GUARD])
+    return fitted[free], np.concatenate(validation)
+
+
+def _without_gaps(recording: Recording) -> Recording:
+    """The same rows as if one followed the other every 10 ms."""
+    time = np.arange(len(recording), dtype=np.int64) * PERIOD_NS
+    return replace(recording, samples=replace(recording.samples, time_ns=time, period_ns=PERIOD_NS))

@@ -1,0 +1,151 @@
+"""A study as files: `study.json`, `results.md`, LaTeX tables and pictures."""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+from taxel import __version__
+from taxel.atomic import whole_file
+from taxel_models.study.cell import CellResult
+from taxel_models.study.drawing import (
+    draw_channels,
+    draw_combination_bars,
+    draw_combination_boxes,
+    draw_losses,
+)
+from taxel_models.study.plan import Protocol
+from taxel_models.study.run import Study
+from taxel_models.study.summary import Summary, leak
+from taxel_models.study.tables import Table, leak_table, models_table, results_table, windows_table
+
+FIGURES: Final = "study.json"
+RESULTS: Final = "results.md"
+
+_LIBRARIES: Final = ("numpy", "scipy", "statsmodels", "torch")
+
+
+def describe(study: Study, cells: Sequence[CellResult]) -> dict[str, Any]:
+    """Everything that is reported, for JSON; docs/study.md tells the fields."""
+    summaries = _summaries(study, cells)
+    plan = study.plan
+    return {
+        "schema_version": 1,
+        "taxel_version": __version__,
+        "libraries": {name: version(name) for name in _LIBRARIES},
+        "data": [source.model_dump(mode="json") for source in study.sources],
+        "published_data": study.published_data,
+        "scale": {
+            "reduced": bool(plan.rows is not None or plan.overrides),
+            "rows": study.rows,
+            "rows_used": study.rows_used,
+            "overrides": {model: dict(values) for model, values in plan.overrides.items()},
+        },
+        "plan": {
+            "models": list(plan.models),
+            "combinations": list(plan.combinations),
+            "folds": plan.folds,
+            "unit": study.unit,
+            "seed": plan.seed,
+            "hyperparameters": {
+                model: {str(number): plan.hyperparameters[model, number] for number in plan.combinations}
+                for model in plan.models
+            },
+        },
+        "protocols": {protocol: summary.describe() for protocol, summary in summaries.items()},
+        "leak": _leak(summaries),
+    }
+
+
+def write_report(study: Study, cells: Sequence[CellResult], folder: Path) -> None:
+    """Write all files into the study's folder; each replaces an earlier one whole."""
+    summaries = _summaries(study, cells)
+    figures = json.dumps(describe(study, cells), indent=1, allow_nan=False) + "\n"
+    _write(folder / FIGURES, figures)
+    sections = ["# Study", scale_statement(study)]
+    for protocol, summary in summaries.items():
+        tables = _tables(study, summary)
+        pictures = _draw(summary, folder)
+        sections.append(f"## Protocol {protocol}: {study.partitions[protocol].held_out} held out")
+        sections += [table.markdown() for table in tables]
+        sections += [f"![{caption}]({name})" for name, caption in pictures.items()]
+        for table in tables:
+            _write(folder / f"{table.name}.tex", table.latex())
+    leaks = _leak(summaries)
+    if leaks:
+        table = leak_table(leaks)
+        sections += ["## What the leak was worth", table.markdown()]
+        _write(folder / f"{table.name}.tex", table.latex())
+    _write(folder / RESULTS, "\n\n".join(section.rstrip() for section in sections) + "\n")
+
+
+def scale_statement(study: Study) -> str:
+    """On what the study stands and where it is smaller than the paper's, as a Markdown list."""
+    plan = study.plan
+    data = "; ".join(
+        f"{source.name} ({source.format}, {source.rows:,} rows, sha256 {source.sha256[:12]}…)"
+        for source in study.sources
+    )
+    replaced = [
+        f"`{model}.{name}={json.dumps(value)}`"
+        for model, values in plan.overrides.items()
+        for name, value in values.items()
+    ]
+    lines = [
+        f"data: {data}" + (", the data set of the paper" if study.published_data else ""),
+        f"rows: {study.rows_used:,} of {study.rows:,} ticks"
+        + (", **a reduced scale**" if study.rows_used < study.rows else ", all"),
+        f"folds: {plan.folds}, seed {plan.seed}",
+        "hyperparameters: as published"
+        + (f" except {', '.join(replaced)}: **a reduced scale**" if replaced else ""),
+    ]
+    return "\n".join(f"- {line}" for line in lines)
+
+
+def _summaries(study: Study, cells: Sequence[CellResult]) -> dict[Protocol, Summary]:
+    return {protocol: Summary(protocol, cells) for protocol in study.plan.protocols}
+
+
+def _leak(summaries: dict[Protocol, Summary]) -> list[dict[str, Any]]:
+    if "strict" not in summaries or "paper" not in summaries:
+        return []
+    return leak(summaries["strict"], summaries["paper"])
+
+
+def _tables(study: Study, summary: Summary) -> list[Table]:
+    found = [results_table(summary, published=study.published_data)]
+    if summary.window_tests:
+        found.append(windows_table(summary, published=study.published_data))
+    if summary.model_tests:
+        found.append(models_table(summary, published=study.published_data))
+    return found
+
+
+def _draw(summary: Summary, folder: Path) -> dict[str, str]:
+    """Draw every picture; their names with captions."""
+    captions = {}
+    for name, caption, draw in _pictures(summary):
+        with whole_file(folder / name) as temporary:
+            draw(temporary)
+        captions[name] = caption
+    return captions
+
+
+def _pictures(summary: Summary) -> Iterator[tuple[str, str, Callable[[Path], None]]]:
+    """Name, caption and what draws it."""
+    protocol = summary.protocol
+    measure = "Normalised MAE of input combinations"
+    yield f"bars-{protocol}.png", f"{measure}, mean and deviation", partial(draw_combination_bars, summary)
+    yield f"boxes-{protocol}.png", f"{measure}, folds", partial(draw_combination_boxes, summary)
+    for number in summary.combinations:
+        caption = f"Normalised MAE of every channel, input combination {number}"
+        yield f"channels-{protocol}-{number}.png", caption, partial(draw_channels, summary, number)
+    for model in summary.models:
+        yield f"losses-{protocol}-{model}.png", f"Losses of {model}", partial(draw_losses, summary, model)
+
+
+def _write(path: Path, text: str) -> None:
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")

@@ -1,0 +1,141 @@
+"""Running a study: what is there already, what is left to compute, and where it is computed."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Self
+
+from taxel.manifest import Source
+from taxel_models.families.family import Progress, unseen
+from taxel_models.recordings import Recording
+from taxel_models.study.cell import CellResult, CellTask, compute
+from taxel_models.study.fold_data import fold_data
+from taxel_models.study.folds import Partition, choose_unit, partition
+from taxel_models.study.plan import Cell, Protocol, StudyPlan
+from taxel_models.study.published import is_published_data
+from taxel_models.study.reduction import reduce_rows
+from taxel_models.study.store import Store
+from taxel_models.training.split import Unit
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Cells that share the windows of a fold, so that these are built once."""
+
+    protocol: Protocol
+    combination: int
+    fold: int
+    tasks: tuple[CellTask, ...]
+
+
+Runner = Callable[[Mapping[Protocol, Partition], Sequence[Batch], Progress], Iterator[CellResult]]
+"""Computes batches, in any order; told partitions, batches, and whom to tell how many cells are done."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """A plan applied to recordings.
+
+    Attributes:
+        sources: the recordings as read.
+        unit: what the strict protocol holds out whole.
+        rows: 10 ms ticks there are.
+        rows_used: those that are left at a reduced scale.
+        published_data: whether this is the paper's data set, all of it.
+        partitions: the folds of each protocol.
+    """
+
+    plan: StudyPlan
+    sources: tuple[Source, ...]
+    unit: Unit
+    rows: int
+    rows_used: int
+    published_data: bool
+    partitions: Mapping[Protocol, Partition]
+
+    @classmethod
+    def of(cls, plan: StudyPlan, recordings: Sequence[Recording]) -> Self:
+        """Divide the recordings as planned.
+
+        Raises:
+            SettingsError: the plan is not possible with them.
+        """
+        ticks = [recording.ticks() for recording in recordings]
+        unit = choose_unit(ticks, plan.unit, plan.folds)
+        used = reduce_rows(ticks, unit, plan.rows, plan.seed)
+        sources = tuple(
+            Source(
+                name=recording.name,
+                format=recording.format,
+                rows=len(recording),
+                sha256=recording.fingerprint,
+            )
+            for recording in recordings
+        )
+        return cls(
+            plan,
+            sources,
+            unit,
+            sum(map(len, ticks)),
+            sum(map(len, used)),
+            plan.rows is None and is_published_data(recordings),
+            {
+                protocol: partition(protocol, used, unit, plan.folds, plan.seed)
+                for protocol in plan.protocols
+            },
+        )
+
+    def key(self, cell: Cell) -> str:
+        """Of everything that a cell's result depends on."""
+        return self.plan.key(cell, [source.sha256 for source in self.sources], self.unit)
+
+
+def run_study(
+    study: Study, store: Store, runner: Runner, jobs: int, progress: Progress = unseen
+) -> list[CellResult]:
+    """Compute what is not in the store yet, keeping each cell as soon as it is finished.
+
+    Args:
+        jobs: cores that one cell may use.
+
+    Returns:
+        Every cell's result, in the plan's order.
+    """
+    results = {cell: store.read(cell, study.key(cell)) for cell in study.plan.cells()}
+    missing = [cell for cell, result in results.items() if result is None]
+    before = len(results) - len(missing)
+
+    def tell(done: float, note: str) -> None:
+        progress((before + done) / len(results), note)
+
+    for result in runner(study.partitions, _batches(study, missing, store, jobs), tell):
+        cell = Cell(result.protocol, result.combination, result.fold, result.model)
+        store.write(cell, result)
+        results[cell] = result
+    return [result for result in results.values() if result is not None]
+
+
+def _batches(study: Study, cells: Sequence[Cell], store: Store, jobs: int) -> list[Batch]:
+    def task(cell: Cell) -> CellTask:
+        key = study.key(cell)
+        chosen = study.plan.hyperparameters[cell.model, cell.combination]
+        return CellTask(cell, key, chosen, study.plan.seed, jobs, store.checkpoint(cell, key))
+
+    grouped = groupby(cells, lambda cell: (cell.protocol, cell.combination, cell.fold))
+    return [Batch(*shared, tuple(map(task, group))) for shared, group in grouped]
+
+
+def compute_here(
+    partitions: Mapping[Protocol, Partition], batches: Sequence[Batch], progress: Progress
+) -> Iterator[CellResult]:
+    """Compute one cell after another in this process; a `Runner`."""
+    finished = 0
+
+    def tell(done: float, note: str) -> None:
+        progress(finished + done, f"{task.cell.name}: {note}")
+
+    for batch in batches:
+        data = fold_data(partitions[batch.protocol], batch.combination, batch.fold)
+        for task in batch.tasks:
+            yield compute(data, task, tell)
+            finished += 1

@@ -1,0 +1,47 @@
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from taxel_models.calibration.light_contacts import LightContacts
+from taxel_models.calibration.motion import Motion
+from taxel_models.recordings import Recording
+from taxel_models.twin.geometry import patch
+
+RADIUS = 7.0
+
+
+@pytest.fixture(scope="session")
+def make_contacts() -> Callable[..., LightContacts]:
+    """Light contacts that lie off the skin by a standoff, and by noise, in the sensor's frame."""
+
+    def make(
+        count: int = 60,
+        *,
+        along: tuple[float, float] = (-14.0, 10.0),
+        around: float = 2.0,
+        standoff: float = 0.0,
+        noise: float = 0.0,
+        seed: int = 0,
+    ) -> LightContacts:
+        dice = np.random.default_rng(seed)
+        places = patch(dice.uniform(*along, count), dice.uniform(-around, around, count), RADIUS)
+        points = places.point + standoff * places.normal + noise * dice.standard_normal((count, 3))
+        return LightContacts(points, points)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def moved() -> Callable[[Recording, Motion], Recording]:
+    """A recording as a misplaced tracker would have written it."""
+
+    def move(recording: Recording, motion: Motion) -> Recording:
+        samples = recording.samples
+        position = motion.apply(samples.position * 1e3) / 1e3
+        return replace(
+            recording, samples=replace(samples, position=position, force=motion.turn(samples.force))
+        )
+
+    return move
