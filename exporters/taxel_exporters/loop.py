@@ -1,0 +1,110 @@
+"""`taxel loop`: find what a model lacks in recordings, and export it as a new version with that added."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from taxel.atomic import check_folder_place
+from taxel.commands.frame import ERR, OUT, Json, print_json
+
+if TYPE_CHECKING:
+    from taxel_models.loop.closing import Closed
+
+_CHECKED_WINDOWS = 2048
+
+
+def loop(
+    model: Annotated[
+        str, typer.Option(metavar="NAME[/VERSION]", help="The model; newest version if none.")
+    ],
+    repository: Annotated[Path, typer.Option(help="Folder of artifacts that has the model.")],
+    data: Annotated[
+        list[Path], typer.Option(help="A recording of the real thing; again for several, each a session.")
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the report.")],
+    export: Annotated[
+        bool, typer.Option("--export", help="Add the corrected model to the repository, as a new version.")
+    ] = False,
+    hold_out_by: Annotated[
+        str | None, typer.Option(metavar="COLUMN", help="Hold out whole values of a column, as material.")
+    ] = None,
+    held_out: Annotated[float, typer.Option(min=0.1, max=0.6, help="Share to evaluate on.")] = 0.3,
+    calibration: Annotated[
+        float,
+        typer.Option(
+            min=0.0,
+            max=60.0,
+            help="Seconds at the start of each segment in which a user's own sensor would be measured "
+            "to take its offsets; 0: none is.",
+        ),
+    ] = 0.0,
+    temperature: Annotated[
+        str,
+        typer.Option(
+            help="What a model that takes tdc is given: measured, or its mean; with mean "
+            "tdc is no candidate either."
+        ),
+    ] = "measured",
+    exclude: Annotated[
+        list[str] | None, typer.Option(help="An effect that is not to be looked for; again for several.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of the split and of what chance gives.")] = 0,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a report at OUTPUT.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Compare a model with recordings, name the effects that it lacks, and tell what adding them brings.
+
+    Writes report.json, report.md, report.html and plots; `--json` prints report.json.
+    """
+    import taxel
+    from taxel_models.loop.closing import Plan, close_loop
+    from taxel_models.loop.report.report import REPORT, write_report
+    from taxel_models.loop.report.table import findings_table
+    from taxel_models.recordings import read_recording
+
+    check_folder_place(output, replacing=REPORT if overwrite else None)
+    plan = Plan(
+        seed=seed,
+        held_out=held_out,
+        hold_out_by=hold_out_by,
+        measured_temperature=temperature == "measured",
+        calibration_s=calibration,
+        exclude=tuple(exclude or ()),
+    )
+    name, _, version = model.partition("/")
+    with taxel.load(repository) as source, ERR.status("reading") as status:
+        predictor = source.predictor(name, version or None)
+        recordings = [read_recording(path) for path in data]
+        closed = close_loop(
+            predictor.manifest,
+            predictor.predict,
+            recordings,
+            plan,
+            lambda doing: status.update(f"looking at {doing}"),
+        )
+    if export and closed.new.effects:
+        closed = _exported(closed, repository)
+    write_report(output, closed)
+    if as_json:
+        print_json(closed.findings.model_dump(mode="json"))
+    else:
+        OUT.print(findings_table(closed.findings))
+        OUT.print(f"Wrote {output}: report.md, report.html, report.json.", soft_wrap=True)
+
+
+def _exported(closed: "Closed", repository: Path) -> "Closed":
+    from taxel_exporters.corrected import export_corrected
+
+    manifest = closed.evidence.manifest
+    names = ", ".join(effect.name for effect in closed.new.effects)
+    written = export_corrected(
+        repository,
+        manifest.name,
+        manifest.version,
+        closed.new.effects,
+        closed.new.extras,
+        windows=closed.served_windows(_CHECKED_WINDOWS),
+        description=f"{manifest.description} Corrected for: {names}.",
+    )
+    return closed.exported(f"{written.name}/{written.version}")

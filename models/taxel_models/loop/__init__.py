@@ -1,0 +1,1 @@
+"""The loop: residual, cause, correction, and the error before and after."""

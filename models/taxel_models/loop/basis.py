@@ -1,0 +1,82 @@
+"""Regressors of a residual: what one candidate effect could add to each channel, up to weights."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.channels import CHANNELS
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+
+class Basis(Protocol):
+    """k regressors, the same for every channel or each channel's own."""
+
+    @property
+    def size(self) -> int:
+        """k."""
+
+    @property
+    def rows(self) -> Rows | None:
+        """The rows that it is known for, in order; None for all."""
+
+    def at(self, rows: Rows) -> Floats:
+        """(1 or 21, m, k) regressors; `rows` are places among `self.rows` where that is given."""
+
+    def times(self, weights: Floats) -> Floats:
+        """(n, 21) of weights (21, k)."""
+
+
+@dataclass(frozen=True)
+class Shared:
+    """Regressors (n, k) that are the same for every channel, or scaled by a shape (n, 21)."""
+
+    features: Floats
+    shape: Floats | None = None
+    rows: Rows | None = None
+
+    @property
+    def size(self) -> int:
+        """k."""
+        return int(self.features.shape[1])
+
+    def at(self, rows: Rows) -> Floats:
+        """(1 or 21, m, k) regressors."""
+        features = self.features[rows]
+        if self.shape is None:
+            return features[None]
+        return np.asarray(self.shape[rows].T[:, :, None] * features[None])
+
+    def times(self, weights: Floats) -> Floats:
+        """(n, 21) of weights (21, k)."""
+        products = self.features @ weights.T
+        return products if self.shape is None else products * self.shape
+
+
+@dataclass(frozen=True)
+class Own:
+    """Regressors (m, 21, k), each channel's own, maybe for some of the rows only."""
+
+    values: NDArray[np.float32]
+    rows: Rows | None = None
+
+    @property
+    def size(self) -> int:
+        """k."""
+        return int(self.values.shape[2])
+
+    def at(self, rows: Rows) -> Floats:
+        """(21, m, k) regressors."""
+        return np.asarray(self.values[rows].transpose(1, 0, 2), dtype=np.float64)
+
+    def times(self, weights: Floats) -> Floats:
+        """(m, 21) of weights (21, k)."""
+        return np.asarray(np.einsum("nck,ck->nc", self.values, weights))
+
+
+def broadcast(weights: Floats, size: int) -> Floats:
+    """(21, k) of weights (k,) that all channels have in common."""
+    return np.broadcast_to(weights, (len(CHANNELS), size)).copy()

@@ -1,0 +1,127 @@
+"""Blocks: whole segments or long stretches of them, the least that is ever fitted or held out."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.errors import RecordingError
+from taxel_models.loop.evidence import Evidence
+
+FOLDS: Final = 8
+BLOCK_ROWS: Final = 500
+"""Longest block, 5 s: a contact or two, and far longer than what neighbouring rows share."""
+
+MOST_BLOCKS: Final = 300
+GUARD_ROWS: Final = 20
+"""Rows left out at a cut inside a segment: a window's look-back and look-ahead."""
+
+FEWEST: Final = 16
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Which block each row is in and what each block is for.
+
+    Attributes:
+        of_row: (n,) number of the row's block, -1 for a guard row.
+        fold: (blocks,) fold of the fit part's cross-validation, -1 for the evaluation part.
+    """
+
+    of_row: NDArray[np.int64]
+    fold: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.fold)
+
+    @property
+    def evaluation(self) -> NDArray[np.bool_]:
+        """(n,) rows of the evaluation part."""
+        return self._rows(self.fold < 0)
+
+    @property
+    def fit(self) -> NDArray[np.bool_]:
+        """(n,) rows of the fit part."""
+        return self._rows(self.fold >= 0)
+
+    def _rows(self, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        return (self.of_row >= 0) & wanted[self.of_row]
+
+
+def cut(evidence: Evidence, *, seed: int, held_out: float = 0.3, group: str | None = None) -> Blocks:
+    """Cut rows into blocks and draw the evaluation part and the folds.
+
+    A block is a whole segment, or where segments are long a stretch of one of up to 1000 rows. With
+    a group column, all blocks of a value are held out together, and so are those of a fold.
+
+    Args:
+        held_out: share of the blocks, or of the group's values, to evaluate on.
+        group: a covariate whose values are kept together, such as `material`.
+
+    Raises:
+        RecordingError: there are fewer than 16 blocks or 4 values, or there is no such covariate.
+    """
+    of_row = _stretches(evidence)
+    count = int(of_row.max()) + 1
+    if count < FEWEST:
+        raise RecordingError(
+            f"{len(evidence)} rows make {count} blocks: expected at least {FEWEST}, so about "
+            f"{FEWEST * 2} s of recording"
+        )
+    generator = np.random.default_rng(seed)
+    units = _units(evidence, of_row, count, group)
+    number = int(units.max()) + 1
+    order = generator.permutation(number)
+    tests = max(1, round(held_out * number))
+    fold_of_unit = np.full(number, -1)
+    fold_of_unit[order[tests:]] = np.arange(number - tests) % min(FOLDS, number - tests)
+    return Blocks(_guarded(evidence, of_row), fold_of_unit[units])
+
+
+def _stretches(evidence: Evidence) -> NDArray[np.int64]:
+    """(n,) block of each row."""
+    longest = max(BLOCK_ROWS, len(evidence) // MOST_BLOCKS)
+    starts = np.flatnonzero(np.diff(evidence.segment, prepend=-1))
+    lengths = np.diff(starts, append=len(evidence))
+    if np.median(lengths) < longest and len(starts) < FEWEST:
+        longest = max(1, len(evidence) // (2 * FEWEST))
+    longest = min(longest, max(100, len(evidence) // (2 * FEWEST)))
+    blocks, first = np.empty(len(evidence), np.int64), 0
+    for start, length in zip(starts, lengths, strict=True):
+        pieces = max(1, round(length / longest)) if length > 1.5 * longest else 1
+        blocks[start : start + length] = first + np.arange(length) * pieces // length
+        first += pieces
+    return blocks
+
+
+def _units(
+    evidence: Evidence, of_row: NDArray[np.int64], count: int, group: str | None
+) -> NDArray[np.int64]:
+    """(blocks,) what is drawn together: each block by itself, or all blocks of a group's value."""
+    if group is None:
+        return np.arange(count)
+    if group not in evidence.covariates:
+        known = ", ".join(evidence.covariates) or "none"
+        raise RecordingError(f"no covariate {group!r} to hold out by; the recordings have: {known}")
+    first_rows = np.flatnonzero(np.diff(of_row, prepend=-1))
+    values, units = np.unique(evidence.covariates[group][first_rows], return_inverse=True)
+    if len(values) < 4:
+        raise RecordingError(f"{group} has {len(values)} values: expected at least 4 to hold some out")
+    return units
+
+
+def _guarded(evidence: Evidence, of_row: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Blocks with the rows around a cut inside a segment taken out."""
+    guarded = of_row.copy()
+    cuts = np.flatnonzero((np.diff(of_row) != 0) & (np.diff(evidence.segment) == 0)) + 1
+    for cut_at in cuts:
+        guarded[max(0, cut_at - GUARD_ROWS) : cut_at + GUARD_ROWS] = -1
+    return guarded
+
+
+def thinned(blocks: Blocks, rows: int) -> Blocks:
+    """The same blocks with evenly fewer rows, about so many in the fit part."""
+    step = max(1, int(blocks.fit.sum()) // rows)
+    kept = np.arange(len(blocks.of_row)) % step == 0
+    return Blocks(np.where(kept, blocks.of_row, -1), blocks.fold)

@@ -1,0 +1,222 @@
+"""Closing the loop: from a model and recordings to findings and a correction."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from taxel.manifest import Manifest
+from taxel_models.evaluation.metrics import Errors
+from taxel_models.loop.attribution import Attribution, Named, Search
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.blocks import FOLDS, Blocks, cut
+from taxel_models.loop.correction import NewEffects, corrected, served_windows
+from taxel_models.loop.effects.effect import Parameter
+from taxel_models.loop.effects.registry import candidates
+from taxel_models.loop.evidence import Evidence, Predict, gather
+from taxel_models.loop.findings import (
+    Findings,
+    FittedFigure,
+    FoundEffect,
+    PairedTest,
+    RejectedEffect,
+)
+from taxel_models.loop.intervals import parameters
+from taxel_models.loop.noise import NoiseFloor
+from taxel_models.loop.remainder import remainder
+from taxel_models.loop.scoring import scale_of
+from taxel_models.recordings import Recording
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How to look.
+
+    Attributes:
+        seed: of the split and of what chance gives.
+        held_out: share of the blocks to evaluate on.
+        hold_out_by: a covariate whose values are held out whole, such as `material`.
+        measured_temperature: whether a model that takes the temperature is given the recording's.
+        calibration_s: seconds at the start of each segment in which a user's own sensor is measured.
+        exclude: effects that are not to be looked for, such as `temperature`.
+    """
+
+    seed: int = 0
+    held_out: float = 0.3
+    hold_out_by: str | None = None
+    measured_temperature: bool = True
+    calibration_s: float = 0.0
+    exclude: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Closed:
+    """Everything that came of it.
+
+    Attributes:
+        findings: for people and programs.
+        evidence: as it was gathered.
+        blocks: what was fitted to and what was evaluated on.
+        attribution: what was named, with its contributions row by row.
+        new: what a corrected model consists of.
+        after: (n, 21) what the corrected model gives, counts.
+    """
+
+    findings: Findings
+    evidence: Evidence
+    blocks: Blocks
+    attribution: Attribution
+    new: NewEffects
+    after: Floats
+
+    def served_windows(self, rows: int) -> NDArray[np.float32]:
+        """(m, f) windows as the corrected model takes them, m up to `rows`."""
+        return served_windows(self.evidence, self.attribution, self.new, rows)
+
+    def exported(self, version: str) -> "Closed":
+        """The same, exported as a version such as `xgb/2`."""
+        return replace(self, findings=self.findings.model_copy(update={"exported": version}))
+
+
+def close_loop(
+    manifest: Manifest,
+    predict: Predict,
+    recordings: Sequence[Recording],
+    plan: Plan,
+    progress: Callable[[str], None] | None = None,
+) -> Closed:
+    """Find what a model lacks and what adding it brings, on blocks that nothing was fitted to.
+
+    Raises:
+        RecordingError: the recordings are too short to hold anything out, or lack a column.
+    """
+    if progress is not None:
+        progress("predicting")
+    evidence = gather(manifest, predict, recordings, measured_temperature=plan.measured_temperature)
+    if plan.calibration_s:
+        evidence = evidence.calibrated(plan.calibration_s)
+    blocks = cut(evidence, seed=plan.seed, held_out=plan.held_out, group=plan.hold_out_by)
+    effects = [one for one in candidates(evidence) if one.label not in plan.exclude]
+    attribution = Search(evidence, blocks, effects, seed=plan.seed + 1, progress=progress).run()
+    scale = scale_of((evidence.measured - evidence.predicted)[blocks.fit])
+    figures = {one.name: parameters(one, scale) for one in attribution.named}
+    new = NewEffects.of(attribution, figures)
+    after = corrected(evidence, attribution, new)
+    findings = _findings(evidence, recordings, blocks, plan, attribution, figures, new, after)
+    return Closed(findings, evidence, blocks, attribution, new, after)
+
+
+def _findings(
+    evidence: Evidence,
+    recordings: Sequence[Recording],
+    blocks: Blocks,
+    plan: Plan,
+    attribution: Attribution,
+    figures: Mapping[str, list[Parameter]],
+    new: NewEffects,
+    after: Floats,
+) -> Findings:
+    manifest = evidence.manifest
+    rows, spread = blocks.evaluation, np.array(manifest.normalisation.output_std)
+    noise = NoiseFloor.of(evidence)
+    energy = ((evidence.measured - evidence.predicted)[rows] ** 2).mean(axis=0)
+    measured = evidence.measured[rows]
+    return Findings(
+        model=f"{manifest.name}/{manifest.version}",
+        data=tuple(
+            {"name": one.name, "format": one.format, "rows": len(one), "sha256": one.fingerprint}
+            for one in recordings
+        ),
+        split={
+            "unit": plan.hold_out_by or "blocks",
+            "blocks": len(blocks),
+            "evaluation_blocks": int((blocks.fold < 0).sum()),
+            "folds": min(FOLDS, int(blocks.fold.max()) + 1),
+            "rows": len(evidence),
+            "evaluation_rows": int(rows.sum()),
+            "seed": plan.seed,
+            "measured_temperature": plan.measured_temperature,
+            "calibration_s": plan.calibration_s,
+        },
+        noise_floor=noise.report(energy, spread),
+        effects=_found(evidence, attribution, figures, new, rows),
+        rejected=tuple(
+            RejectedEffect(
+                name=one.name,
+                form=one.form,
+                alone=one.alone,
+                left=one.share,
+                p_value=one.p_value,
+                reason=one.reason,
+            )
+            for one in attribution.rejected
+        ),
+        before=Errors.of(measured, evidence.predicted[rows], spread).report(),
+        after=Errors.of(measured, after[rows], spread).report(),
+        test=_paired(evidence, blocks, after, spread),
+        unexplained=remainder(evidence, evidence.measured - after, noise.differences, rows),
+    )
+
+
+def _found(
+    evidence: Evidence,
+    attribution: Attribution,
+    figures: Mapping[str, list[Parameter]],
+    new: NewEffects,
+    rows: NDArray[np.bool_],
+) -> tuple[FoundEffect, ...]:
+    """Named effects by what each adds to those before it on the evaluation part."""
+    left = (evidence.measured - evidence.predicted)[rows]
+    first = np.maximum((left**2).mean(axis=0), 1e-9)
+    served = {effect.name: effect for effect in new.effects}
+    found = []
+    for one in attribution.named:
+        rest = left - one.contribution[rows]
+        explained = float((((left**2).mean(axis=0) - (rest**2).mean(axis=0)) / first).mean())
+        left = rest
+        applied = served.get(one.name)
+        needs = (
+            [] if applied is None else [extra.name for extra in new.extras if extra.name in applied.takes]
+        )
+        found.append(_one(one, explained, figures[one.name], needs, applied is not None))
+    return tuple(sorted(found, key=lambda effect: -effect.explained))
+
+
+def _one(
+    one: Named, explained: float, figures: Sequence[Parameter], needs: Sequence[str], served: bool
+) -> FoundEffect:
+    return FoundEffect(
+        name=one.name,
+        form=one.score.candidate.form,
+        equation=one.effect.equation,
+        channels=one.channels,
+        explained=explained,
+        conditional=one.conditional,
+        p_value=one.p_value,
+        t_test=one.score.t_test,
+        parameters=tuple(FittedFigure(**vars(figure)) for figure in figures),
+        confounded_with=one.confounded_with,
+        needs=tuple(needs),
+        served=served,
+    )
+
+
+def _paired(evidence: Evidence, blocks: Blocks, after: Floats, spread: Floats) -> PairedTest:
+    rows = blocks.evaluation
+    fall = np.abs(evidence.measured - evidence.predicted) - np.abs(evidence.measured - after)
+    by_row = (fall / spread).mean(axis=1)
+    numbers = np.unique(blocks.of_row[rows])
+    falls = np.array([by_row[blocks.of_row == number].mean() for number in numbers])
+    mean, error = float(falls.mean()), float(falls.std(ddof=1) / np.sqrt(len(falls)))
+    t = mean / error if error > 0 else 0.0
+    reach = float(stats.t.ppf(0.975, len(falls) - 1)) * error
+    return PairedTest(
+        blocks=len(falls),
+        difference=mean,
+        low=mean - reach,
+        high=mean + reach,
+        t=t,
+        p_value=float(stats.t.sf(t, len(falls) - 1)),
+    )

@@ -1,0 +1,104 @@
+"""From named effects to a corrected model: online forms, the features they need, and what they come to."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.corrections import CALIBRATION_EXTRAS, AppliedEffect, Substitute
+from taxel.corrections import Parameter as AppliedParameter
+from taxel.windows import ExtraFeature
+from taxel_models.loop.attribution import Attribution, Named
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.effects.effect import Online, Parameter
+from taxel_models.loop.evidence import Evidence
+
+Windows = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class NewEffects:
+    """What turns a model into a corrected one.
+
+    Attributes:
+        effects: in the order in which they were named.
+        extras: the features that they need beside the window.
+    """
+
+    effects: tuple[AppliedEffect, ...]
+    extras: tuple[ExtraFeature, ...]
+
+    @classmethod
+    def of(cls, attribution: Attribution, parameters: dict[str, list[Parameter]]) -> "NewEffects":
+        """Online forms of the effects that can be served; a fault that comes and goes cannot.
+
+        Args:
+            parameters: of each effect, for people.
+        """
+        effects, extras = [], {}
+        for one in attribution.named:
+            online = one.score.candidate.online(one.weights)
+            moves = one.score.candidate.moves
+            if not moves and not online.terms:
+                continue
+            effects.append(_applied(attribution.evidence, one, online, parameters.get(one.name, [])))
+            extras.update({extra.name: extra for extra in online.extras})
+        return cls(tuple(effects), tuple(extras.values()))
+
+
+def _applied(
+    evidence: Evidence, one: Named, online: Online, parameters: Iterable[Parameter]
+) -> AppliedEffect:
+    lag = one.name == "lag"
+    return AppliedEffect(
+        name=one.name,
+        about=f"{one.effect.equation}; {one.score.candidate.form}",
+        channels=one.channels,
+        parameters=tuple(AppliedParameter(**vars(parameter)) for parameter in parameters),
+        frame=evidence.turn if one.score.candidate.moves and not lag else None,
+        shift_ticks=evidence.shift_ticks if lag else 0,
+        terms=online.terms,
+    )
+
+
+def corrected(first: Evidence, attribution: Attribution, new: NewEffects) -> Floats:
+    """(n, 21) what the corrected model gives at the evidence's rows, by the forms that are served.
+
+    Args:
+        first: the evidence before any input was moved: effects take features as they are given.
+    """
+    moved = attribution.evidence
+    shift = moved.shift_ticks - first.shift_ticks
+    windows = first.windows[first.rows_before(shift)]
+    names = first.manifest.spec.unshifted.features
+    columns = {name: windows[:, place].astype(np.float64) for place, name in enumerate(names)}
+    columns.update({extra.name: _column(first, extra) for extra in new.extras})
+    terms = [term for effect in new.effects for term in effect.terms]
+    counts = moved.predicted.copy()
+    for term in terms:
+        if not isinstance(term, Substitute):
+            counts += term.delta(moved.base, columns)
+    for term in terms:
+        if isinstance(term, Substitute):
+            counts[:, term.column] = term.value
+    return counts
+
+
+def served_windows(first: Evidence, attribution: Attribution, new: NewEffects, rows: int) -> Windows:
+    """(m, f) windows as the corrected model takes them, m up to `rows`, evenly spaced."""
+    some = np.linspace(0, len(first) - 1, min(rows, len(first))).astype(np.int64)
+    shift = attribution.evidence.shift_ticks - first.shift_ticks
+    extras = [_column(first, extra)[some] for extra in new.extras]
+    return np.column_stack([first.windows[first.rows_before(shift)][some], *extras]).astype(np.float32)
+
+
+def _column(evidence: Evidence, extra: ExtraFeature) -> Floats:
+    if extra.history is not None:
+        return evidence.history(extra.history)
+    if extra in CALIBRATION_EXTRAS and evidence.calibration is not None:
+        return evidence.calibration[:, CALIBRATION_EXTRAS.index(extra)]
+    name, _, kind = extra.name.partition("=")
+    if kind:
+        return np.asarray(evidence.covariates[name] == float(kind), dtype=np.float64)
+    return evidence.covariates[extra.name]

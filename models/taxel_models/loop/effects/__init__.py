@@ -1,0 +1,1 @@
+"""Effects: nameable causes of structure in a residual, each in its own file."""

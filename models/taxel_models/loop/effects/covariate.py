@@ -1,0 +1,73 @@
+"""Covariate: the error depends on something else that was recorded, such as the material."""
+
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+from typing_extensions import override
+
+from taxel.channels import CHANNELS
+from taxel.errors import SettingsError
+from taxel.windows import ExtraFeature
+from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Left, given, weighted
+from taxel_models.loop.evidence import Evidence
+from taxel_models.loop.planting import Planting
+
+MOST_KINDS: Final = 32
+"""Whole numbers with at most so many values are names of kinds, not amounts."""
+
+NOT_COVARIATES: Final = frozenset({"tdc", "tac", "pac1"})
+
+
+class Covariate(Effect):
+    """A constant of each kind, or a line in an amount; `covariate:NAME` for the column NAME."""
+
+    name = "covariate"
+    equation = "delta_c = w_c,kind; or w_c (x - mean)"
+    source = "definition"
+    signature = "the residual's mean differs between kinds, or follows the amount"
+
+    def __init__(self, column: str) -> None:
+        self.column = column
+
+    @property
+    @override
+    def label(self) -> str:
+        return f"{self.name}:{self.column}"
+
+    @override
+    def forms(self, evidence: Evidence, left: Left) -> Iterable[Candidate]:
+        name = self.label
+        values = evidence.covariates[self.column]
+        kinds = np.unique(values)
+        if len(kinds) < 2:
+            return
+        if len(kinds) <= MOST_KINDS and (kinds == np.rint(kinds)).all():
+            drivers = [self._is(values, kind) for kind in kinds]
+            yield weighted(evidence, name, "by kind", "unit", drivers, weight_unit="counts")
+            yield weighted(
+                evidence, name, "gain by kind", "signal", drivers, centred=False, weight_unit="relative"
+            )
+        else:
+            driver = given(evidence, self.column, "")
+            yield weighted(evidence, name, "line", "unit", [driver], weight_unit="counts per unit")
+
+    def _is(self, values: np.ndarray[tuple[int], np.dtype[np.float64]], kind: float) -> Driver:
+        name = f"{self.column}={kind:g}"
+        here = (values == kind).astype(np.float64)
+        extra = ExtraFeature(name=name, unit="0 or 1", default=float(here.mean()), taken_by="effects")
+        return Driver(name, here, extra)
+
+    @override
+    def plant(self, planting: Planting) -> None:
+        if self.column not in planting.recording.covariates:
+            known = ", ".join(planting.recording.covariates) or "none"
+            raise SettingsError(f"no column {self.column!r} to plant by; the recording has: {known}")
+        values = planting.recording.covariates[self.column]
+        kinds, places = np.unique(values, return_inverse=True)
+        if len(kinds) <= MOST_KINDS:
+            weights = planting.random.normal(size=(len(kinds), len(CHANNELS))) * planting.residual
+            planting.add(weights[places], {"weight": weights})
+        else:
+            weights = planting.random.normal(size=len(CHANNELS)) * planting.residual
+            planting.add((values - values.mean())[:, None] * weights, {"weight": weights})

@@ -1,0 +1,86 @@
+"""Creep: after the load changes, a channel relaxes with a time constant."""
+
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+from typing_extensions import override
+
+from taxel.channels import CHANNELS
+from taxel.windows import Relaxation, RelaxationShare
+from taxel.windows.history import Followed
+from taxel_models.loop.effects.effect import Candidate, Effect, Left, past, weighted
+from taxel_models.loop.evidence import Evidence
+from taxel_models.loop.planting import Planting
+
+SHORTEST_S: Final = 0.08
+LONGEST_S: Final = 40.0
+"""Longer ones cannot be told from a gain: the load changes too often."""
+
+GRID: Final = np.geomspace(SHORTEST_S, LONGEST_S, 11)
+_OF_SIGNAL: Final = "of the channel's signal"
+FINER: Final = np.array([0.72, 0.85, 1.18, 1.39])
+"""Time constants between two of the grid, which is 1.9 apart."""
+
+
+class Creep(Effect):
+    """The channel answers to the force less its own low-pass."""
+
+    name = "creep"
+    equation = "delta_c = sum_u w_cu (L_tau u - u), L_tau a first-order low-pass, u of |F|, Fx, Fy, Fz"
+    source = "standard linear solid (Findley, Lai and Onaran 1976); no published constants for the sensor"
+    signature = "the residual decays after each change of load, over a time of its own"
+
+    @override
+    def forms(self, evidence: Evidence, left: Left) -> Iterable[Candidate]:
+        for tau in GRID:
+            yield self._by_force(evidence, float(tau))
+            yield self._of_signal(evidence, float(tau))
+
+    @override
+    def finer(self, evidence: Evidence, best: Candidate) -> Iterable[Candidate]:
+        tau = best.settled["time_constant"][0]
+        make = self._of_signal if best.form.startswith(_OF_SIGNAL) else self._by_force
+        for factor in FINER:
+            yield make(evidence, tau * float(factor))
+        yield self._by_force(evidence, tau, ("force", "fx", "fy", "fz"))
+
+    def _by_force(self, evidence: Evidence, tau: float, of: tuple[Followed, ...] = ("force",)) -> Candidate:
+        drivers = [
+            past(
+                evidence,
+                Relaxation(of=which, time_constant_s=tau),
+                f"relaxation[{tau:.3g}s].{which}",
+                "N",
+            )
+            for which in of
+        ]
+        return weighted(
+            evidence,
+            self.name,
+            f"by force{' and its direction' if len(of) > 1 else ''}, {tau:.3g} s",
+            "unit",
+            drivers,
+            settled={"time_constant": (tau, "s")},
+            weight_unit="counts/N",
+        )
+
+    def _of_signal(self, evidence: Evidence, tau: float) -> Candidate:
+        share = RelaxationShare(of="force", time_constant_s=tau)
+        return weighted(
+            evidence,
+            self.name,
+            f"{_OF_SIGNAL}, {tau:.3g} s",
+            "signal",
+            [past(evidence, share, f"relaxation_share[{tau:.3g}s].force", "1")],
+            centred=False,
+            settled={"time_constant": (tau, "s")},
+            weight_unit="relative",
+        )
+
+    @override
+    def plant(self, planting: Planting) -> None:
+        tau = float(np.exp(planting.random.uniform(np.log(0.3), np.log(10.0))))
+        feature = Relaxation(of="force", time_constant_s=tau)
+        weights = planting.random.normal(0.0, 1.0, len(CHANNELS)) * planting.residual
+        planting.add(planting.history(feature)[:, None] * weights, {"weight": weights}, time_constant=tau)

@@ -1,0 +1,71 @@
+"""Crosstalk: a channel leaks into another."""
+
+from collections.abc import Iterable
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from typing_extensions import override
+
+from taxel.channels import CHANNELS
+from taxel.corrections import Leak, Mix
+from taxel_models.loop.basis import Floats, Own
+from taxel_models.loop.effects.effect import Candidate, Effect, Left, Online
+from taxel_models.loop.evidence import Evidence
+from taxel_models.loop.planting import Planting
+
+
+class Crosstalk(Effect):
+    """Each channel takes up a part of one other channel's signal."""
+
+    name = "crosstalk"
+    looks_at_residual = True
+    equation = "delta_c = a (p_j - rest_j), j another channel"
+    source = "shared wiring and the converter's multiplexer; one source a channel is assumed"
+    signature = "the residual follows another channel's signal, given the channel's own"
+
+    @override
+    def forms(self, evidence: Evidence, left: Left) -> Iterable[Candidate]:
+        weight = np.sqrt(left.trust[left.fit])[:, None]
+        sources = _best_sources(evidence.signal[left.fit] * weight, left.residual[left.fit] * weight)
+        yield self._with(sources, evidence)
+
+    def _with(self, sources: NDArray[np.int64], evidence: Evidence) -> Candidate:
+        def online(weights: Floats) -> Online:
+            leaks = tuple(
+                Leak(to=to, source=CHANNELS[source], weight=float(weight))
+                for to, source, weight in zip(CHANNELS, sources, weights[:, 0], strict=True)
+                if weight
+            )
+            return Online((Mix(leaks=leaks, rest=tuple(evidence.rest.tolist())),))
+
+        return Candidate(
+            self.name,
+            "one source a channel",
+            Own(evidence.signal[:, sources, None].astype(np.float32)),
+            weight_names=("leak",),
+            weight_unit="relative",
+            online=online,
+            again=partial(self._with, sources),
+        )
+
+    @override
+    def plant(self, planting: Planting) -> None:
+        pairs = planting.random.permutation(len(CHANNELS))[:6].reshape(3, 2)
+        delta = np.zeros_like(planting.signal)
+        for to, source in pairs:
+            delta[:, to] = planting.signal[:, source]
+        names = [f"{CHANNELS[source]} into {CHANNELS[to]}" for to, source in pairs]
+        planting.add(delta, {"leak": np.ones(3)}, pairs=", ".join(names))
+
+
+def _best_sources(signal: Floats, residual: Floats) -> NDArray[np.int64]:
+    """(21,) for each channel the other one that explains most of its residual, given its own signal."""
+    gram, cross = signal.T @ signal, signal.T @ residual
+    own = np.maximum(np.diag(gram), 1e-9)
+    # What is left of source j and of the residual when channel c's own signal is taken out of both.
+    partial_cross = cross - gram * (np.diag(cross) / own)[None, :]
+    partial_energy = np.maximum(own[:, None] - gram**2 / own[None, :], 1e-9 * own[:, None] + 1e-9)
+    explained = partial_cross**2 / partial_energy
+    np.fill_diagonal(explained, -1.0)
+    return np.asarray(explained.argmax(axis=0))

@@ -1,0 +1,204 @@
+"""What an effect is: forms of it that compete for a residual, and an online form for the one that wins."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.channels import COUNTS_MAX, ELECTRODE_COLUMNS
+from taxel.corrections import Term, Weighted
+from taxel.windows import ExtraFeature, HistoryFeature
+from taxel_models.loop.basis import Basis, Floats, Shared
+from taxel_models.loop.evidence import Evidence
+from taxel_models.loop.moments import Fitting
+from taxel_models.loop.planting import Planting
+
+Shape = Literal["unit", "signal", "log_impedance"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One fitted figure; `low` and `high` bound it with 95 % confidence where there is an interval."""
+
+    name: str
+    value: float
+    unit: str
+    low: float | None = None
+    high: float | None = None
+
+
+@dataclass(frozen=True)
+class Online:
+    """How an effect is computed while a model serves.
+
+    Attributes:
+        terms: added to the model's counts.
+        extras: features that they need beside the window.
+    """
+
+    terms: tuple[Term, ...] = ()
+    extras: tuple[ExtraFeature, ...] = ()
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One form of an effect with everything but its weights settled.
+
+    Attributes:
+        effect: its name.
+        form: which form, in words.
+        basis: its regressors at the evidence's rows.
+        fitting: how its weights are found.
+        weight_names: what each weight is called, k of them.
+        weight_unit: of all weights.
+        settled: the figures that make this form, such as a time constant, with their units.
+        online: its online form for weights (21, k).
+        moves: it changes what the model is given, so that predictions are made anew: see `Effect.moved`.
+        certain: its signature cannot come about by chance, so that no test is needed.
+        signature_only: it is recognised in hindsight, and what it needs is not known while serving.
+        again: makes the same form on other predictions; None for forms that move inputs.
+    """
+
+    effect: str
+    form: str
+    basis: Basis
+    fitting: Fitting = field(default_factory=Fitting)
+    weight_names: tuple[str, ...] = ("weight",)
+    weight_unit: str = ""
+    settled: Mapping[str, tuple[float, str]] = field(default_factory=dict)
+    online: Callable[[Floats], Online] = lambda _: Online()
+    moves: bool = False
+    certain: bool = False
+    signature_only: bool = False
+    again: "Callable[[Evidence], Candidate] | None" = None
+
+
+@dataclass(frozen=True)
+class Left:
+    """What is left to explain.
+
+    Attributes:
+        residual: (n, 21) measured less everything that is explained so far, counts.
+        fit: (n,) rows of the fit part: no other may be looked at when a form is chosen.
+        trust: (n,) how much each row counts.
+    """
+
+    residual: Floats
+    fit: NDArray[np.bool_]
+    trust: Floats
+
+
+class Effect(ABC):
+    """A nameable cause of structure in a residual.
+
+    Attributes:
+        name: one word, as in reports.
+        looks_at_residual: its forms depend on what is left, so that they are made anew at each step.
+        equation: what it adds to a channel.
+        source: where the equation is from.
+        signature: what tells it from others.
+    """
+
+    name: ClassVar[str]
+    looks_at_residual: ClassVar[bool] = False
+    equation: ClassVar[str]
+    source: ClassVar[str]
+    signature: ClassVar[str]
+
+    @property
+    def label(self) -> str:
+        """What it is called in reports."""
+        return self.name
+
+    @abstractmethod
+    def forms(self, evidence: Evidence, left: Left) -> Iterable[Candidate]:
+        """Its forms on this evidence; none where what it depends on was not recorded."""
+
+    def finer(self, evidence: Evidence, best: Candidate) -> Iterable[Candidate]:
+        """Forms around the best one, where a form is a point of a grid."""
+        del evidence, best
+        return ()
+
+    def moved(self, evidence: Evidence, candidate: Candidate, weights: Floats) -> Evidence:
+        """The evidence with the model's inputs put right; only for forms that move them."""
+        raise NotImplementedError(f"{self.name} moves no inputs: {candidate.form}, {weights.shape}")
+
+    def plant(self, planting: Planting) -> None:
+        """Put the effect into a recording, with parameters drawn at random."""
+        raise NotImplementedError(f"{self.name} is not planted in {planting.recording.name}")
+
+
+@dataclass(frozen=True)
+class Driver:
+    """A feature that weights multiply, by the name that corrections know it by.
+
+    `extra` is None for a column of the window.
+    """
+
+    name: str
+    values: Floats
+    extra: ExtraFeature | None = None
+
+
+def past(evidence: Evidence, feature: HistoryFeature, name: str, unit: str) -> Driver:
+    """A feature of the past as a driver; its default is the settled state."""
+    extra = ExtraFeature(name=name, unit=unit, default=0.0, history=feature, taken_by="effects")
+    return Driver(name, evidence.history(feature), extra)
+
+
+def given(evidence: Evidence, name: str, unit: str) -> Driver:
+    """A recorded column as a driver, which whoever serves the model has to give; by default its mean."""
+    values = evidence.covariates[name]
+    extra = ExtraFeature(name=name, unit=unit, default=float(values.mean()), taken_by="effects")
+    return Driver(name, values, extra)
+
+
+def shape_of(evidence: Evidence, shape: Shape) -> Floats | None:
+    """(n, 21) the shape that a driver is scaled by, as `Weighted` has it; None for 1."""
+    if shape == "unit":
+        return None
+    if shape == "signal":
+        return evidence.signal
+    slope = np.ones_like(evidence.base)
+    counts = evidence.base[:, ELECTRODE_COLUMNS]
+    slope[:, ELECTRODE_COLUMNS] = -counts * (1.0 - counts / COUNTS_MAX)
+    return slope
+
+
+def weighted(
+    evidence: Evidence,
+    effect: str,
+    form: str,
+    shape: Shape,
+    drivers: Sequence[Driver],
+    *,
+    centred: bool = True,
+    **others: Any,
+) -> Candidate:
+    """A form whose regressors are a shape times drivers, less their means."""
+    values = np.column_stack([driver.values for driver in drivers])
+    references = values.mean(axis=0) if centred else np.zeros(len(drivers))
+    names = tuple(driver.name for driver in drivers)
+
+    def online(weights: Floats) -> Online:
+        term = Weighted(
+            shape=shape,
+            features=names,
+            references=tuple(references.tolist()),
+            weights=tuple(tuple(row) for row in weights.T.tolist()),
+            rest=tuple(evidence.rest.tolist()),
+        )
+        return Online((term,), tuple(driver.extra for driver in drivers if driver.extra is not None))
+
+    others.setdefault("weight_names", names)
+    return Candidate(
+        effect,
+        form,
+        Shared(values - references, shape_of(evidence, shape)),
+        online=online,
+        again=lambda other: weighted(other, effect, form, shape, drivers, centred=centred, **others),
+        **others,
+    )

@@ -1,0 +1,65 @@
+"""Gain: a channel's sensitivity differs, or changes as the sensor ages."""
+
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+from typing_extensions import override
+
+from taxel.channels import CHANNELS
+from taxel.windows import Elapsed
+from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Left, past, weighted
+from taxel_models.loop.effects.offset import ONE
+from taxel_models.loop.evidence import Evidence
+from taxel_models.loop.moments import Fitting
+from taxel_models.loop.planting import Planting
+
+AGEING_S: Final = 60.0
+"""Ageing is looked for in recordings longer than this."""
+
+
+class Gain(Effect):
+    """measured - rest = (1 + g) (model - rest); with age, g grows with time."""
+
+    name = "gain"
+    equation = "delta_c = (g_c + a_c t) (p_c - rest_c)"
+    source = "definition; gain acts on the change about rest, since rest is tared or known apart"
+    signature = "the residual is in proportion to the channel's own signal, and nil in free air"
+
+    @override
+    def forms(self, evidence: Evidence, left: Left) -> Iterable[Candidate]:
+        one = Driver(ONE, np.ones(len(evidence)))
+        for form, fitting in (("all channels alike", Fitting(pooled=True)), ("by channel", Fitting())):
+            yield weighted(
+                evidence,
+                self.name,
+                form,
+                "signal",
+                [one],
+                centred=False,
+                fitting=fitting,
+                weight_names=("gain",),
+                weight_unit="relative",
+            )
+        span = float(evidence.time_s.max())
+        if span > AGEING_S:
+            elapsed = Elapsed(start_s=0.0, end_s=span)
+            ageing = past(evidence, elapsed, f"elapsed[0:{span:.0f}s]", "s")
+            yield weighted(
+                evidence,
+                self.name,
+                "ageing, all channels alike",
+                "signal",
+                [one, ageing],
+                centred=False,
+                fitting=Fitting(pooled=True),
+                weight_names=("gain", "ageing"),
+                weight_unit="relative, relative/s",
+            )
+
+    @override
+    def plant(self, planting: Planting) -> None:
+        alike = planting.random.random() < 0.5
+        gains = np.ones(len(CHANNELS)) if alike else planting.random.normal(1.0, 0.4, len(CHANNELS))
+        gains *= planting.random.choice([-1.0, 1.0])
+        planting.add(planting.signal * gains, {"gain": gains})

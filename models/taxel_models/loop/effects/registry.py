@@ -1,0 +1,61 @@
+"""Which effects there are. To add one, write its file and name its class here."""
+
+from typing import Final
+
+from taxel.errors import SettingsError
+from taxel_models.loop.effects.covariate import NOT_COVARIATES, Covariate
+from taxel_models.loop.effects.creep import Creep
+from taxel_models.loop.effects.crosstalk import Crosstalk
+from taxel_models.loop.effects.drift import Drift
+from taxel_models.loop.effects.effect import Effect
+from taxel_models.loop.effects.fault import Fault
+from taxel_models.loop.effects.frame import Frame
+from taxel_models.loop.effects.gain import Gain
+from taxel_models.loop.effects.hysteresis import Hysteresis
+from taxel_models.loop.effects.lag import Lag
+from taxel_models.loop.effects.location import Location
+from taxel_models.loop.effects.offset import Offset
+from taxel_models.loop.effects.rate import Rate
+from taxel_models.loop.effects.saturation import Saturation
+from taxel_models.loop.effects.temperature import Temperature
+from taxel_models.loop.evidence import Evidence
+
+EFFECTS: Final[tuple[type[Effect], ...]] = (
+    Offset,
+    Gain,
+    Drift,
+    Temperature,
+    Creep,
+    Hysteresis,
+    Rate,
+    Lag,
+    Frame,
+    Location,
+    Crosstalk,
+    Saturation,
+    Fault,
+)
+"""Every effect that needs no extra column, the simplest first."""
+
+NAMES: Final = tuple(effect.name for effect in EFFECTS)
+
+
+def candidates(evidence: Evidence) -> list[Effect]:
+    """Every effect that a recording could show, one for each extra column among them."""
+    columns = [name for name in evidence.covariates if name not in NOT_COVARIATES]
+    return [*(effect() for effect in EFFECTS), *map(Covariate, columns)]
+
+
+def effect_named(name: str) -> Effect:
+    """An effect by its name, such as `creep` or `covariate:material`.
+
+    Raises:
+        SettingsError: there is none of this name.
+    """
+    kind, _, column = name.partition(":")
+    if kind == Covariate.name and column:
+        return Covariate(column)
+    for effect in EFFECTS:
+        if effect.name == name:
+            return effect()
+    raise SettingsError(f"no effect {name!r}: expected one of {', '.join(NAMES)}, or covariate:COLUMN")

@@ -1,0 +1,113 @@
+"""Temperature: the fluid's conductivity, and with it every electrode's impedance, follows the heat."""
+
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from typing_extensions import override
+
+from taxel.channels import CHANNELS, COUNTS_MAX, ELECTRODE_COLUMNS
+from taxel.windows import Elapsed, Relaxation
+from taxel_models.loop.effects.drift import PIECES, SHORTEST_S
+from taxel_models.loop.effects.effect import Candidate, Effect, Left, given, past, weighted
+from taxel_models.loop.evidence import Evidence
+from taxel_models.loop.moments import Fitting
+from taxel_models.loop.planting import Planting
+
+TDC: Final = "tdc"
+COOLING_S: Final = 8.0
+"""How long a contact takes to cool the core. Assumption: seconds, as the twin has it."""
+
+LEAST_COUNTS: Final = 2.0
+"""Less spread of tdc than this is its own noise."""
+
+
+class Temperature(Effect):
+    """A shift of ln Z in proportion to the measured temperature; of tared channels, a shift of counts."""
+
+    name = "temperature"
+    equation = "ln Z_c = ln Z_c(model) + k_c (tdc - mean); delta_c = dE/dlnZ k_c (tdc - mean)"
+    source = "LASA's idle finger: warming lowers ln Z of all electrodes alike; -2 %/K (unverified)"
+    signature = "the residual follows tdc, common to all electrodes in ln Z, also where tdc turns back"
+
+    @override
+    def forms(self, evidence: Evidence, left: Left) -> Iterable[Candidate]:
+        values = evidence.covariates.get(TDC)
+        if values is None:
+            yield from self._by_state(evidence)
+            return
+        if values.std() < LEAST_COUNTS:
+            return
+        driver = given(evidence, TDC, "counts")
+        if evidence.raw_counts:
+            electrodes = np.zeros((len(CHANNELS), 1), bool)
+            electrodes[ELECTRODE_COLUMNS] = True
+            yield weighted(
+                evidence,
+                self.name,
+                "electrodes alike, in ln Z",
+                "log_impedance",
+                [driver],
+                fitting=Fitting(pooled=True, allowed=electrodes),
+                weight_names=("slope",),
+                weight_unit="ln Z per tdc count",
+            )
+            yield weighted(
+                evidence,
+                self.name,
+                "by channel, in ln Z",
+                "log_impedance",
+                [driver],
+                weight_names=("slope",),
+                weight_unit="ln Z per tdc count; counts per tdc count for pac0 and pdc",
+            )
+        else:
+            yield weighted(
+                evidence,
+                self.name,
+                "by channel",
+                "unit",
+                [driver],
+                weight_names=("slope",),
+                weight_unit="counts per tdc count",
+            )
+
+    def _by_state(self, evidence: Evidence) -> Iterable[Candidate]:
+        """Without a measured temperature: warm-up since the session began, cooled by contact."""
+        span = float(evidence.time_s.max())
+        if span < SHORTEST_S or not evidence.raw_counts:
+            return
+        edges = np.linspace(0.0, span, PIECES + 1)
+        drivers = [
+            past(
+                evidence,
+                Elapsed(start_s=float(start), end_s=float(end)),
+                f"elapsed[{start:.0f}:{end:.0f}s]",
+                "s",
+            )
+            for start, end in pairwise(edges)
+        ]
+        cooling = Relaxation(of="force", time_constant_s=COOLING_S)
+        drivers.append(past(evidence, cooling, f"relaxation[{COOLING_S:g}s].force", "N"))
+        electrodes = np.zeros((len(CHANNELS), len(drivers)), bool)
+        electrodes[ELECTRODE_COLUMNS] = True
+        yield weighted(
+            evidence,
+            self.name,
+            "a thermal state, electrodes alike, in ln Z",
+            "log_impedance",
+            drivers,
+            fitting=Fitting(pooled=True, allowed=electrodes),
+            weight_unit="ln Z per s; ln Z per N",
+        )
+
+    @override
+    def plant(self, planting: Planting) -> None:
+        warmer = planting.recording.auxiliary[TDC] - planting.recording.auxiliary[TDC].mean()
+        slopes = planting.random.normal(1.0, 0.2, len(CHANNELS)) * planting.random.choice([-1.0, 1.0])
+        counts = planting.recording.channels
+        raw = np.median(planting.rest[ELECTRODE_COLUMNS]) > 500.0
+        steepness = counts * (1.0 - counts / COUNTS_MAX) if raw else np.ones_like(counts)
+        steepness[:, :2] = 0.0
+        planting.add(warmer[:, None] * steepness * slopes, {"slope": slopes})

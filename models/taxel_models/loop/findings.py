@@ -1,0 +1,134 @@
+"""What the loop found, as `report.json` holds it and `taxel loop --json` prints it."""
+
+from typing import Any, Final
+
+from taxel.parts import Part
+
+SCHEMA: Final = 1
+
+
+class FittedFigure(Part):
+    """A parameter of an effect; `low` and `high` bound it with 95 % confidence where known."""
+
+    name: str
+    value: float
+    unit: str
+    low: float | None = None
+    high: float | None = None
+
+
+class FoundEffect(Part):
+    """An effect that was named.
+
+    Attributes:
+        name: such as `creep` or `covariate:material`.
+        form: which form of it, in words.
+        equation: what it adds to a channel.
+        channels: those that it changes.
+        explained: share of the residual's energy on the evaluation part that goes when it is added to
+            those before it, mean over the channels, noise included.
+        conditional: share of the fit part's that comes back when it alone is taken out again.
+        p_value: how often chance lets any of all candidates stand out as much, by turning blocks round.
+        t_test: one-sided p of the corrected resampled t-test over the cross-validation's folds.
+        parameters: what was fitted.
+        confounded_with: effects that explain at least 80 % as much in its place.
+        needs: features that it takes while serving, beside the window.
+        served: whether the corrected model adds it; a fault that comes and goes is only reported.
+    """
+
+    name: str
+    form: str
+    equation: str
+    channels: tuple[str, ...]
+    explained: float
+    conditional: float
+    p_value: float
+    t_test: float
+    parameters: tuple[FittedFigure, ...]
+    confounded_with: tuple[str, ...]
+    needs: tuple[str, ...]
+    served: bool
+
+
+class RejectedEffect(Part):
+    """A candidate that was not named.
+
+    Attributes:
+        alone: share of the first residual that its best form explains by itself in cross-validation,
+            rows that the model predicts well counting more.
+        left: likewise of what the named effects leave.
+        p_value: as of a named one, for what is left.
+        reason: why it was not named, in words.
+    """
+
+    name: str
+    form: str
+    alone: float
+    left: float
+    p_value: float
+    reason: str
+
+
+class PairedTest(Part):
+    """Whether the error fell, block by block of the evaluation part.
+
+    Attributes:
+        blocks: compared.
+        difference: mean fall of the normalised MAE, positive where it fell.
+        low: of its 95 % interval.
+        high: of its 95 % interval.
+        t: of the paired t-test over blocks.
+        p_value: one-sided.
+    """
+
+    method: str = "paired t-test over evaluation blocks, one-sided"
+    blocks: int
+    difference: float
+    low: float
+    high: float
+    t: float
+    p_value: float
+
+
+class Unexplained(Part):
+    """What is left on the evaluation part.
+
+    Attributes:
+        structured: whether it is more than the channels' noise.
+        hint: where to look next, in words.
+        share: of what is left that noise cannot account for.
+        autocorrelation: of what is left, mean over the channels, at one tick and at a second.
+    """
+
+    structured: bool
+    hint: str
+    share: float
+    autocorrelation: dict[str, float]
+
+
+class Findings(Part):
+    """Everything the loop found.
+
+    Attributes:
+        model: name and version.
+        data: one entry a recording: name, format, rows, sha256.
+        split: how blocks were cut and held out.
+        noise_floor: the error that no effect could take away.
+        effects: in the order of what they explain.
+        before: errors of the model on the evaluation part, as `taxel predict` reports them.
+        after: errors of the corrected model there, by the forms that are served.
+        exported: the version that was written, or None.
+    """
+
+    schema_version: int = SCHEMA
+    model: str
+    data: tuple[dict[str, Any], ...]
+    split: dict[str, Any]
+    noise_floor: dict[str, Any]
+    effects: tuple[FoundEffect, ...]
+    rejected: tuple[RejectedEffect, ...]
+    before: dict[str, Any]
+    after: dict[str, Any]
+    test: PairedTest
+    unexplained: Unexplained
+    exported: str | None = None

@@ -1,0 +1,53 @@
+"""The figures of a named effect with their intervals, by leaving out one fold after another."""
+
+from typing import Final
+
+import numpy as np
+
+from taxel.channels import CHANNELS
+from taxel_models.loop.attribution import Named
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.effects.effect import Parameter
+
+NORMAL_95: Final = 1.96
+
+
+def parameters(named: Named, scale: Floats) -> list[Parameter]:
+    """What was settled and what was fitted; weights that all channels have in common once.
+
+    Intervals are 95 % of the jackknife over the cross-validation's folds (Efron and Tibshirani 1993).
+
+    Args:
+        scale: (21,) what an error of each channel counted.
+    """
+    candidate, moments = named.score.candidate, named.score.moments
+    found = [Parameter(name, value, unit) for name, (value, unit) in candidate.settled.items()]
+    if candidate.fitting.fixed:
+        return found
+    folds = np.stack([moments.weights(scale, left_out=fold) for fold in range(moments.folds)])
+    spread = np.sqrt((len(folds) - 1) * folds.var(axis=0)) * NORMAL_95
+    for place, name in enumerate(candidate.weight_names):
+        channels = [("", 2)] if candidate.fitting.pooled else _changed(named)
+        for channel, column in channels:
+            value, about = named.weights[column, place], spread[column, place]
+            label = f"{name} {channel}".strip()
+            found.append(
+                Parameter(
+                    label,
+                    float(value),
+                    candidate.weight_unit,
+                    float(value - about),
+                    float(value + about),
+                )
+            )
+    if candidate.moves and candidate.weight_unit == "rad":
+        found.append(Parameter("angle", float(np.degrees(np.linalg.norm(named.weights[2]))), "deg"))
+    return found
+
+
+def _changed(named: Named) -> list[tuple[str, int]]:
+    return [
+        (name, column)
+        for column, (name, changed) in enumerate(zip(CHANNELS, named.changed, strict=True))
+        if changed
+    ]

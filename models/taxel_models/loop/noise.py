@@ -1,0 +1,77 @@
+"""How much of a residual could be explained at all: the channels' own noise.
+
+What changes from row to row without memory cannot be predicted. Its variance is read off second
+differences of the residual, which slow causes hardly touch: Var(r[t-1] - 2 r[t] + r[t+1]) = 6 sigma².
+Where there are rows in free air, the scatter of the measurement about its local mean is a second reading.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.channels import CHANNELS
+from taxel_models.loop.evidence import TOUCH_N, Evidence
+
+_NORMAL_MAD: Final = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """Noise of each channel, counts.
+
+    Attributes:
+        differences: (21,) SD read off second differences of the residual.
+        resting: (21,) SD of the measurement in free air, or None where there are too few such rows.
+    """
+
+    differences: NDArray[np.float64]
+    resting: NDArray[np.float64] | None
+
+    @classmethod
+    def of(cls, evidence: Evidence) -> "NoiseFloor":
+        """Both readings of a recording."""
+        inside = evidence.segment[2:] == evidence.segment[:-2]
+        residual = evidence.measured - evidence.predicted
+        found = _spread(_second(residual)[inside])
+        free = evidence.pressed < TOUCH_N
+        quiet = inside & free[2:] & free[1:-1] & free[:-2]
+        resting = _spread(_second(evidence.measured)[quiet]) if quiet.sum() >= 200 else None
+        return cls(found, resting)
+
+    def share(self, energy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(21,) part of a mean squared residual (21,), counts², that is noise."""
+        return np.minimum(1.0, self.differences**2 / np.maximum(energy, 1e-12))
+
+    def report(self, energy: NDArray[np.float64], output_std: NDArray[np.float64]) -> dict[str, Any]:
+        """For `report.json`: the error that remains when everything else is explained."""
+        mae = self.differences * np.sqrt(2 / np.pi)
+        return {
+            "method": "second differences of the residual; the noise is taken as normal",
+            "mae": float(mae.mean()),
+            "norm_mae": float((mae / output_std).mean()),
+            "share_of_residual_energy": float(self.share(energy).mean()),
+            "per_channel": {
+                name: {"sd": float(sd), "sd_resting": None if self.resting is None else float(resting)}
+                for name, sd, resting in zip(
+                    CHANNELS,
+                    self.differences,
+                    self.differences if self.resting is None else self.resting,
+                    strict=True,
+                )
+            },
+        }
+
+
+def _second(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(values[2:] - 2 * values[1:-1] + values[:-2])
+
+
+def _spread(differences: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Robust SD of the noise under second differences; at least that of rounding to whole counts."""
+    if not len(differences):
+        return np.zeros(len(CHANNELS))
+    robust = _NORMAL_MAD * np.median(np.abs(differences), axis=0) / np.sqrt(6)
+    return np.asarray(np.maximum(robust, 1 / np.sqrt(12)))

@@ -1,0 +1,94 @@
+"""What is left after the named effects: noise, or structure that no candidate explains."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.channels import CHANNELS
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.evidence import TICK_S, TOUCH_N, Evidence
+from taxel_models.loop.findings import Unexplained
+
+MORE_THAN_NOISE: Final = 0.1
+"""Share of what is left that noise cannot account for, from which on it counts as structured."""
+
+AUTOCORRELATION: Final = 0.1
+_SECOND: Final = 100
+_SPECTRUM_ROWS: Final = 1024
+_PEAK: Final = 8.0
+"""Power of a spectral line over the median within a band around it, from which on it is told."""
+
+
+def remainder(
+    evidence: Evidence, left: Floats, noise: NDArray[np.float64], rows: NDArray[np.bool_]
+) -> Unexplained:
+    """Judge what is left at some rows.
+
+    Args:
+        left: (n, 21) measured less corrected, counts.
+        noise: (21,) SD of each channel's noise, counts.
+    """
+    energy = (left[rows] ** 2).mean(axis=0)
+    share = float((1.0 - np.minimum(1.0, noise**2 / np.maximum(energy, 1e-9))).mean())
+    lags = {
+        "10 ms": autocorrelation(evidence, left, rows, 1),
+        "1 s": autocorrelation(evidence, left, rows, _SECOND),
+    }
+    structured = share > MORE_THAN_NOISE and lags["10 ms"] > AUTOCORRELATION
+    hint = _hint(evidence, left, rows) if structured else "indistinguishable from the channels' noise"
+    return Unexplained(structured=structured, hint=hint, share=share, autocorrelation=lags)
+
+
+def autocorrelation(evidence: Evidence, left: Floats, rows: NDArray[np.bool_], lag: int) -> float:
+    """Mean over the channels at a lag in ticks, inside segments."""
+    both = rows[lag:] & rows[:-lag] & (evidence.segment[lag:] == evidence.segment[:-lag])
+    if not both.any():
+        return 0.0
+    centred = left - left[rows].mean(axis=0)
+    products = (centred[lag:][both] * centred[:-lag][both]).mean(axis=0)
+    return float((products / np.maximum((centred[rows] ** 2).mean(axis=0), 1e-9)).mean())
+
+
+def spectrum(evidence: Evidence, left: Floats, rows: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """Frequencies, Hz, and power (m, 21) of what is left over stretches of 10 s; empty without any."""
+    window = np.hanning(_SPECTRUM_ROWS)[:, None]
+    powers = []
+    starts = np.flatnonzero(np.diff(evidence.segment * 2 + rows, prepend=-1))
+    for start, stop in zip(starts, [*starts[1:], len(rows)], strict=True):
+        if rows[start]:
+            for first in range(start, stop - _SPECTRUM_ROWS + 1, _SPECTRUM_ROWS):
+                piece = left[first : first + _SPECTRUM_ROWS]
+                powers.append(np.abs(np.fft.rfft((piece - piece.mean(axis=0)) * window, axis=0)) ** 2)
+    if not powers:
+        return np.empty(0), np.empty((0, len(CHANNELS)))
+    frequencies: Floats = np.fft.rfftfreq(_SPECTRUM_ROWS, TICK_S).astype(np.float64)
+    return frequencies, np.asarray(np.mean(powers, axis=0))
+
+
+def _hint(evidence: Evidence, left: Floats, rows: NDArray[np.bool_]) -> str:
+    energy = (left[rows] ** 2).mean(axis=0) / np.maximum(evidence.measured[rows].var(axis=0), 1e-9)
+    worst = [CHANNELS[channel] for channel in np.argsort(-energy)[:3]]
+    hints = [f"most in {', '.join(worst)}"]
+    line = _line(evidence, left, rows)
+    if line is not None:
+        hints.append(f"periodic at {line:.2f} Hz")
+    free = rows & (evidence.pressed < TOUCH_N)
+    if free.sum() > _SECOND:
+        quiet, all_rows = (left[free] ** 2).mean(), (left[rows] ** 2).mean()
+        hints.append(
+            "as large in free air" if quiet > 0.5 * all_rows else "while touched rather than in free air"
+        )
+    return "; ".join(hints)
+
+
+def _line(evidence: Evidence, left: Floats, rows: NDArray[np.bool_]) -> float | None:
+    """The frequency of a spectral line that stands out, Hz."""
+    frequencies, power = spectrum(evidence, left, rows)
+    if not len(power):
+        return None
+    total = (power / np.maximum(power.sum(axis=0), 1e-9)).mean(axis=1)
+    around = np.array([np.median(total[max(1, k - 15) : k + 16]) for k in range(len(total))])
+    ratio = np.where(np.arange(len(total)) >= 3, total / np.maximum(around, 1e-18), 0.0)
+    best = int(np.argmax(ratio))
+    return float(frequencies[best]) if ratio[best] > _PEAK else None

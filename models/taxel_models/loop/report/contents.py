@@ -1,0 +1,131 @@
+"""What a report tells, in order, from findings and pictures."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from taxel.channels import CHANNELS
+from taxel.windows import ExtraFeature
+from taxel_models.loop.findings import Findings, FoundEffect
+from taxel_models.loop.report.document import Block, Document, Heading, Paragraph, Picture, Table
+from taxel_models.loop.report.wording import chance, interval, listed, needs, number, opening, percent
+
+_MOST_PARAMETERS: Final = 24
+"""Rows of an effect's table: further figures are in `report.json`."""
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """The pictures of a report.
+
+    Attributes:
+        waterfall: explained shares.
+        channels: errors of each channel.
+        remainder: spectrum and autocorrelation.
+        effects: one each, by the effect's name.
+    """
+
+    waterfall: Picture
+    channels: Picture
+    remainder: Picture
+    effects: dict[str, Picture]
+
+
+def contents(findings: Findings, extras: Sequence[ExtraFeature], pictures: Pictures) -> Document:
+    """The whole report.
+
+    Args:
+        extras: what the corrected model takes beside its window.
+    """
+    blocks: list[Block] = [Paragraph(opening(findings, extras)), pictures.waterfall]
+    for effect in findings.effects:
+        blocks += _effect(effect, extras, pictures.effects[effect.name])
+    blocks += [
+        *_rejected(findings),
+        Heading("What is left"),
+        Paragraph(_left(findings)),
+        pictures.remainder,
+    ]
+    blocks += [Heading("Errors before and after"), pictures.channels, _errors(findings)]
+    blocks += [Heading("Data and split"), *_data(findings)]
+    return Document(f"What {findings.model} lacks", tuple(blocks))
+
+
+def _effect(effect: FoundEffect, extras: Sequence[ExtraFeature], picture: Picture) -> list[Block]:
+    test = f"{chance(effect.p_value)} among all candidates, {chance(effect.t_test)} over the folds"
+    explained = f"{percent(effect.explained)} of the residual's energy on the evaluation part ({test})"
+    where = "all channels" if len(effect.channels) == len(CHANNELS) else listed(effect.channels)
+    text = (
+        f"{effect.equation}. Form: {effect.form}. It explains {explained} and changes {where}; without it, "
+        f"{percent(effect.conditional)} would come back on the part that was fitted to. "
+        f"It {needs(effect, extras)}."
+    )
+    return [Heading(f"{effect.name}"), Paragraph(text), picture, *_parameters(effect)]
+
+
+def _parameters(effect: FoundEffect) -> list[Block]:
+    figures = effect.parameters[:_MOST_PARAMETERS]
+    rows = tuple((one.name, number(one.value), interval(one) or "settled", one.unit) for one in figures)
+    blocks: list[Block] = [Table(("parameter", "value", "95 % interval", "unit"), rows)]
+    more = len(effect.parameters) - len(figures)
+    if more:
+        blocks.append(Paragraph(f"{more} more parameters are in report.json."))
+    return blocks if rows else []
+
+
+def _rejected(findings: Findings) -> list[Block]:
+    if not findings.rejected:
+        return []
+    rows = tuple(
+        (one.name, one.form, percent(one.alone), percent(one.left), f"{one.p_value:.2g}", one.reason)
+        for one in findings.rejected
+    )
+    text = (
+        "Shares are what the candidate explains in cross-validation, of the first residual by itself and "
+        "of what the named effects leave; below 0 it would do harm."
+    )
+    head = ("candidate", "best form", "alone", "of what is left", "p", "why not")
+    return [Heading("Rejected"), Paragraph(text), Table(head, rows)]
+
+
+def _left(findings: Findings) -> str:
+    rest = findings.unexplained
+    kind = "structured but unexplained" if rest.structured else "as good as noise"
+    share = f"{percent(rest.share)} of it is more than the channels' noise"
+    lags = listed([f"{value:.2f} at {lag}" for lag, value in rest.autocorrelation.items()])
+    return f"What is left is {kind}: {rest.hint}. {share}; its autocorrelation is {lags}."
+
+
+def _errors(findings: Findings) -> Table:
+    rows = [
+        _error_row("all 21", findings.before, findings.after, ""),
+        _error_row("electrodes", findings.before, findings.after, "_electrodes"),
+    ]
+    before, after = findings.before["per_channel"], findings.after["per_channel"]
+    rows += [_error_row(name, before[name], after[name], "") for name in CHANNELS]
+    head = ("channel", "MAE before, counts", "after", "normalised MAE before", "after")
+    return Table(head, tuple(rows))
+
+
+def _error_row(name: str, before: dict[str, Any], after: dict[str, Any], part: str) -> tuple[str, ...]:
+    mae, norm = f"mae{part}", f"norm_mae{part}"
+    counts = (f"{before[mae]:.2f}", f"{after[mae]:.2f}")
+    return (name, *counts, f"{before[norm]:.3f}", f"{after[norm]:.3f}")
+
+
+def _data(findings: Findings) -> list[Block]:
+    rows = tuple(
+        (str(one["name"]), str(one["format"]), str(one["rows"]), str(one["sha256"])[:12])
+        for one in findings.data
+    )
+    split = "; ".join(f"{name.replace('_', ' ')}: {value}" for name, value in findings.split.items())
+    noise = (
+        f"Noise floor: {findings.noise_floor['method']}; {findings.noise_floor['mae']:.2f} counts MAE, "
+        f"{percent(findings.noise_floor['share_of_residual_energy'])} of the residual's energy."
+    )
+    return [
+        Table(("recording", "format", "rows", "sha256"), rows),
+        Paragraph(f"Split: {split}."),
+        Paragraph(noise),
+        Paragraph(f"Test: {findings.test.method}; t = {findings.test.t:.2f}."),
+    ]

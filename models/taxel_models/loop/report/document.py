@@ -1,0 +1,51 @@
+"""A report's parts in order, before they are written as Markdown or HTML."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Heading:
+    """Opens a section."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Paragraph:
+    """Running text."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of cells, each as long as the head."""
+
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture beside the text.
+
+    Attributes:
+        file: its name in the report's folder.
+        title: what it is of, in a few words.
+        caption: what it shows and how to read it.
+    """
+
+    file: str
+    title: str
+    caption: str
+
+
+Block = Heading | Paragraph | Table | Picture
+
+
+@dataclass(frozen=True)
+class Document:
+    """A title and what follows it."""
+
+    title: str
+    blocks: tuple[Block, ...]

@@ -1,0 +1,36 @@
+"""Findings as a table for the terminal."""
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from taxel_models.loop.findings import Findings
+from taxel_models.loop.report.wording import confounded, key_parameters, left, paired, percent
+
+
+def findings_table(findings: Findings) -> RenderableType:
+    """The named effects, then lines on the error before and after and on what is left."""
+    lines = [_errors(findings), *confounded(findings), left(findings)]
+    text = Text("\n".join(lines))
+    return Group(_effects(findings), text) if findings.effects else Group("No effect was named.", text)
+
+
+def _effects(findings: Findings) -> Table:
+    table = Table("effect", "form", "explained", "p", "parameters", "cannot be told from")
+    table.columns[2].justify = table.columns[3].justify = "right"
+    for effect in findings.effects:
+        table.add_row(
+            Text(effect.name if effect.served else f"{effect.name} (only reported)"),
+            Text(effect.form),
+            percent(effect.explained),
+            f"{effect.p_value:.2g}",
+            Text(key_parameters(effect)),
+            Text(", ".join(effect.confounded_with)),
+        )
+    return table
+
+
+def _errors(findings: Findings) -> str:
+    before, after, noise = findings.before, findings.after, findings.noise_floor
+    errors = f"Normalised MAE {before['norm_mae']:.3f} before, {after['norm_mae']:.3f} after"
+    return f"{errors} (noise: {noise['norm_mae']:.3f}); {paired(findings.test)}."

@@ -1,0 +1,164 @@
+"""Findings in words: numbers, parameters and the sentences that a report opens with."""
+
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from taxel.windows import ExtraFeature
+from taxel_models.loop.findings import Findings, FittedFigure, FoundEffect, PairedTest
+
+SIGNIFICANT: Final = 0.05
+"""Of the paired test: above, the error is not said to have fallen."""
+
+_MOST_KEY_PARAMETERS: Final = 3
+
+
+def number(value: float) -> str:
+    """Three significant digits."""
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+
+
+def chance(p_value: float) -> str:
+    """A p-value as it is written in a sentence."""
+    return "p < 0.001" if p_value < 0.001 else f"p = {p_value:.2g}"
+
+
+def percent(share: float) -> str:
+    """A share, with a digit after the point where it is small."""
+    return f"{100 * share:.1f} %" if abs(share) < 0.1 else f"{100 * share:.0f} %"
+
+
+def listed(words: Sequence[str]) -> str:
+    """`a, b and c`."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
+def parameter(figure: FittedFigure) -> str:
+    """A parameter with its unit, and its interval where there is one."""
+    text = f"{figure.name} {number(figure.value)} {figure.unit}".rstrip()
+    return f"{text} ({interval(figure)})" if interval(figure) else text
+
+
+def interval(figure: FittedFigure) -> str:
+    """A parameter's bounds; empty where it has none."""
+    if figure.low is None or figure.high is None:
+        return ""
+    return f"{number(figure.low)} to {number(figure.high)}"
+
+
+def key_parameters(effect: FoundEffect) -> str:
+    """What settles the effect's form, then the largest of what was fitted."""
+    settled = [one for one in effect.parameters if one.low is None]
+    fitted = sorted((one for one in effect.parameters if one.low is not None), key=_size, reverse=True)
+    shown = [*settled, *fitted][:_MOST_KEY_PARAMETERS]
+    more = len(effect.parameters) - len(shown)
+    return "; ".join(map(parameter, shown)) + (f"; {more} more" if more else "")
+
+
+def _size(figure: FittedFigure) -> float:
+    return abs(figure.value)
+
+
+def needs(effect: FoundEffect, extras: Iterable[ExtraFeature]) -> str:
+    """What the effect takes while the corrected model serves, and who gives it.
+
+    Args:
+        extras: what the corrected model takes beside its window.
+    """
+    if not effect.served:
+        return "is only reported: what it depends on is not known while serving"
+    taken = [extra for extra in extras if extra.name in effect.needs]
+    past = [extra.name for extra in taken if extra.history is not None]
+    given = [f"{extra.name} (else {number(extra.default)})" for extra in taken if extra.history is None]
+    parts = []
+    if past:
+        parts.append(f"{listed(past)}, which the window builder computes from past samples")
+    if given:
+        parts.append(f"{listed(given)}, which the caller gives")
+    return f"needs {'; and '.join(parts)}" if parts else "needs nothing beside the window"
+
+
+def opening(findings: Findings, extras: Sequence[ExtraFeature]) -> str:
+    """One paragraph that a reader can act on."""
+    sentences = [_outcome(findings), *_named(findings, extras), *confounded(findings)]
+    sentences += [_rejected(findings), left(findings), _next(findings)]
+    return " ".join(filter(None, sentences))
+
+
+def _outcome(findings: Findings) -> str:
+    before, after, test = findings.before, findings.after, findings.test
+    where = f"On {test.blocks} held-out blocks ({before['rows']} rows)"
+    is_off = f"{where}, {findings.model} is off by a normalised MAE of {before['norm_mae']:.3f}"
+    noise = f"noise alone would leave {findings.noise_floor['norm_mae']:.3f}"
+    if not any(effect.served for effect in findings.effects):
+        return f"{is_off} ({before['mae']:.1f} counts); {noise}."
+    change = 1.0 - after["norm_mae"] / before["norm_mae"]
+    fell = f"{percent(abs(change))} {'less' if change >= 0 else 'more'}"
+    corrected = f"by {after['norm_mae']:.3f} ({after['mae']:.1f} counts) once corrected"
+    return (
+        f"{is_off} ({before['mae']:.1f} counts), and {corrected}: {fell}; {noise}. "
+        f"Block by block, {paired(test)}."
+    )
+
+
+def paired(test: PairedTest) -> str:
+    """The paired test as half a sentence."""
+    sure = f"95 % interval {test.low:.4f} to {test.high:.4f}, {chance(test.p_value)}"
+    fall = f"the error falls by {test.difference:.4f} ({sure})"
+    return fall if test.p_value <= SIGNIFICANT else f"{fall}, which may be chance"
+
+
+def _named(findings: Findings, extras: Sequence[ExtraFeature]) -> list[str]:
+    if not findings.effects:
+        return ["No effect was named: no candidate explains more of the residual than chance does."]
+    count = len(findings.effects)
+    sentences = [f"{count} effects were named, most first." if count > 1 else "One effect was named."]
+    for effect in findings.effects:
+        sentences.append(
+            f"{effect.name} explains {percent(effect.explained)} of the residual's energy "
+            f"({chance(effect.p_value)}; {key_parameters(effect)}) and {needs(effect, extras)}."
+        )
+    return sentences
+
+
+def confounded(findings: Findings) -> list[str]:
+    """A sentence for each named effect that others could stand for."""
+    sentences, told = [], set[frozenset[str]]()
+    for effect in findings.effects:
+        others = [name for name in effect.confounded_with if frozenset({effect.name, name}) not in told]
+        told |= {frozenset({effect.name, name}) for name in others}
+        if len(others) == 1:
+            sentences.append(
+                f"{effect.name} and {others[0]} cannot be told apart here: they move together."
+            )
+        elif others:
+            sentences.append(
+                f"{effect.name} cannot be told apart here from {listed(others)}: they move together."
+            )
+    return sentences
+
+
+def _rejected(findings: Findings) -> str:
+    count = len(findings.rejected)
+    if not count:
+        return ""
+    were = "other candidate was" if count == 1 else "other candidates were"
+    return f"{count} {were} rejected, for the reasons in the table below."
+
+
+def left(findings: Findings) -> str:
+    """What the named effects leave, in a sentence."""
+    rest = findings.unexplained
+    if not rest.structured:
+        return "What is left is indistinguishable from the channels' noise."
+    share = f"{percent(rest.share)} of it is not noise"
+    return f"What is left is structured but unexplained ({share}): {rest.hint}."
+
+
+def _next(findings: Findings) -> str:
+    if findings.exported is not None:
+        return f"The corrected model is {findings.exported}."
+    if not any(effect.served for effect in findings.effects):
+        return "There is nothing to add to the model."
+    if findings.test.p_value > SIGNIFICANT:
+        return "Adding this to the model is not worth it on this evidence."
+    return "Nothing was exported yet."

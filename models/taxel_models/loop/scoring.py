@@ -1,0 +1,140 @@
+"""How well a candidate explains what is left on blocks it was not fitted to, and what chance gives."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.effects.effect import Candidate
+from taxel_models.loop.moments import Moments
+
+FORCE_BINS: Final = 8
+MOST_TRUST: Final = 4.0
+"""A bin of rows counts at most so much more, or less, than the mean."""
+
+HUBER: Final = 2.0
+"""Times its bin's root mean square: beyond, a row's residual counts in proportion, not squared."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """What one candidate explains in cross-validation.
+
+    Attributes:
+        candidate: which form of which effect.
+        moments: of its regressors with what is left.
+        strength: (21,) F of each channel's weights.
+        share: of the residual's energy, trusted rows first, that it explains over all channels.
+        fold_share: (folds,) share explained in each fold.
+    """
+
+    candidate: Candidate
+    moments: Moments
+    strength: Floats
+    share: float
+    fold_share: Floats
+
+    @property
+    def channels(self) -> NDArray[np.bool_]:
+        """(21,) channels that it may change."""
+        return self.strength > 1.0
+
+    @property
+    def t_test(self) -> float:
+        """One-sided p of the corrected resampled t-test over the folds (Nadeau and Bengio 2003)."""
+        folds = len(self.fold_share)
+        spread = self.fold_share.std(ddof=1) * np.sqrt(1.0 / folds + 1.0 / max(folds - 1, 1))
+        return float(stats.t.sf(self.fold_share.mean() / max(spread, 1e-12), folds - 1))
+
+    @property
+    def freedom(self) -> int:
+        """Figures that are fitted or settled."""
+        fitting, size = self.candidate.fitting, self.candidate.basis.size
+        if fitting.fixed:
+            size = 0
+        elif not fitting.pooled:
+            size *= len(self.strength)
+        return size + len(self.candidate.settled)
+
+
+def scale_of(residual: Floats) -> Floats:
+    """(21,) weights that make every channel's mean squared residual 1."""
+    return np.asarray(1.0 / np.maximum((residual**2).mean(axis=0), 1e-9))
+
+
+def trust_of(residual: Floats, pressed: Floats, fit: NDArray[np.bool_]) -> Floats:
+    """(n,) how much each row counts: less where the residual scatters more.
+
+    A model errs most where it is pressed hardest, and a few contacts would drown the rest. Rows are
+    binned by force; a bin counts by its inverse mean squared residual, within limits, and a row far
+    outside its bin's spread less (Huber 1964).
+    """
+    size = (residual**2 * scale_of(residual[fit])).mean(axis=1)
+    edges = np.unique(np.quantile(pressed[fit], np.linspace(0, 1, FORCE_BINS + 1)[1:-1]))
+    bins = np.searchsorted(edges, pressed)
+    spread = np.array([_mean(size[fit & (bins == number)]) for number in range(len(edges) + 1)])
+    spread = np.clip(spread, MOST_TRUST**-1, MOST_TRUST)[bins]
+    trust = np.minimum(1.0, HUBER * np.sqrt(spread / np.maximum(size, 1e-12))) / spread
+    return np.asarray(trust / trust[fit].mean())
+
+
+def absolute_of(residual: Floats, fit: NDArray[np.bool_]) -> Floats:
+    """(n,) weights that make squared errors count about as absolute ones do: 1 over the row's size.
+
+    What an effect is worth to a user is told by the mean absolute error, which a few contacts that the
+    model misses altogether do not rule.
+    """
+    size = np.sqrt((residual**2 * scale_of(residual[fit])).mean(axis=1))
+    return np.asarray(1.0 / np.maximum(size, np.quantile(size[fit], 0.1)))
+
+
+def _mean(values: Floats) -> float:
+    return float(values.mean()) if len(values) else 1.0
+
+
+def score(candidate: Candidate, moments: Moments, scale: Floats) -> Score:
+    """Cross-validate one candidate."""
+    gains = moments.gains(scale)
+    energy = (moments.energy * scale).sum(axis=1)
+    by_fold = np.array([energy[moments.fold == fold].sum() for fold in range(moments.folds)])
+    return Score(
+        candidate,
+        moments,
+        moments.strength(scale),
+        float(gains.sum() / by_fold.sum()),
+        gains.sum(axis=1) / by_fold,
+    )
+
+
+def stands_out(moments: Moments, scale: Floats, signs: Floats) -> Floats:
+    """(1 + draws,) how far a candidate stands out from chance, first as it is, then by chance alone.
+
+    Two figures do: the channels' strengths together, and the strongest channel's; each in standard
+    deviations of what it is when every block's residual is turned round at random, which keeps what
+    rows of a block share (wild cluster bootstrap; Cameron, Gelbach and Miller 2008).
+    """
+    every = np.vstack([np.ones((1, signs.shape[1])), signs])
+    strengths = np.log1p(moments.strengths(scale, every))
+    both = np.stack([strengths.sum(axis=1), strengths.max(axis=1)])
+    usual, spread = both[:, 1:].mean(axis=1), both[:, 1:].std(axis=1) + 1e-9
+    return np.asarray(((both - usual[:, None]) / spread[:, None]).max(axis=0))
+
+
+def worth(one: Score, alike: Moments, scale: Floats, first: Floats) -> Floats:
+    """(21,) share of each channel's first error that it takes away, about as absolute errors count.
+
+    Args:
+        alike: the candidate's moments with rows counted by `absolute_of`.
+        first: (21,) the channels' residual energy before anything was explained, counted so, and
+            summed over the same rows.
+    """
+    gains = one.moments.gains(scale, tested=alike).sum(axis=0) / scale
+    return np.asarray(gains / np.maximum(first, 1e-9))
+
+
+def random_signs(draws: int, blocks: int, seed: int) -> Floats:
+    """(draws, blocks) of +1 and -1."""
+    return np.random.default_rng(seed).choice([-1.0, 1.0], size=(draws, blocks))

@@ -1,0 +1,278 @@
+"""The trial: the loop plays blind against effects that were planted, and is marked."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.manifest import Manifest
+from taxel.parts import Part
+from taxel_models.loop.attribution import Search
+from taxel_models.loop.blocks import cut
+from taxel_models.loop.closing import Closed, Plan, close_loop
+from taxel_models.loop.effects.registry import NAMES, candidates, effect_named
+from taxel_models.loop.evidence import Evidence, Predict, gather
+from taxel_models.loop.planting import Floats, Planting
+from taxel_models.loop.unknown import UNKNOWN
+from taxel_models.recordings import Recording
+from taxel_models.twin import simulate
+
+NONE: Final = "none"
+UNEXPLAINED: Final = "unexplained"
+
+CLEAN_SHARE: Final = 0.2
+UNKNOWN_SHARE: Final = 0.1
+STRENGTHS: Final = (0.5, 2.0)
+"""Of the residual that was there before, drawn evenly in the logarithm."""
+
+CLEANINGS: Final = 3
+WORTH_REMOVING: Final = 0.02
+"""Of the error before: where the truth itself would take away less, nothing is marked."""
+
+FIGURES: Final = {"creep": "time_constant", "lag": "lag", "frame": "angle"}
+"""Parameters that are marked: time constants, delays, angles."""
+
+
+class Round(Part):
+    """One round.
+
+    Attributes:
+        truth: the planted effect, `none`, or `unknown:NAME`.
+        strength: over the residual before.
+        found: the effect that explains most, `none` where nothing was named, `unexplained` where
+            nothing was named and what is left is structured.
+        named: all that were named.
+        right: whether the first is the truth, nothing was named where there was nothing, or what no
+            class describes was left unexplained.
+        clean: normalised MAE on the evaluation blocks without the planted effect.
+        before: with it.
+        after: with the correction.
+        removed: share of the removable error that was removed; None where there was none to speak of.
+        parameter_error: of the figure that is marked, relative; None where there is none.
+    """
+
+    number: int
+    truth: str
+    strength: float
+    planted: dict[str, Any]
+    found: str
+    named: tuple[str, ...]
+    right: bool
+    confounded: bool
+    clean: float
+    before: float
+    after: float
+    removed: float | None
+    parameter_error: float | None
+
+
+class Summary(Part):
+    """What the rounds come to.
+
+    Attributes:
+        confusion: for each truth, how often each effect was found first.
+        right_first: share of the rounds with a planted effect in which it was found first.
+        right_or_confounded: likewise, or was reported as one that cannot be told from it.
+        false_alarms: share of the clean rounds in which anything was named.
+        unknown_left: share of the rounds with a cause of no class in which nothing was named.
+        removed: median share of the removable error that was removed where the effect was right.
+        removed_mean: its mean, weighed by what there was to remove.
+        parameters_within: share of the marked parameters within 20 %.
+    """
+
+    rounds: int
+    confusion: dict[str, dict[str, int]]
+    right_first: float | None
+    right_or_confounded: float | None
+    false_alarms: float | None
+    unknown_left: float | None
+    removed: float | None
+    removed_mean: float | None
+    parameters_within: float | None
+
+
+@dataclass(frozen=True)
+class Game:
+    """How to play.
+
+    Attributes:
+        rounds: how many.
+        seed: of recordings, effects and strengths.
+        rows: of each recording.
+        recordings: different ones, taken in turn.
+        effects: that may be planted.
+        strengths: least and greatest.
+    """
+
+    rounds: int
+    seed: int = 0
+    rows: int = 60_000
+    recordings: int = 10
+    effects: tuple[str, ...] = NAMES
+    strengths: tuple[float, float] = STRENGTHS
+
+
+def play(
+    manifest: Manifest, predict: Predict, game: Game, note: Callable[[str], None] | None = None
+) -> Iterator[Round]:
+    """Play round after round: the loop sees a recording and nothing else."""
+    settled_already: dict[int, Recording] = {}
+    for number in range(game.rounds):
+        random = np.random.default_rng([game.seed, number])
+        which = number % game.recordings
+        if which not in settled_already:
+            fresh = simulate(game.rows, 1000 * (game.seed + 1) + which)
+            settled_already[which] = settled(manifest, predict, fresh, which)
+        recording = settled_already[which]
+        yield play_round(manifest, predict, recording, _draw(random, game), number, random, note)
+
+
+def settled(manifest: Manifest, predict: Predict, recording: Recording, seed: int) -> Recording:
+    """A recording without what the loop finds in it by itself: what the model lacks before the game."""
+    recording = recording.ticks()
+    for _ in range(CLEANINGS):
+        evidence = gather(manifest, predict, [recording], measured_temperature=True)
+        blocks = cut(evidence, seed=seed)
+        named = Search(evidence, blocks, candidates(evidence), seed=seed).run().named
+        if not named:
+            break
+        channels = recording.channels.copy()
+        channels[evidence.rows[0]] -= sum(one.contribution for one in named)
+        recording = replace(recording, channels=np.clip(np.rint(channels), 0, 4095))
+    return recording
+
+
+def play_round(
+    manifest: Manifest,
+    predict: Predict,
+    recording: Recording,
+    drawn: tuple[str, float],
+    number: int,
+    random: np.random.Generator,
+    note: Callable[[str], None] | None = None,
+) -> Round:
+    """Plant, close the loop, and mark."""
+    truth, strength = drawn
+    base = gather(manifest, predict, [recording], measured_temperature=True)
+    residual = np.sqrt(((base.measured - base.predicted) ** 2).mean(axis=0))
+    planting = Planting.into(recording, int(random.integers(1 << 30)), residual)
+    planting.respond = _responding(manifest, predict, recording)
+    plant(planting, truth, strength)
+    closed = close_loop(manifest, predict, [planting.recording], Plan(seed=number), note)
+    return _marked(number, truth, strength, planting, base, closed)
+
+
+def _responding(
+    manifest: Manifest, predict: Predict, recording: Recording
+) -> Callable[[Floats, Floats], Floats]:
+    """What the model gives for other inputs, at every tick; 0 where a tick has no whole window."""
+
+    def respond(position: Floats, force: Floats) -> Floats:
+        samples = replace(recording.samples, position=position, force=force)
+        moved = gather(manifest, predict, [replace(recording, samples=samples)], measured_temperature=True)
+        counts = np.zeros((len(recording), moved.predicted.shape[1]))
+        counts[moved.rows[0]] = moved.predicted
+        return counts
+
+    return respond
+
+
+def plant(planting: Planting, truth: str, strength: float) -> None:
+    """Put an effect, or a cause of no class, into a recording."""
+    if truth == NONE:
+        return
+    planting.begin(truth, strength)
+    kind, _, name = truth.partition(":")
+    if kind == "unknown":
+        UNKNOWN[name](planting)
+    else:
+        effect_named(truth).plant(planting)
+
+
+def summarise(rounds: Sequence[Round]) -> Summary:
+    """Count."""
+    confusion: dict[str, Counter[str]] = {}
+    for one in rounds:
+        confusion.setdefault(one.truth, Counter())[one.found] += 1
+    planted = [one for one in rounds if one.truth in NAMES]
+    right = [one for one in planted if one.right]
+    marked = [one for one in right if one.removed is not None]
+    weight = sum(one.before - one.clean for one in marked)
+    return Summary(
+        rounds=len(rounds),
+        confusion={truth: dict(counts) for truth, counts in sorted(confusion.items())},
+        right_first=_share([one.right for one in planted]),
+        right_or_confounded=_share([one.right or one.confounded for one in planted]),
+        false_alarms=_share([bool(one.named) for one in rounds if one.truth == NONE]),
+        unknown_left=_share([one.right for one in rounds if one.truth.startswith("unknown:")]),
+        removed=float(np.median([one.removed for one in marked])) if marked else None,
+        removed_mean=sum(one.before - one.after for one in marked) / weight if weight else None,
+        parameters_within=_share(
+            [one.parameter_error <= 0.2 for one in right if one.parameter_error is not None]
+        ),
+    )
+
+
+def _draw(random: np.random.Generator, game: Game) -> tuple[str, float]:
+    least, greatest = np.log(game.strengths)
+    strength = float(np.exp(random.uniform(least, greatest)))
+    dice = float(random.random())
+    if dice < CLEAN_SHARE:
+        return NONE, 0.0
+    if dice < CLEAN_SHARE + UNKNOWN_SHARE:
+        return f"unknown:{random.choice(sorted(UNKNOWN))}", strength
+    return str(random.choice(game.effects)), strength
+
+
+def _marked(
+    number: int, truth: str, strength: float, planting: Planting, base: Evidence, closed: Closed
+) -> Round:
+    findings = closed.findings
+    named = tuple(effect.name for effect in findings.effects)
+    left = UNEXPLAINED if findings.unexplained.structured else NONE
+    found = named[0] if named else left
+    spread = np.array(base.manifest.normalisation.output_std)
+    rows = closed.blocks.evaluation
+    clean = _norm_mae(base.measured, base.predicted, rows, spread)
+    before, after = findings.before["norm_mae"], findings.after["norm_mae"]
+    removable = before - clean
+    unknown = truth.startswith("unknown:")
+    served = all(effect.served for effect in findings.effects)
+    return Round(
+        number=number,
+        truth=truth,
+        strength=strength,
+        planted=planting.truth[0].get("parameters", {}) if planting.truth else {},
+        found=found,
+        named=named,
+        right=not named if truth == NONE or unknown else found == truth,
+        confounded=any(truth in effect.confounded_with for effect in findings.effects),
+        clean=clean,
+        before=before,
+        after=after,
+        removed=(before - after) / removable if removable > WORTH_REMOVING * before and served else None,
+        parameter_error=_parameter_error(truth, planting, closed),
+    )
+
+
+def _norm_mae(measured: Floats, predicted: Floats, rows: NDArray[np.bool_], spread: Floats) -> float:
+    return float((np.abs(measured - predicted)[rows].mean(axis=0) / spread).mean())
+
+
+def _parameter_error(truth: str, planting: Planting, closed: Closed) -> float | None:
+    if truth not in FIGURES:
+        return None
+    planted = float(planting.truth[0]["parameters"][FIGURES[truth]])
+    for effect in closed.findings.effects:
+        if effect.name == truth:
+            for figure in effect.parameters:
+                if figure.name == FIGURES[truth]:
+                    return abs(figure.value - planted) / abs(planted)
+    return None
+
+
+def _share(marks: Sequence[bool]) -> float | None:
+    return sum(marks) / len(marks) if marks else None
