@@ -24,6 +24,10 @@ SHAPES = {
     "even": ForestShape(trees_per_output=13, leaves=30),
     "mixed sizes": ForestShape(features=20, trees_per_output=6, leaves=130, depth=12),
     "skewed": ForestShape(trees_per_output=2, leaves=400, depth=64, skew=0.5),
+    "leaf numbers of one byte and of two": ForestShape(trees_per_output=9, leaves=256, depth=30, skew=0.2),
+    "comparisons beyond 16 bits": ForestShape(
+        features=40, outputs=2, trees_per_output=600, leaves=90, cuts=2500
+    ),
     "many columns": ForestShape(features=72, outputs=3, trees_per_output=90, leaves=110, cuts=600),
 }
 
@@ -41,7 +45,9 @@ def check(folder: Path, shape: ForestShape, rows: tuple[int, ...]) -> None:
             output_std=tuple(generator.uniform(0.5, 2.0, size=shape.outputs)),
         )
     )
-    for kernel in Forms.of(forest, scales).kernels:
+    kernels = Forms.of(forest, scales).kernels
+    assert len(kernels) == 1 + len(forms.BLOCKS)
+    for kernel in kernels:
         scratch = kernel.scratch()
         for count in rows:
             windows = generator.normal(size=(count, shape.features)).astype(np.float32)
@@ -128,12 +134,12 @@ def test_fewer_rows_take_the_first_form_and_many_the_last() -> None:
 def test_code_for_greater_processors_compiles() -> None:
     # It is not run: the processor at hand may not have the instructions.
     code = """
-from taxel_server.runtimes.trees import rows_in_lanes, trees_in_lanes
+from taxel_server.runtimes.trees import leaf_sums, rows_as_bits, trees_in_lanes
 from taxel_server.runtimes.trees.lookups import register_bytes
 assert register_bytes() == 64
 assert all(trees_in_lanes.find_exits(columns) for columns in (16, 48, 128, 256))
-assert all(rows_in_lanes.find_exits(bits, lanes) for bits in (8, 16) for lanes in (64, 256))
-assert rows_in_lanes.add_leaves(64)
+assert all(rows_as_bits.find_exits(size, lanes) for size in (1, 2) for lanes in (64, 256))
+assert leaf_sums.add_leaves(64)
 """
     features = "+ssse3,+avx,+avx2,+avx512f,+avx512bw,+avx512vl,+avx512dq,+avx512vbmi"
     greater = {"NUMBA_CPU_NAME": "icelake-server", "NUMBA_CPU_FEATURES": features}

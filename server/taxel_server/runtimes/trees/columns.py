@@ -7,7 +7,7 @@ it any more. Ranks and bins are stored less 2**(bits - 1), as signed integers.
 """
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numba
 import numpy as np
@@ -73,6 +73,12 @@ class Columns:
         return len(self.feature)
 
     @property
+    def comparison(self) -> NDArray[np.int64]:
+        """(inner nodes,) The place among all cuts of each node's threshold, for the chosen trees."""
+        comparison: NDArray[np.int64] = self.start[self.column] + self.limit + (2 ** (self.bits - 1) - 1)
+        return comparison
+
+    @property
     def ranking(self) -> "Ranking":
         """What it takes to rank rows."""
         return Ranking(self.feature, self.default_left, self.start, self.cuts)
@@ -96,34 +102,6 @@ def ranking_at(plan, entry):  # type: ignore[no-untyped-def]
         array_at(plan, entry + 2, np.int64),
         array_at(plan, entry + 3, np.float32),
     )
-
-
-_COUNTED: Final = 512
-"""Cuts up to which comparing with all of them, in vectors, beats a binary search."""
-
-
-@numba.njit(cache=True, nogil=True)
-def rank_column(x, cuts, default_left, highest, ranks):  # type: ignore[no-untyped-def]
-    """Writes how many of the cuts are <= each x; 0 or `highest` for missing values."""
-    if cuts.size > _COUNTED:
-        for lane in range(x.size):
-            low, high = 0, cuts.size
-            while low < high:
-                middle = (low + high) >> 1
-                if cuts[middle] <= x[lane]:
-                    low = middle + 1
-                else:
-                    high = middle
-            ranks[lane] = low
-    else:
-        ranks[:] = 0
-        for cut in cuts:
-            for lane in range(x.size):
-                ranks[lane] = np.int32(ranks[lane] + (cut <= x[lane]))
-    if not default_left:
-        for lane in range(x.size):
-            if np.isnan(x[lane]):
-                ranks[lane] = highest
 
 
 @numba.njit(cache=True, nogil=True)

@@ -84,7 +84,7 @@ class Forms:
         index = InOrder.of(forest)
         kernels: list[Kernel] = [TreesKernel(forest, index, scales)]
         sizes = [TILE]
-        if index.leaves.max(initial=0) <= MOST_LEAVES[16]:
+        if index.leaves.max(initial=0) <= MOST_LEAVES[2]:
             form = RowsForm.of(forest, index)
             kernels += [RowsKernel(form, lanes, scales) for lanes in BLOCKS]
             sizes += BLOCKS

@@ -36,6 +36,7 @@ class InOrder:
         node_start: (trees,) int64, place of each tree's first inner node.
         leaf_start: (trees,) int64, place of each tree's first leaf.
         first: (inner nodes,) int32, first leaf of the left subtree, counted within the tree.
+        depth: (inner nodes,) int32, 0 for a tree's root.
         feature: (inner nodes,) int32.
         default_left: (inner nodes,) bool.
         threshold: (inner nodes,) float32.
@@ -46,6 +47,7 @@ class InOrder:
     node_start: NDArray[np.int64]
     leaf_start: NDArray[np.int64]
     first: NDArray[np.int32]
+    depth: NDArray[np.int32]
     feature: NDArray[np.int32]
     default_left: NDArray[np.bool_]
     threshold: NDArray[np.float32]
@@ -62,6 +64,7 @@ class InOrder:
             node_start=np.cumsum(leaves - 1) - (leaves - 1),
             leaf_start=np.cumsum(leaves) - leaves,
             first=np.empty(inner, dtype=np.int32),
+            depth=np.empty(inner, dtype=np.int32),
             feature=np.empty(inner, dtype=np.int32),
             default_left=np.empty(inner, dtype=np.bool_),
             threshold=np.empty(inner, dtype=np.float32),
@@ -76,6 +79,7 @@ class InOrder:
             index.node_start,
             index.leaf_start,
             index.first,
+            index.depth,
             source,
             index.value,
         )
@@ -86,9 +90,10 @@ class InOrder:
 
 
 @numba.njit(cache=True, nogil=True)
-def _renumber(roots, left, right, value, node_start, leaf_start, first, source, leaf_value):  # type: ignore[no-untyped-def]
+def _renumber(roots, left, right, value, node_start, leaf_start, first, depth, source, leaf_value):  # type: ignore[no-untyped-def]
     leaves = np.empty(left.size, dtype=np.int32)
     lowest = np.empty(left.size, dtype=np.int32)
+    level = np.empty(left.size, dtype=np.int32)
     for tree in range(roots.size - 1):
         root = roots[tree]
         for node in range(roots[tree + 1] - 1, root - 1, -1):
@@ -96,7 +101,7 @@ def _renumber(roots, left, right, value, node_start, leaf_start, first, source, 
                 leaves[node] = 1
             else:
                 leaves[node] = leaves[root + left[node]] + leaves[root + right[node]]
-        lowest[root] = 0
+        lowest[root], level[root] = 0, 0
         for node in range(root, roots[tree + 1]):
             if left[node] == LEAF:
                 leaf_value[leaf_start[tree] + lowest[node]] = value[node]
@@ -104,6 +109,7 @@ def _renumber(roots, left, right, value, node_start, leaf_start, first, source, 
             low, high = root + left[node], root + right[node]
             lowest[low] = lowest[node]
             lowest[high] = lowest[node] + leaves[low]
+            level[low] = level[high] = level[node] + 1
             place = node_start[tree] + lowest[high] - 1
-            first[place] = lowest[node]
+            first[place], depth[place] = lowest[node], level[node]
             source[place] = node

@@ -13,19 +13,27 @@ LEAVES: Final = np.dtype([("table", "<i8"), ("exits", "<i4"), ("kind", "<i4")])
 """Of a tree: its leaf table's first byte, its exits' place, and the table's kind.
 
 Kinds above 0 are byte tables: so many times 16 leaves, all their lowest bytes first. Kind 0 are
-floats found with 8-bit exits, -1 floats found with 16-bit exits.
+floats found with exits of one byte, -1 floats found with exits of two.
 """
 
 _ALIGNMENT: Final = 64
 
 
 def write_leaf_tables(
-    index: InOrder, order: NDArray[np.int64], small: NDArray[np.bool_], leaves: NDArray[np.void]
+    index: InOrder,
+    numbers: NDArray[np.int32],
+    order: NDArray[np.int64],
+    small: NDArray[np.bool_],
+    leaves: NDArray[np.void],
 ) -> NDArray[np.uint8]:
-    """Writes the leaf tables, and their place and kind into `leaves`."""
+    """Writes the leaf tables by leaf number, and their place and kind into `leaves`."""
     counts = index.leaves[order]
     sixteens = -(-counts // 16)
-    kinds = np.where(sixteens > 4, 8, sixteens) if can_look_up() else np.zeros_like(counts)
+    kinds = (
+        np.select([sixteens <= 4, sixteens <= 8], [sixteens, 8], 0)
+        if can_look_up()
+        else np.zeros_like(counts)
+    )
     leaves["kind"] = np.where(small, kinds, -1)
     sizes = np.where(leaves["kind"] > 0, 64 * leaves["kind"], 4 * counts)
     sizes = -(-sizes // _ALIGNMENT) * _ALIGNMENT
@@ -36,6 +44,7 @@ def write_leaf_tables(
         counts,
         leaves["table"].copy(),
         leaves["kind"].copy(),
+        numbers,
         index.value.view(np.uint8),
         tables,
     )
@@ -43,9 +52,9 @@ def write_leaf_tables(
 
 
 @numba.njit(cache=True, nogil=True)
-def _write_tables(starts, counts, places, kinds, values, tables):  # type: ignore[no-untyped-def]
+def _write_tables(starts, counts, places, kinds, numbers, values, tables):  # type: ignore[no-untyped-def]
     for tree in range(starts.size):
         plane, step = (16 * kinds[tree], 1) if kinds[tree] > 0 else (1, 4)
-        for leaf in range(counts[tree]):
+        for leaf in range(starts[tree], starts[tree] + counts[tree]):
             for byte in range(4):
-                tables[places[tree] + byte * plane + leaf * step] = values[4 * (starts[tree] + leaf) + byte]
+                tables[places[tree] + byte * plane + numbers[leaf] * step] = values[4 * leaf + byte]

@@ -11,7 +11,7 @@ from numba.core import types
 from numba.core.registry import cpu_target
 from numba.extending import intrinsic
 
-from taxel_server.runtimes.trees.vectors import FloatVector, lane_numbers, llvm_type, take
+from taxel_server.runtimes.trees.vectors import FloatVector, join, lane_numbers, llvm_type, take
 
 _BYTE: Final = ir.IntType(8)
 _BYTES_IN_A_SHUFFLE: Final = 16
@@ -40,7 +40,7 @@ def assemble(_context, byte0, byte1, byte2, byte3):  # type: ignore[no-untyped-d
             one, two, three, four = (take(builder, byte, range(first, first + width)) for byte in arguments)
             low, high = _unpack(builder, one, two, 1), _unpack(builder, three, four, 1)
             pieces += [part for pair in zip(low, high, strict=True) for part in _unpack(builder, *pair, 2)]
-        return builder.bitcast(_join(builder, pieces), llvm_type(result))
+        return builder.bitcast(join(builder, pieces), llvm_type(result))
 
     return result(byte0, byte1, byte2, byte3), generate
 
@@ -59,26 +59,34 @@ def assembled_lane(lanes: int) -> list[int]:
 
 
 @intrinsic(prefer_literal=True)
-def gather(_context, _table, _places, bits, lanes):  # type: ignore[no-untyped-def]
-    """The float32 values of a table at the unsigned places in memory, in the order of `assembled_lane`."""
+def gather(_context, _table, _places, upper, lanes):  # type: ignore[no-untyped-def]
+    """The float32 values of a table at the unsigned places in memory, in the order of `assembled_lane`.
+
+    A place is a byte; or two, if `upper` is not 0: how far behind the lower bytes the upper ones are.
+    """
     vector = FloatVector(lanes.literal_value)
-    integer = ir.IntType(bits.literal_value)
+    distance = upper.literal_value
 
     def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
         float_type, index = ir.FloatType(), ir.IntType(64)
         base = builder.inttoptr(arguments[0], float_type.as_pointer())
-        first = builder.inttoptr(arguments[1], integer.as_pointer())
+        first = builder.inttoptr(arguments[1], _BYTE.as_pointer())
+
+        def byte_at(place: int) -> ir.Value:
+            byte = builder.load(builder.gep(first, [index(place)], source_etype=_BYTE), align=1, typ=_BYTE)
+            return builder.zext(byte, index)
+
         result = ir.Constant(llvm_type(vector), ir.Undefined)
         for lane, source in enumerate(assembled_lane(vector.lanes)):
-            place = builder.load(
-                builder.gep(first, [index(source)], source_etype=integer), align=1, typ=integer
-            )
-            leaf = builder.gep(base, [builder.zext(place, index)], source_etype=float_type)
+            place = byte_at(source)
+            if distance:
+                place = builder.or_(place, builder.shl(byte_at(source + distance), index(8)))
+            leaf = builder.gep(base, [place], source_etype=float_type)
             value = builder.load(leaf, align=4, typ=float_type)
             result = builder.insert_element(result, value, ir.IntType(32)(lane))
         return result
 
-    return vector(types.intp, types.intp, bits, lanes), generate
+    return vector(types.intp, types.intp, upper, lanes), generate
 
 
 @intrinsic(prefer_literal=True)
@@ -98,7 +106,7 @@ def lookup(_context, _table, size, places):  # type: ignore[no-untyped-def]
             )
             for first in range(0, places.lanes, width)
         ]
-        return _join(builder, pieces)
+        return join(builder, pieces)
 
     return places(types.intp, size, places), generate
 
@@ -112,15 +120,21 @@ def _permute_by_shuffles(builder: ir.IRBuilder, table: ir.Value, size: int, plac
         64: "llvm.x86.avx512.pshuf.b.512",
     }
     function = _declare(builder, name[width], places.type, [places.type, places.type])
-    # A shuffle looks at the lowest four bits, and gives 0 where the highest is set.
-    low = builder.and_(places, _constant(0x0F, width)) if size > 128 else places
+    add_up_to = _declare(builder, f"llvm.uadd.sat.v{width}i8", places.type, [places.type, places.type])
     found = []
     for first in range(0, size, _BYTES_IN_A_SHUFFLE):
+        # A shuffle looks at the lowest four bits, and gives 0 where the highest is set.
+        inside = places
+        if first:
+            inside = builder.xor(places, _constant(first, width))
+        inside = builder.call(add_up_to, [inside, _constant(0x80 - _BYTES_IN_A_SHUFFLE, width)])
         # Loaded one by one, or LLVM would load them together and spend shuffles to part them.
         entries = _load_bytes(builder, table, first, _BYTES_IN_A_SHUFFLE)
         everywhere = take(builder, entries, [lane % _BYTES_IN_A_SHUFFLE for lane in range(width)])
-        found.append(builder.call(function, [everywhere, low]))
-    return _choose(builder, found, places, bit=4)
+        found.append(builder.call(function, [everywhere, inside]))
+    while len(found) > 1:
+        found = [builder.or_(found[0], found[1]), *found[2:]]
+    return found[0]
 
 
 def _permute_by_wide_table(builder: ir.IRBuilder, table: ir.Value, size: int, places: ir.Value) -> ir.Value:
@@ -164,16 +178,6 @@ def _unpack(builder: ir.IRBuilder, left: ir.Value, right: ir.Value, size: int) -
                 places += [*range(element, element + size), *range(count + element, count + element + size)]
         halves.append(builder.shuffle_vector(left, right, lane_numbers(places)))
     return halves
-
-
-def _join(builder: ir.IRBuilder, pieces: list[ir.Value]) -> ir.Value:
-    while len(pieces) > 1:
-        joined = lane_numbers(range(2 * pieces[0].type.count))
-        pieces = [
-            builder.shuffle_vector(low, high, joined)
-            for low, high in zip(pieces[::2], pieces[1::2], strict=True)
-        ]
-    return pieces[0]
 
 
 def register_bytes() -> int:

@@ -1,6 +1,7 @@
 """Hands many arrays to a compiled function as one: calling it with each of them costs microseconds."""
 
-from typing import Any
+import mmap
+from typing import Any, Final
 
 import numba
 import numpy as np
@@ -8,6 +9,9 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
+
+_CACHE_LINE: Final = 64
+_HUGE_PAGE: Final = 2**21
 
 
 def pack(*tuples: tuple[Any, ...]) -> NDArray[np.int64]:
@@ -24,6 +28,31 @@ def pack(*tuples: tuple[Any, ...]) -> NDArray[np.int64]:
         else:
             entries.append((int(entry), 0))
     return np.array(entries, dtype=np.int64)
+
+
+def together(*arrays: NDArray[Any]) -> list[NDArray[Any]]:
+    """Copies of arrays in one block of memory, on huge pages where the system has them.
+
+    A forest that is not in the cache comes from memory faster when fewer pages are to be found.
+    """
+    starts = np.cumsum([0, *(-(-array.nbytes // _CACHE_LINE) * _CACHE_LINE for array in arrays)])
+    block = _huge_pages(int(starts[-1]))
+    copies = []
+    for start, array in zip(starts, arrays, strict=False):
+        copy = block[start : start + array.nbytes].view(array.dtype).reshape(array.shape)
+        copy[...] = array
+        copies.append(copy)
+    return copies
+
+
+def _huge_pages(size: int) -> NDArray[np.uint8]:
+    """Memory of its own, as malloc may hand out pages that are in use and stay small."""
+    if size < _HUGE_PAGE or not hasattr(mmap, "MADV_HUGEPAGE"):
+        return np.empty(size, dtype=np.uint8)
+    memory = mmap.mmap(-1, size + 2 * _HUGE_PAGE, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    memory.madvise(mmap.MADV_HUGEPAGE)
+    block = np.frombuffer(memory, dtype=np.uint8)
+    return block[-block.ctypes.data % _HUGE_PAGE :]
 
 
 class Scratch:

@@ -86,7 +86,7 @@ def _visit_small(small, scratch, rows):  # type: ignore[no-untyped-def]
     exits, leaves = scratch.exits.ctypes.data, scratch.leaves.ctypes.data
     for group in range(small.steps.size):
         nodes, steps = small.nodes + small.start[group], small.steps[group]
-        call(small.traversal, nodes, steps, scratch.small_ranks.ctypes.data, rows, exits)
+        call(small.traversal, (nodes, steps, scratch.small_ranks.ctypes.data, rows, exits))
         table = small.leaves + 4 * small.leaf_start[group]
         seats = small.seats + 4 * group * lanes
         if rows == 1:

@@ -1,5 +1,7 @@
 """The form of a forest for few rows: small trees side by side, large ones as linked nodes."""
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,8 +9,7 @@ from taxel_server.runtimes.trees.columns import Columns
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
 from taxel_server.runtimes.trees.lookups import can_look_up
-from taxel_server.runtimes.trees.plans import Scratch, pack
-from taxel_server.runtimes.trees.rows_layout import MOST_LEAVES
+from taxel_server.runtimes.trees.plans import Scratch, pack, together
 from taxel_server.runtimes.trees.scales import Scales
 from taxel_server.runtimes.trees.trees_evaluation import (
     TILE,
@@ -21,6 +22,9 @@ from taxel_server.runtimes.trees.trees_evaluation import (
 )
 from taxel_server.runtimes.trees.trees_in_lanes import find_exits, trees_at_once
 from taxel_server.runtimes.trees.trees_layout import TABLE_SIZES, Linked, SideBySide
+
+_MOST_LEAVES: Final = 127
+"""Leaves of the largest tree whose exits fit signed bytes, and leave one value to block a lane."""
 
 
 class TreesKernel:
@@ -38,15 +42,16 @@ class TreesKernel:
         self._sums = Sums(rounds, width, np.setdiff1d(every, seat), forest.base_score)
         side = SideBySide.of(index, columns, np.flatnonzero(small), trees_at_once())
         seats = np.where(side.tree >= 0, seat[side.tree], rounds * width).astype(np.int32)
+        nodes, leaves, seats = together(side.nodes, side.value, seats)
         self._small = Small(
             find_exits(side.size) if len(side.steps) else 0,
             side.steps,
             side.start,
-            side.nodes.ctypes.data,
+            nodes.ctypes.data,
             trees_at_once(),
             side.size,
             side.leaf_start,
-            side.value.ctypes.data,
+            leaves.ctypes.data,
             seats.ctypes.data,
         )
         self._large = Large(
@@ -56,7 +61,7 @@ class TreesKernel:
             seat[large],
             len(linked.columns) + 1,
         )
-        self._kept = (side, seats, linked, scales)
+        self._kept = (columns, nodes, leaves, seats, linked, scales)
         self._plan = pack(
             columns.ranking, linked.columns.ranking, self._small, self._large, self._sums, scales
         )
@@ -81,7 +86,7 @@ class TreesKernel:
 
 def _small_trees(index: InOrder) -> tuple[NDArray[np.bool_], Columns]:
     """Which trees go side by side, and their columns: none where the processor cannot look ranks up."""
-    small = index.leaves <= MOST_LEAVES[8]
+    small = index.leaves <= _MOST_LEAVES
     if can_look_up():
         columns = Columns.of(index, 8, np.flatnonzero(small))
         if len(columns) <= TABLE_SIZES[-1]:

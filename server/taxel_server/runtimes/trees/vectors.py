@@ -214,6 +214,17 @@ def take(builder: ir.IRBuilder, vector: ir.Value, lanes: Iterable[int]) -> ir.Va
     return builder.shuffle_vector(vector, ir.Constant(vector.type, ir.Undefined), lane_numbers(lanes))
 
 
+def join(builder: ir.IRBuilder, pieces: list[ir.Value]) -> ir.Value:
+    """Generates one vector of the lanes of several, a power of two of them."""
+    while len(pieces) > 1:
+        joined = lane_numbers(range(2 * pieces[0].type.count))
+        pieces = [
+            builder.shuffle_vector(low, high, joined)
+            for low, high in zip(pieces[::2], pieces[1::2], strict=True)
+        ]
+    return pieces[0]
+
+
 def lane_numbers(lanes: Iterable[int]) -> ir.Constant:
     """The lanes that a shuffle of vectors takes."""
     numbers = list(lanes)
