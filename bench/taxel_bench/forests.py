@@ -8,6 +8,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel.channels import CHANNELS
+from taxel.windows import WindowSpec
+from taxel_models.families.published import published, published_parameters
+
 _NO_PARENT: Final = 2147483647
 _VERSION: Final = [3, 2, 0]
 
@@ -39,15 +43,26 @@ class ForestShape:
     cuts: int = 255
 
 
-PAPER: Final = ForestShape()
-"""As many nodes as the published XGBoost models have: 1.5 million, in trees of depth 10."""
-
 SKEWED: Final = ForestShape(trees_per_output=63, leaves=572, depth=64, skew=0.5)
-"""As many nodes in deep trees of more than a thousand each, as unlimited depth grows them."""
+"""1.5 million nodes in deep trees of more than a thousand each, as unlimited depth grows them."""
 
 
-def write_forest(path: Path, shape: ForestShape, seed: int = 0) -> None:
-    """Writes a random forest that both XGBoost and the trees runtime load."""
+def paper_forest(combination: int) -> ForestShape:
+    """As many trees, as deep, and in the mean as large as the published forests of a combination."""
+    chosen = published("xgb", combination)
+    trees = len(CHANNELS) * chosen["n_estimators"]
+    nodes = published_parameters("xgb", combination) / trees
+    return ForestShape(
+        features=WindowSpec.of(combination).length,
+        outputs=len(CHANNELS),
+        trees_per_output=chosen["n_estimators"],
+        leaves=round((nodes + 1) / 2),
+        depth=chosen["max_depth"],
+    )
+
+
+def write_forest(path: Path, shape: ForestShape, seed: int = 0) -> int:
+    """Write a random forest that both XGBoost and the trees runtime load; its number of nodes."""
     generator = np.random.default_rng(seed)
     cuts = np.sort(generator.standard_normal((shape.features, shape.cuts)).astype(np.float32), axis=1)
     trees = [
@@ -55,6 +70,7 @@ def write_forest(path: Path, shape: ForestShape, seed: int = 0) -> None:
         for identity in range(shape.outputs * shape.trees_per_output)
     ]
     path.write_text(json.dumps(_model(shape, trees), separators=(",", ":")))
+    return sum(len(tree["left_children"]) for tree in trees)
 
 
 def _tree(

@@ -6,14 +6,34 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
-_PACKAGES: Final = ("taxel", "numpy", "numba", "onnxruntime", "xgboost", "xgboost-cpu", "eclipse-zenoh")
+import psutil
+
+_PACKAGES: Final = (
+    *("taxel", "numpy", "numba", "llvmlite", "onnxruntime", "xgboost", "xgboost-cpu", "scikit-learn"),
+    *("torch", "eclipse-zenoh"),
+)
+
+_VECTOR_FLAGS: Final = (
+    *("sse4_1", "ssse3", "avx", "avx2", "fma", "f16c", "avx512f", "avx512bw", "avx512dq", "avx512vl"),
+    *("avx512_vbmi", "avx512vbmi", "avx512_vnni", "avx512_bf16", "avx_vnni", "amx_tile", "amx_int8"),
+    *("amx_bf16", "asimd", "sve"),
+)
+"""Instructions that decide which code the runtimes choose, as Linux names them."""
 
 
 def describe_machine() -> dict[str, Any]:
-    """The processor, the system and the versions of what was measured."""
+    """The processor, the system, its load, and the versions of what was measured.
+
+    `flags` are the processor's vector instructions and `caches` its caches, both empty where the
+    system does not tell; `load` is the mean number of busy or waiting threads over the last minute.
+    """
     return {
         "cpu": _cpu_model(),
+        "flags": _flags(),
         "cores": _cores(),
+        "caches": _caches(),
+        "memory_gb": round(psutil.virtual_memory().total / 1e9, 1),
+        "load": round(psutil.getloadavg()[0], 2),
         "system": platform.platform(),
         "python": platform.python_version(),
         "versions": {name: found for name in _PACKAGES if (found := _version(name))},
@@ -26,12 +46,40 @@ def _cores() -> int:
 
 
 def _cpu_model() -> str:
+    return _cpuinfo("model name") or platform.processor() or platform.machine()
+
+
+def _flags() -> list[str]:
+    known = set((_cpuinfo("flags") or _cpuinfo("Features")).split())
+    return [flag for flag in _VECTOR_FLAGS if flag in known]
+
+
+def _cpuinfo(field: str) -> str:
+    """A field of the first processor; empty where there is none."""
+    for line in _text(Path("/proc/cpuinfo")).splitlines():
+        name, _, value = line.partition(":")
+        if name.strip() == field:
+            return value.strip()
+    return ""
+
+
+def _caches() -> dict[str, str]:
+    """Sizes of the first core's data caches, such as L2: 1024K."""
+    folders = sorted(Path("/sys/devices/system/cpu/cpu0/cache").glob("index*"))
+    kinds = [(_text(folder / "type").strip(), folder) for folder in folders]
+    return {
+        f"L{_text(folder / 'level').strip()}": _text(folder / "size").strip()
+        for kind, folder in kinds
+        if kind in ("Data", "Unified")
+    }
+
+
+def _text(path: Path) -> str:
+    """What the system says there; nothing where it does not."""
     try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        return path.read_text(encoding="utf-8")
     except OSError:
-        return platform.processor() or platform.machine()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()
+        return ""
 
 
 def _version(name: str) -> str | None:

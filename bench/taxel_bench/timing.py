@@ -2,12 +2,17 @@
 
 import gc
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+Call = Callable[[int], object]
+"""Told the number of the repetition, to vary its input."""
+
+_FEWEST_WARM_UP_ROUNDS: Final = 3
 
 
 @dataclass(frozen=True)
@@ -21,25 +26,12 @@ class Latencies:
     seconds: NDArray[np.float64]
 
     @classmethod
-    def of(cls, call: Callable[[int], object], *, warm_up: int, repetitions: int) -> Self:
-        """Time `call(0)`, `call(1)` …; garbage is collected before, not during.
-
-        Args:
-            call: told the number of the repetition, to vary its input.
-        """
+    def of(cls, call: Call, *, warm_up: int, repetitions: int) -> Self:
+        """Time `call(0)`, `call(1)` …, back to back."""
         for number in range(warm_up):
             call(number)
-        seconds = np.empty(repetitions)
-        gc.collect()
-        gc.disable()
-        try:
-            for number in range(repetitions):
-                start = time.perf_counter()
-                call(number)
-                seconds[number] = time.perf_counter() - start
-        finally:
-            gc.enable()
-        return cls(seconds)
+        wall, _ = _time_rounds([call], repetitions)
+        return cls(wall[0])
 
     def percentile_ms(self, share: float) -> float:
         """The latency that `share` percent of calls stay within, ms."""
@@ -50,6 +42,12 @@ class Latencies:
         """The middle latency, ms."""
         return self.percentile_ms(50)
 
+    @property
+    def drift(self) -> float:
+        """By what share the median of the later half of calls differs from that of the earlier."""
+        earlier, later = np.array_split(self.seconds, 2)
+        return float(abs(np.median(later) / np.median(earlier) - 1))
+
     def report(self) -> dict[str, float | int]:
         """The figures that every report has."""
         return {
@@ -58,3 +56,66 @@ class Latencies:
             "p90_ms": self.percentile_ms(90),
             "p99_ms": self.percentile_ms(99),
         }
+
+
+@dataclass(frozen=True)
+class TimedCalls(Latencies):
+    """Latencies of calls that compute in the thread that makes them, with its processor time.
+
+    Attributes:
+        cpu_seconds: (calls,) that the thread ran; the rest it waited while other programs did.
+    """
+
+    cpu_seconds: NDArray[np.float64]
+
+    @property
+    def cpu_median_ms(self) -> float:
+        """The middle processor time of a call, ms."""
+        return float(np.median(self.cpu_seconds)) * 1e3
+
+    @property
+    def running(self) -> float:
+        """Share of the time that the thread ran."""
+        return min(1.0, float(self.cpu_seconds.sum() / self.seconds.sum()))
+
+
+def interleaved(calls: Sequence[Call], *, repetitions: int) -> list[TimedCalls]:
+    """Time each call once a round, in this order: each finds in the caches what the others left."""
+    wall, cpu = _time_rounds(calls, repetitions)
+    return [TimedCalls(*seconds) for seconds in zip(wall, cpu, strict=True)]
+
+
+def warm_up(calls: Sequence[Call], *, rounds: int, seconds: float) -> float:
+    """Make each call once a round, at least three times, until the rounds or the seconds are over.
+
+    Returns:
+        Seconds that one round takes, by the median.
+    """
+    taken: list[float] = []
+    while len(taken) < _FEWEST_WARM_UP_ROUNDS or (len(taken) < rounds and sum(taken) < seconds):
+        start = time.perf_counter()
+        for call in calls:
+            call(len(taken))
+        taken.append(time.perf_counter() - start)
+    return float(np.median(taken))
+
+
+def _time_rounds(calls: Sequence[Call], repetitions: int) -> NDArray[np.float64]:
+    """Seconds and processor seconds of each call in each round, (2, calls, repetitions).
+
+    Garbage is collected before, not during.
+    """
+    seconds = np.empty((2, len(calls), repetitions))
+    gc.collect()
+    gc.disable()
+    try:
+        for number in range(repetitions):
+            for place, call in enumerate(calls):
+                running = time.thread_time()
+                start = time.perf_counter()
+                call(number)
+                end = time.perf_counter()
+                seconds[:, place, number] = end - start, time.thread_time() - running
+    finally:
+        gc.enable()
+    return seconds

@@ -92,7 +92,7 @@ def test_the_bench_times_an_artifact(work: Path) -> None:
     folder = work / "repository" / "finger" / "1"
     said = as_json("run", "--model", folder, "--repetitions", "100", "--batch", "1,8", module="taxel_bench")
     assert said["machine"]["cores"] >= 1
-    assert [result["batch"] for result in said["results"]] == [1, 8]
+    assert [result["batch"] for result in said["results"]] == [1, 1, 8, 8]
     manifest = json.loads((folder / "manifest.json").read_text())
     for result in said["results"]:
         assert result["parameters"] == manifest["parameters"]

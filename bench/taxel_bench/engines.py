@@ -1,0 +1,54 @@
+"""An engine: one way of evaluating a model, in the parts that are timed and those that are not."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.channels import CHANNELS
+from taxel_server.engine import LoadedModel
+
+Name = Literal["taxel", "paper"]
+
+THREADS: Final = 1
+"""That evaluate one call, in both engines."""
+
+
+@dataclass(frozen=True)
+class Engine:
+    """One way of evaluating a model.
+
+    Attributes:
+        name: `taxel` for our runtime, `paper` for the published way.
+        how: what is called, for people.
+        prepare: raw windows (n, f) float32 to what `evaluate` takes; not timed.
+        evaluate: what is timed; it gives all 21 channels.
+        counts: what `evaluate` gives to counts (n, 21) float32; not timed.
+        flops: operations for one window by `taxel_bench.operations`; None where no rule counts them.
+    """
+
+    name: Name
+    how: str
+    prepare: Callable[[NDArray[np.float32]], Any]
+    evaluate: Callable[[Any], Any]
+    counts: Callable[[Any], NDArray[np.float32]]
+    flops: int | None
+
+    def predict(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Counts of raw windows, (n, f) to (n, 21)."""
+        return self.counts(self.evaluate(self.prepare(windows)))
+
+
+def taxel_engine(model: LoadedModel, flops: int | None) -> Engine:
+    """Our runtime: it takes raw windows and gives counts, so that normalisation is timed with it."""
+    library = "trees" if model.manifest.platform == "xgboost_json" else "ONNX Runtime"
+    return Engine(
+        "taxel",
+        f"Taxel's runtime ({library})",
+        np.ascontiguousarray,
+        model.evaluate,
+        lambda outputs: outputs[:, : len(CHANNELS)],
+        flops,
+    )

@@ -1,0 +1,42 @@
+"""Options that several commands share."""
+
+from collections.abc import Container
+from typing import Annotated
+
+import typer
+
+from taxel.errors import SettingsError
+from taxel.protocol import MAX_ROWS
+
+Repetitions = Annotated[
+    int | None, typer.Option(min=2, help="Timed calls at each size; as many as p99 needs if not given.")
+]
+Seconds = Annotated[
+    float,
+    typer.Option(min=0.1, help="Longest time for the calls at each size, unless --repetitions is given."),
+]
+Seed = Annotated[int, typer.Option(help="Of random windows, and of models of the paper's size.")]
+
+
+def parse_batches(text: str) -> list[int]:
+    """Batch sizes from `1,8,64`.
+
+    Raises:
+        SettingsError: one is not a whole number from 1 to as many windows as a call may have.
+    """
+    return parse_numbers("--batch", text, range(1, MAX_ROWS + 1), f"1 to {MAX_ROWS}")
+
+
+def parse_numbers(option: str, text: str, allowed: Container[int], expected: str) -> list[int]:
+    """Whole numbers from `1,8,64`, in the order given.
+
+    Raises:
+        SettingsError: one is none, or is not allowed.
+    """
+    try:
+        numbers = [int(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if not numbers or not all(number in allowed for number in numbers):
+        raise SettingsError(f"{option} {text}: expected whole numbers, {expected}, with commas between")
+    return numbers

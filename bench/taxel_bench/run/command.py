@@ -1,0 +1,106 @@
+"""The command `bench run`."""
+
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+from taxel.commands.frame import ERR, OUT, Json, print_json
+from taxel.errors import SettingsError
+from taxel_bench.options import Repetitions, Seconds, Seed, parse_batches
+
+
+class Protocol(StrEnum):
+    """How latencies are taken."""
+
+    SERVING = "serving"
+    PAPER = "paper"
+
+
+class Size(StrEnum):
+    """Which model of a name is measured."""
+
+    SHIPPED = "shipped"
+    PAPER = "paper"
+
+
+class Trees(StrEnum):
+    """How the trees of a forest from a seed grow."""
+
+    EVEN = "even"
+    SKEWED = "skewed"
+
+
+def run(
+    model: Annotated[
+        str,
+        typer.Option(help="xgb, ffnn, transformer, network-b, network-a, or the folder of an artifact."),
+    ],
+    inputs: Annotated[
+        int | None,
+        typer.Option(min=1, max=8, help="Input combination; other than the shipped model's: --size paper."),
+    ] = None,
+    batch: Annotated[str, typer.Option(help="Windows a call, one or several sizes: 1,8,64.")] = "1",
+    protocol: Annotated[
+        Protocol,
+        typer.Option(help="serving: medians and tails. paper: mean of 100 single windows, as published."),
+    ] = Protocol.SERVING,
+    size: Annotated[
+        Size | None,
+        typer.Option(
+            help="shipped: the small model that comes with Taxel. paper: random weights at the published "
+            "size. If not given, shipped where it fits the other options."
+        ),
+    ] = None,
+    trees: Annotated[
+        Trees | None,
+        typer.Option(
+            help="Of xgb at the paper's size. even: as published. skewed: as many nodes in deep trees of "
+            "over 1000."
+        ),
+    ] = None,
+    repetitions: Repetitions = None,
+    seconds: Seconds = 60.0,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Time a model in this process, Taxel's runtime and the published way in turn.
+
+    `--json` prints `machine` and `results`, one for each batch size and engine; bench/README.md
+    names their fields.
+    """
+    from rich.progress import Progress
+
+    from taxel_bench.machine import describe_machine
+    from taxel_bench.run.protocols import Effort, run_paper, run_serving
+    from taxel_bench.run.results import paper_table, remarks, serving_table
+    from taxel_bench.subjects import open_subject
+
+    batches = parse_batches(batch)
+    as_published = protocol is Protocol.PAPER
+    if as_published and batches != [1]:
+        raise SettingsError(f"--batch {batch}: the paper's protocol has single windows alone")
+    effort = Effort(repetitions, seconds, seed)
+    with Progress(console=ERR, transient=True, disable=not ERR.is_terminal) as progress:
+        bar = progress.add_task("loading", total=len(batches))
+        with open_subject(
+            model,
+            combination=inputs,
+            size=None if size is None else size.value,
+            trees=None if trees is None else trees.value,
+            seed=seed,
+        ) as subject:
+            machine = describe_machine()
+            progress.update(bar, description="measuring")
+            if as_published:
+                results = run_paper(subject, effort)
+            else:
+                results = run_serving(
+                    subject, batches, effort, lambda done: progress.update(bar, completed=done)
+                )
+    if as_json:
+        print_json({"machine": machine, "results": results})
+        return
+    OUT.print(paper_table(results) if as_published else serving_table(results))
+    for line in remarks(results, machine):
+        OUT.print(line, soft_wrap=True, markup=False)

@@ -1,0 +1,1 @@
+"""`bench table`: the paper's inference table again, with our runtime beside it."""
