@@ -48,10 +48,17 @@ def study(
     ] = None,
     rows: Annotated[
         int | None,
-        typer.Option(min=1, help="Reduced scale: randomly drawn whole units of at least so many rows."),
+        typer.Option(min=1, help="Reduced scale: whole units drawn at random, of so many rows or more."),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of folds, reduction and fits.")] = 0,
     jobs: Annotated[int, typer.Option(min=0, help="Cores for one cell; 0 takes all.")] = 0,
+    temperature: Annotated[
+        bool,
+        typer.Option(
+            "--temperature",
+            help="Test network-b, inputs 1, with every temperature that occurs, as in the paper.",
+        ),
+    ] = False,
     scheduler: Annotated[
         str | None,
         typer.Option(metavar="tcp://HOST:PORT", help="Compute on a Dask cluster; --jobs is then 1."),
@@ -76,6 +83,7 @@ def study(
         rows=rows,
         seed=seed,
         overrides=parse_overrides(parse_settings(settings or [])),
+        temperature=temperature,
     )
     plan.check()
     store = Store(output)

@@ -54,9 +54,6 @@ NEARLY: Final = 0.9
 
 MOST_EFFECTS: Final = 8
 REFITS: Final = 3
-MOVES: Final = 4
-"""Gauss-Newton steps for a form that moves the inputs."""
-
 CONFOUNDED: Final = 0.8
 """Of an effect's gain: another that explains so much in its place cannot be told from it."""
 
@@ -143,6 +140,7 @@ class Search:
         blocks: what is fitted to and what is kept for the final comparison, which is not looked at.
         effects: the candidates.
         seed: of the blocks that are turned round.
+        least_share: of the error that an effect has to take away to be named.
         progress: told what is being looked at.
     """
 
@@ -153,6 +151,7 @@ class Search:
         effects: Sequence[Effect],
         *,
         seed: int,
+        least_share: float = LEAST_SHARE,
         progress: Progress | None = None,
     ) -> None:
         self._evidence = evidence
@@ -160,6 +159,7 @@ class Search:
         self._blocks = thinned(blocks, MOST_ROWS)
         self._effects = effects
         self._progress = progress or _silent
+        self._least_share = least_share
         self._signs = random_signs(DRAWS, int((blocks.fold >= 0).sum()), seed)
         self._scale = scale_of((evidence.measured - evidence.predicted)[blocks.fit])
         self._trust = trust_of(evidence.measured - evidence.predicted, evidence.pressed, blocks.fit)
@@ -247,7 +247,7 @@ class Search:
             worths = self._worth(one)
             total, most = float(worths.mean()), float(worths.max())
             enough = CERTAIN_CHANNEL_SHARE if one.candidate.certain else LEAST_CHANNEL_SHARE
-            if total >= LEAST_SHARE or (most >= enough and total > 0):
+            if total >= self._least_share or (most >= enough and total > 0):
                 able[one.candidate.effect] = total, one
         if not able:
             return None
@@ -266,10 +266,11 @@ class Search:
 
     def _name(self, chosen: Score, p_value: float) -> None:
         effect = next(one for one in self._effects if one.label == chosen.candidate.effect)
+        weights = chosen.moments.weights(self._scale)
         if chosen.candidate.moves:
-            chosen, weights = self._move(effect, chosen)
-        else:
-            weights = chosen.moments.weights(self._scale)
+            # What the model predicts changes, and with it all forms.
+            self._evidence = effect.moved(self._evidence, chosen.candidate, weights)
+            self._forms.clear()
         contribution = self._contribution(chosen, weights)
         named = Named(effect, chosen, weights, contribution, p_value)
         self._named = [one for one in self._named if one.name != named.name] + [named]
@@ -278,32 +279,6 @@ class Search:
         if chosen.candidate.moves:
             return self._evidence.predicted - self._first.predicted
         return chosen.candidate.basis.times(weights)
-
-    def _move(self, effect: Effect, chosen: Score) -> tuple[Score, Floats]:
-        """Put the inputs right step by step; the scores' weights add up."""
-        total = np.zeros_like(chosen.moments.weights(self._scale))
-        form, best = chosen, self._energy_left()
-        for _ in range(MOVES):
-            weights = form.moments.weights(self._scale)
-            moved = effect.moved(self._evidence, form.candidate, weights)
-            before, self._evidence = self._evidence, moved
-            self._forms.clear()
-            energy = self._energy_left()
-            if energy > best * 0.999:
-                if energy > best:
-                    self._evidence = before
-                break
-            best, total = energy, total + weights
-            residual = self._left()
-            again = effect.forms(self._evidence, Left(residual, self._blocks.fit, self._trust))
-            same = [one for one in again if one.form == chosen.candidate.form]
-            if not same or chosen.candidate.fitting.fixed:
-                break
-            form = self._score(same[0], residual)
-        return chosen, total
-
-    def _energy_left(self) -> float:
-        return float(((self._left()[self._blocks.fit] ** 2).mean(axis=0) * self._scale).sum())
 
     def _refit(self) -> None:
         """Fit all named effects again, each to what the others leave, until they agree."""

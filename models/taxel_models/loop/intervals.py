@@ -40,8 +40,6 @@ def parameters(named: Named, scale: Floats) -> list[Parameter]:
                     float(value + about),
                 )
             )
-    if candidate.moves and candidate.weight_unit == "rad":
-        found.append(Parameter("angle", float(np.degrees(np.linalg.norm(named.weights[2]))), "deg"))
     return found
 
 

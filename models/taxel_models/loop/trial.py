@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from taxel.manifest import Manifest
 from taxel.parts import Part
-from taxel_models.loop.attribution import Search
+from taxel_models.loop.attribution import LEAST_SHARE, Search
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.closing import Closed, Plan, close_loop
 from taxel_models.loop.effects.registry import NAMES, candidates, effect_named
@@ -28,7 +28,7 @@ UNKNOWN_SHARE: Final = 0.1
 STRENGTHS: Final = (0.5, 2.0)
 """Of the residual that was there before, drawn evenly in the logarithm."""
 
-CLEANINGS: Final = 3
+CLEANINGS: Final = 4
 WORTH_REMOVING: Final = 0.02
 """Of the error before: where the truth itself would take away less, nothing is marked."""
 
@@ -110,7 +110,7 @@ class Game:
     rounds: int
     seed: int = 0
     rows: int = 60_000
-    recordings: int = 10
+    recordings: int = 5
     effects: tuple[str, ...] = NAMES
     strengths: tuple[float, float] = STRENGTHS
 
@@ -131,12 +131,16 @@ def play(
 
 
 def settled(manifest: Manifest, predict: Predict, recording: Recording, seed: int) -> Recording:
-    """A recording without what the loop finds in it by itself: what the model lacks before the game."""
+    """A recording without what the loop finds in it by itself: what the model lacks before the game.
+
+    Half of what would be named is taken out, too, so that another split does not name it.
+    """
     recording = recording.ticks()
     for _ in range(CLEANINGS):
         evidence = gather(manifest, predict, [recording], measured_temperature=True)
         blocks = cut(evidence, seed=seed)
-        named = Search(evidence, blocks, candidates(evidence), seed=seed).run().named
+        search = Search(evidence, blocks, candidates(evidence), seed=seed, least_share=LEAST_SHARE / 2)
+        named = search.run().named
         if not named:
             break
         channels = recording.channels.copy()

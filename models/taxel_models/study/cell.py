@@ -16,6 +16,7 @@ from taxel_models.families.family import FitTask, History, Progress, unseen
 from taxel_models.families.registry import family
 from taxel_models.study.fold_data import FoldData
 from taxel_models.study.plan import Cell, Protocol
+from taxel_models.study.sweep import TemperatureSweep, sweep_temperature
 
 Metric = Literal["mae", "norm_mae", "rmse", "norm_rmse"]
 
@@ -69,6 +70,7 @@ class CellResult(BaseModel):
         windows: in each part.
         test: errors of the model; one that takes the temperature is given its mean.
         test_measured_temperature: its errors with the temperature as measured.
+        sweep: its errors with each temperature that occurs, where that was asked for.
         mean_predictor: errors of always saying the mean.
         seconds: that fitting and testing took, on `jobs` cores.
     """
@@ -86,6 +88,7 @@ class CellResult(BaseModel):
     windows: dict[str, int]
     test: ChannelErrors
     test_measured_temperature: ChannelErrors | None
+    sweep: TemperatureSweep | None = None
     mean_predictor: ChannelErrors
     history: History
     seconds: float
@@ -99,6 +102,7 @@ class CellTask:
 
     Attributes:
         jobs: cores to use.
+        sweep: test a model that takes the temperature with each that occurs.
         checkpoint: where a network keeps its progress; its folder may be missing on another machine.
     """
 
@@ -107,6 +111,7 @@ class CellTask:
     hyperparameters: dict[str, Any]
     seed: int
     jobs: int
+    sweep: bool
     checkpoint: Path
 
 
@@ -143,6 +148,7 @@ def compute(data: FoldData, task: CellTask, progress: Progress = unseen) -> Cell
         windows=data.windows,
         test=errors(fitted.predict(data.test.windows)),
         test_measured_temperature=measured_temperature,
+        sweep=sweep_temperature(data, fitted) if task.sweep else None,
         mean_predictor=errors(np.zeros(data.measured.shape, np.float32)),
         history=history,
         seconds=time.monotonic() - started,

@@ -1,4 +1,4 @@
-"""A study's pictures: errors by channel and by input combination, and losses."""
+"""A study's pictures: errors by channel, input combination and temperature told, and losses."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +11,9 @@ from matplotlib.patches import Patch
 
 from taxel.channels import CHANNELS
 from taxel_models.study.cell import CellResult
-from taxel_models.study.summary import Summary
+from taxel_models.study.plan import SWEPT
+from taxel_models.study.summary import MEAN_PREDICTOR, Summary
+from taxel_models.study.temperature import Temperature
 
 COLOURS: Final = ("#6c757d", "#30638e", "#d1495b", "#edae49", "#00798c", "#7b2d8b")
 """One a model, in the plan's order."""
@@ -85,6 +87,37 @@ def draw_losses(summary: Summary, model: str, path: Path) -> None:
     axes.set_title(f"{model}, protocol {summary.protocol}: {known}")
     axes.legend(ncols=2, fontsize="small")
     figure.savefig(path, dpi=110, format="png")
+
+
+def draw_temperature(found: Temperature, path: Path) -> None:
+    """Normalised MAE over the temperature that Network B is told; shaded: the folds' deviation."""
+    figure = Figure(figsize=(9, 4.5), layout="constrained")
+    axes = figure.subplots()
+    fixed = f"any one of {len(found.tdc)} that occur"
+    _band(axes, found.tdc, found.norm_mae, COLOURS[1], "-", fixed)
+    measured = np.broadcast_to(found.measured.norm_mae[:, None], found.norm_mae.shape)
+    _band(axes, found.tdc, measured, COLOURS[2], "--", "as measured")
+    naive = float(found.mean_predictor.norm_mae.mean())
+    axes.axhline(naive, color=COLOURS[0], ls=":", lw=1.4, label=MEAN_PREDICTOR)
+    axes.axvline(found.mean.tdc, color="black", ls="-.", lw=1, label=f"mean, {found.mean.tdc:.1f}")
+    best = found.best
+    lowest = best.errors.norm_mae.mean()
+    axes.plot([best.tdc], [lowest], "o", ms=5, color=COLOURS[1], label=f"best, {best.tdc:.0f}")
+    axes.set_xlabel("temperature told, tdc counts")
+    axes.set_ylabel("normalised MAE")
+    axes.set_ylim(bottom=0)
+    axes.margins(x=0.01)
+    axes.grid(alpha=0.3)
+    axes.set_title(f"{SWEPT[0]}, inputs {SWEPT[1]}, protocol {found.protocol}: {len(found.norm_mae)} folds")
+    axes.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1, 1))
+    figure.savefig(path, dpi=110, format="png")
+
+
+def _band(axes: Axes, places: Any, values: Any, colour: str, style: str, label: str) -> None:
+    """The mean of (folds, k) and, shaded, its standard deviation over folds."""
+    mean, spread = values.mean(axis=0), values.std(axis=0)
+    axes.plot(places, mean, style, color=colour, lw=1.4, label=label)
+    axes.fill_between(places, mean - spread, mean + spread, color=colour, alpha=0.2, lw=0)
 
 
 def _mean_losses(folds: Sequence[CellResult], part: str) -> list[float]:

@@ -20,6 +20,8 @@ class FoldData:
         train: z-scored, as are `validation` and `test`.
         measured: (n, 21) the test part's channels, counts.
         scaler: of the channels.
+        tdc: every temperature that occurs in any part, whole counts, ascending, (k,).
+        tdc_scaler: of the temperature.
     """
 
     spec: WindowSpec
@@ -28,6 +30,8 @@ class FoldData:
     test: FitPart
     measured: NDArray[np.float64]
     scaler: Scaler
+    tdc: NDArray[np.float64]
+    tdc_scaler: Scaler
 
     @property
     def windows(self) -> dict[str, int]:
@@ -57,6 +61,8 @@ def fold_data(partition: Partition, combination: int, fold: int) -> FoldData:
         part(numbers.test),
         table.channels[numbers.test],
         scalers["channels"],
+        np.unique(np.rint(table.temperature)),
+        scalers["temperature"],
     )
 
 

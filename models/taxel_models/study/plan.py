@@ -20,6 +20,9 @@ PROTOCOLS: Final[tuple[Protocol, ...]] = get_args(Protocol)
 PUBLISHED_MODELS: Final = ("network-b", "xgb", "ffnn", "transformer")
 """The four that the paper compares, the baseline first."""
 
+SWEPT: Final = ("network-b", 1)
+"""Model and input combination of the paper's figure on the temperature."""
+
 _KEY_VERSION: Final = 1
 """Counted up when cells computed before are no longer comparable."""
 
@@ -51,6 +54,7 @@ class StudyPlan:
         rows: 10 ms ticks to reduce the data to; None takes all.
         seed: of the folds, the reduction, and every fit.
         overrides: by model, hyperparameters that replace the paper's.
+        temperature: test Network B with every temperature that occurs.
     """
 
     models: tuple[str, ...] = PUBLISHED_MODELS
@@ -61,6 +65,7 @@ class StudyPlan:
     rows: int | None = None
     seed: int = 0
     overrides: Mapping[str, dict[str, Any]] = field(default_factory=dict)
+    temperature: bool = False
 
     def __post_init__(self) -> None:
         checks: tuple[tuple[str, Sequence[Any], Sequence[Any]], ...] = (
@@ -81,6 +86,10 @@ class StudyPlan:
         if idle:
             raise SettingsError(
                 f"--set {idle[0]}.…: {idle[0]!r} is none of the models, {', '.join(self.models)}"
+            )
+        if self.temperature and (SWEPT[0] not in self.models or SWEPT[1] not in self.combinations):
+            raise SettingsError(
+                f"--temperature: expected {SWEPT[0]} among the models and input combination {SWEPT[1]}"
             )
 
     @cached_property
@@ -116,6 +125,10 @@ class StudyPlan:
             for model in self.models
         ]
 
+    def sweeps(self, cell: Cell) -> bool:
+        """Whether this cell is to be tested with every temperature that occurs."""
+        return self.temperature and (cell.model, cell.combination) == SWEPT
+
     def key(self, cell: Cell, fingerprints: Sequence[str], unit: Unit) -> str:
         """Of everything that a cell's result depends on: data, folds, settings.
 
@@ -123,7 +136,7 @@ class StudyPlan:
             fingerprints: of the recordings as read, before any reduction.
             unit: what `auto` became.
         """
-        content = {
+        content: dict[str, Any] = {
             "version": _KEY_VERSION,
             "data": list(fingerprints),
             "rows": self.rows,
@@ -133,6 +146,8 @@ class StudyPlan:
             "cell": [cell.protocol, cell.model, cell.combination, cell.fold],
             "hyperparameters": self.hyperparameters[cell.model, cell.combination],
         }
+        if self.sweeps(cell):
+            content["sweep"] = True
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 

@@ -40,6 +40,16 @@ def published_models(combination: int, comparison: str) -> dict[str, float] | No
     return found
 
 
+def published_temperature() -> dict[str, float]:
+    """Network B's normalised MAE, inputs 1, by the temperature that it is told, and the relative loss.
+
+    `measured`, `mean`, `best` (the fixed one with the lowest error), `mean_predictor`, and
+    `relative_loss` of `best`.
+    """
+    found: dict[str, float] = _tables()["temperature"]
+    return found
+
+
 @cache
 def _tables() -> dict[str, Any]:
     text = (files("taxel_models.study") / "published.json").read_text(encoding="utf-8")

@@ -15,11 +15,13 @@ from taxel_models.study.drawing import (
     draw_combination_bars,
     draw_combination_boxes,
     draw_losses,
+    draw_temperature,
 )
 from taxel_models.study.plan import Protocol
 from taxel_models.study.run import Study
 from taxel_models.study.summary import Summary, leak
 from taxel_models.study.tables import Table, leak_table, models_table, results_table, windows_table
+from taxel_models.study.temperature import Temperature, temperature_table
 
 FIGURES: Final = "study.json"
 RESULTS: Final = "results.md"
@@ -49,12 +51,16 @@ def describe(study: Study, cells: Sequence[CellResult]) -> dict[str, Any]:
             "folds": plan.folds,
             "unit": study.unit,
             "seed": plan.seed,
+            "temperature": plan.temperature,
             "hyperparameters": {
                 model: {str(number): plan.hyperparameters[model, number] for number in plan.combinations}
                 for model in plan.models
             },
         },
-        "protocols": {protocol: summary.describe() for protocol, summary in summaries.items()},
+        "protocols": {
+            protocol: {**summary.describe(), "temperature": _temperature(summary)}
+            for protocol, summary in summaries.items()
+        },
         "leak": _leak(summaries),
     }
 
@@ -108,6 +114,11 @@ def _summaries(study: Study, cells: Sequence[CellResult]) -> dict[Protocol, Summ
     return {protocol: Summary(protocol, cells) for protocol in study.plan.protocols}
 
 
+def _temperature(summary: Summary) -> dict[str, Any] | None:
+    found = Temperature.of(summary)
+    return None if found is None else found.describe()
+
+
 def _leak(summaries: dict[Protocol, Summary]) -> list[dict[str, Any]]:
     if "strict" not in summaries or "paper" not in summaries:
         return []
@@ -120,6 +131,9 @@ def _tables(study: Study, summary: Summary) -> list[Table]:
         found.append(windows_table(summary, published=study.published_data))
     if summary.model_tests:
         found.append(models_table(summary, published=study.published_data))
+    temperature = Temperature.of(summary)
+    if temperature is not None:
+        found.append(temperature_table(temperature, published=study.published_data))
     return found
 
 
@@ -144,6 +158,10 @@ def _pictures(summary: Summary) -> Iterator[tuple[str, str, Callable[[Path], Non
         yield f"channels-{protocol}-{number}.png", caption, partial(draw_channels, summary, number)
     for model in summary.models:
         yield f"losses-{protocol}-{model}.png", f"Losses of {model}", partial(draw_losses, summary, model)
+    found = Temperature.of(summary)
+    if found is not None:
+        caption = "Normalised MAE over the temperature that Network B is told"
+        yield f"temperature-{protocol}.png", caption, partial(draw_temperature, found)
 
 
 def _write(path: Path, text: str) -> None:

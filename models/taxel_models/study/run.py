@@ -119,7 +119,15 @@ def _batches(study: Study, cells: Sequence[Cell], store: Store, jobs: int) -> li
     def task(cell: Cell) -> CellTask:
         key = study.key(cell)
         chosen = study.plan.hyperparameters[cell.model, cell.combination]
-        return CellTask(cell, key, chosen, study.plan.seed, jobs, store.checkpoint(cell, key))
+        return CellTask(
+            cell,
+            key,
+            chosen,
+            study.plan.seed,
+            jobs,
+            sweep=study.plan.sweeps(cell),
+            checkpoint=store.checkpoint(cell, key),
+        )
 
     grouped = groupby(cells, lambda cell: (cell.protocol, cell.combination, cell.fold))
     return [Batch(*shared, tuple(map(task, group))) for shared, group in grouped]

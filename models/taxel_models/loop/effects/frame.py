@@ -19,18 +19,22 @@ STEP_RAD: Final = np.radians(2.0)
 STEP_M: Final = 3e-4
 """Steps of the finite differences: trees are constant over smaller ones."""
 
-MOST_ROWS: Final = 8_000
+FIT_ROWS: Final = 3_000
+TEST_ROWS: Final = 8_000
 """A motion common to all channels needs no more rows than these."""
+
+STEPS: Final = 5
+"""Gauss-Newton steps."""
 
 MOST_DEG: Final = 45.0
 LIGHT_DEG: Final = 15.0
 """Of the forces: about what a strength of 1 stands for. A turn of inputs cannot be scaled to a residual."""
 
 KINDS: Final = {
-    "forces turned": ("force",),
-    "positions turned": ("position",),
-    "positions shifted": ("shift",),
-    "both turned alike": ("both",),
+    "forces turned": "force",
+    "positions turned": "position",
+    "positions shifted": "shift",
+    "both turned alike": "both",
 }
 
 
@@ -38,37 +42,33 @@ class Frame(Effect):
     """A rigid motion between the recorded frame and the model's, common to all channels."""
 
     name = "frame"
+    looks_at_residual = True
     equation = "measured = model(R x + t, Q F)"
     source = "rigid motion; Gauss-Newton on finite differences of the model"
     signature = "turning or shifting the inputs explains all channels with three common figures"
 
     @override
     def forms(self, evidence: Evidence, left: Left) -> Iterable[Candidate]:
-        rows = np.linspace(0, len(evidence) - 1, min(len(evidence), MOST_ROWS)).astype(np.int64)
-        changes: dict[str, list[Floats]] = {"force": [], "position": [], "shift": [], "both": []}
-        for kind, columns in changes.items():
-            step = STEP_M if kind == "shift" else STEP_RAD
-            for axis in range(3):
-                turn = turn_of(kind, np.eye(3)[axis] * step)
-                turned = turn.turn(evidence.windows[rows], evidence.manifest.spec)
-                columns.append((predict_all(evidence.predict, turned) - evidence.predicted[rows]) / step)
-        for form, kinds in KINDS.items():
-            columns = [column for kind in kinds for column in changes[kind]]
-            shifted = kinds == ("shift",)
+        rows = np.linspace(0, len(evidence) - 1, min(len(evidence), TEST_ROWS)).astype(np.int64)
+        for form, kind in KINDS.items():
+            vector = _fitted(evidence, left, kind)
+            turned = turn_of(kind, vector).turn(evidence.windows[rows], evidence.manifest.spec)
+            change = predict_all(evidence.predict, turned) - evidence.predicted[rows]
             yield Candidate(
                 self.name,
                 form,
-                Own(np.stack(columns, axis=2).astype(np.float32), rows),
-                fitting=Fitting(pooled=True),
-                weight_names=("x", "y", "z"),
-                weight_unit="m" if shifted else "rad",
+                Own(change[:, :, None].astype(np.float32), rows),
+                fitting=Fitting(fixed=True),
+                settled=_settled(kind, vector),
                 moves=True,
             )
 
     @override
     def moved(self, evidence: Evidence, candidate: Candidate, weights: Floats) -> Evidence:
-        kind = KINDS[candidate.form][0]
-        turn = turn_of(kind, weights[0])
+        kind = KINDS[candidate.form]
+        unit = 1e-3 if kind == "shift" else np.pi / 180.0
+        vector = np.array([candidate.settled[axis][0] for axis in "xyz"]) * unit
+        turn = turn_of(kind, vector)
         windows = turn.turn(evidence.windows, evidence.manifest.spec)
         whole = turn if evidence.turn is None else after(turn, evidence.turn)
         return evidence.with_windows(windows, turn=whole, shift_ticks=evidence.shift_ticks)
@@ -100,6 +100,44 @@ def _angle(planting: Planting, axis: Floats) -> float:
         for angle in angles
     ]
     return float(angles[np.argmin(np.abs(np.log(np.maximum(strengths, 1e-9) / planting.strength)))])
+
+
+def _fitted(evidence: Evidence, left: Left, kind: str) -> Floats:
+    """(3,) the rotation vector, rad, or shift, m, that explains most of what is left in the fit part."""
+    fit = np.flatnonzero(left.fit)
+    rows = fit[np.linspace(0, len(fit) - 1, min(len(fit), FIT_ROWS)).astype(np.int64)]
+    target, still = left.residual[rows], evidence.predicted[rows]
+    counted = np.sqrt(left.trust[rows, None] / np.maximum((target**2).mean(axis=0), 1e-9))
+    step = STEP_M if kind == "shift" else STEP_RAD
+
+    def changed(vector: Floats) -> Floats:
+        turned = turn_of(kind, vector).turn(evidence.windows[rows], evidence.manifest.spec)
+        return np.asarray((predict_all(evidence.predict, turned) - still) * counted)
+
+    vector, change = np.zeros(3), np.zeros_like(still)
+    for _ in range(STEPS):
+        slopes = np.stack(
+            [((changed(vector + axis) - change) / step).ravel() for axis in np.eye(3) * step], axis=1
+        )
+        towards = np.linalg.lstsq(slopes, (target * counted - change).ravel(), rcond=None)[0]
+        further = vector + towards
+        tried = changed(further)
+        if ((target * counted - tried) ** 2).sum() >= ((target * counted - change) ** 2).sum():
+            break
+        vector, change = further, tried
+        if np.linalg.norm(towards) < 0.1 * step:
+            break
+    return vector
+
+
+def _settled(kind: str, vector: Floats) -> dict[str, tuple[float, str]]:
+    """The motion's figures, for people."""
+    if kind == "shift":
+        named = dict(zip("xyz", vector * 1e3, strict=True))
+        return {name: (float(value), "mm") for name, value in named.items()}
+    named = dict(zip("xyz", np.degrees(vector), strict=True))
+    angle = float(np.degrees(np.linalg.norm(vector)))
+    return {"angle": (angle, "deg"), **{name: (float(value), "deg") for name, value in named.items()}}
 
 
 def turn_of(kind: str, vector: Floats) -> Turn:

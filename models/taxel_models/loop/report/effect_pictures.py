@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
-from taxel_models.loop.basis import Floats
+from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.closing import Closed
 from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.effects.location import Location
@@ -42,6 +42,9 @@ def draw_effect(closed: Closed, partial: Partial, path: Path) -> str:
     Returns:
         A caption.
     """
+    if partial.kind == Offset.name and isinstance(partial.named.score.candidate.basis, Own):
+        # An offset of each contact has no mean to speak of.
+        return _against_driver(closed, partial, path)
     return _WAYS.get(partial.kind, _against_driver)(closed, partial, path)
 
 

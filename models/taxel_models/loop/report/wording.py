@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import Final
 
+from taxel.corrections import CALIBRATION_EXTRAS
 from taxel.windows import ExtraFeature
 from taxel_models.loop.findings import Findings, FittedFigure, FoundEffect, PairedTest
 
@@ -10,6 +11,7 @@ SIGNIFICANT: Final = 0.05
 """Of the paired test: above, the error is not said to have fallen."""
 
 _MOST_KEY_PARAMETERS: Final = 3
+_MOST_NEEDS: Final = 3
 
 
 def number(value: float) -> str:
@@ -68,13 +70,27 @@ def needs(effect: FoundEffect, extras: Iterable[ExtraFeature]) -> str:
         return "is only reported: what it depends on is not known while serving"
     taken = [extra for extra in extras if extra.name in effect.needs]
     past = [extra.name for extra in taken if extra.history is not None]
-    given = [f"{extra.name} (else {number(extra.default)})" for extra in taken if extra.history is None]
+    calibrated = any(extra in CALIBRATION_EXTRAS for extra in taken)
+    given = [
+        f"{extra.name} ({number(extra.default)} where it is not known)"
+        for extra in taken
+        if extra.history is None and extra not in CALIBRATION_EXTRAS
+    ]
     parts = []
     if past:
-        parts.append(f"{listed(past)}, which the window builder computes from past samples")
+        parts.append(f"{_shortened(past)}, which the window builder computes from past samples")
+    if calibrated:
+        parts.append("a calibration, a moment of measurement with the sensor that the model stands for")
     if given:
-        parts.append(f"{listed(given)}, which the caller gives")
+        parts.append(f"{_shortened(given)}, which the caller gives")
     return f"needs {'; and '.join(parts)}" if parts else "needs nothing beside the window"
+
+
+def _shortened(words: Sequence[str]) -> str:
+    """`a, b and c`, or the first with a count of the others where they are many."""
+    if len(words) <= _MOST_NEEDS:
+        return listed(words)
+    return f"{words[0]} and {len(words) - 1} more"
 
 
 def opening(findings: Findings, extras: Sequence[ExtraFeature]) -> str:
