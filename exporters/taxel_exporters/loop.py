@@ -7,6 +7,7 @@ import typer
 
 from taxel.atomic import check_folder_place
 from taxel.commands.frame import ERR, OUT, Json, print_json
+from taxel.errors import SettingsError
 
 if TYPE_CHECKING:
     from taxel_models.loop.closing import Closed
@@ -46,6 +47,10 @@ def loop(
             "tdc is no candidate either."
         ),
     ] = "measured",
+    least_share: Annotated[
+        float,
+        typer.Option(min=0.0, max=1.0, help="Of the error: an effect that takes away less is not named."),
+    ] = 0.02,
     exclude: Annotated[
         list[str] | None, typer.Option(help="An effect that is not to be looked for; again for several.")
     ] = None,
@@ -59,17 +64,23 @@ def loop(
     """
     import taxel
     from taxel_models.loop.closing import Plan, close_loop
+    from taxel_models.loop.effects.registry import effect_named
     from taxel_models.loop.report.report import REPORT, write_report
     from taxel_models.loop.report.table import findings_table
     from taxel_models.recordings import read_recording
 
     check_folder_place(output, replacing=REPORT if overwrite else None)
+    if temperature not in ("measured", "mean"):
+        raise SettingsError(f"--temperature {temperature}: expected measured or mean")
+    for effect in exclude or ():
+        effect_named(effect)
     plan = Plan(
         seed=seed,
         held_out=held_out,
         hold_out_by=hold_out_by,
         measured_temperature=temperature == "measured",
         calibration_s=calibration,
+        least_share=least_share,
         exclude=tuple(exclude or ()),
     )
     name, _, version = model.partition("/")

@@ -166,6 +166,8 @@ class Search:
         self._absolute = absolute_of(evidence.measured - evidence.predicted, blocks.fit)
         self._named: list[Named] = []
         self._alone: dict[str, float] = {}
+        self._tried: set[tuple[str, str]] = set()
+        """Forms that were named once: none is named again, so that the search ends."""
         self._forms: dict[str, tuple[Candidate, ...]] = {}
         """Forms on the present evidence, of effects that do not look at the residual."""
 
@@ -242,7 +244,8 @@ class Search:
         able = {}
         for one in scores:
             chance = p_values[one.candidate.effect] > LEVEL and not one.candidate.certain
-            if chance or one.candidate.effect in moved:
+            tried = (one.candidate.effect, one.candidate.form) in self._tried
+            if chance or tried or one.candidate.effect in moved:
                 continue
             worths = self._worth(one)
             total, most = float(worths.mean()), float(worths.max())
@@ -266,6 +269,7 @@ class Search:
 
     def _name(self, chosen: Score, p_value: float) -> None:
         effect = next(one for one in self._effects if one.label == chosen.candidate.effect)
+        self._tried.add((chosen.candidate.effect, chosen.candidate.form))
         weights = chosen.moments.weights(self._scale)
         if chosen.candidate.moves:
             # What the model predicts changes, and with it all forms.

@@ -77,6 +77,32 @@ class Own:
         return np.asarray(np.einsum("nck,ck->nc", self.values, weights))
 
 
+@dataclass(frozen=True)
+class Joined:
+    """The regressors of two bases together; both for all rows."""
+
+    first: Basis
+    second: Basis
+    rows: Rows | None = None
+
+    @property
+    def size(self) -> int:
+        """k."""
+        return self.first.size + self.second.size
+
+    def at(self, rows: Rows) -> Floats:
+        """(21, m, k) regressors."""
+        first, second = self.first.at(rows), self.second.at(rows)
+        channels = max(len(first), len(second))
+        both = [np.broadcast_to(one, (channels, *one.shape[1:])) for one in (first, second)]
+        return np.concatenate(both, axis=2)
+
+    def times(self, weights: Floats) -> Floats:
+        """(n, 21) of weights (21, k)."""
+        size = self.first.size
+        return self.first.times(weights[:, :size]) + self.second.times(weights[:, size:])
+
+
 def broadcast(weights: Floats, size: int) -> Floats:
     """(21, k) of weights (k,) that all channels have in common."""
     return np.broadcast_to(weights, (len(CHANNELS), size)).copy()

@@ -52,8 +52,9 @@ class Blocks:
 def cut(evidence: Evidence, *, seed: int, held_out: float = 0.3, group: str | None = None) -> Blocks:
     """Cut rows into blocks and draw the evaluation part and the folds.
 
-    A block is a whole segment, or where segments are long a stretch of one of up to 1000 rows. With
-    a group column, all blocks of a value are held out together, and so are those of a fold.
+    A block is a whole segment, or where segments are long a stretch of one of about 5 s. With a
+    group column, a block has one value of it, and all blocks of a value are held out together, as are
+    those of a fold.
 
     Args:
         held_out: share of the blocks, or of the group's values, to evaluate on.
@@ -62,7 +63,7 @@ def cut(evidence: Evidence, *, seed: int, held_out: float = 0.3, group: str | No
     Raises:
         RecordingError: there are fewer than 16 blocks or 4 values, or there is no such covariate.
     """
-    of_row = _stretches(evidence)
+    of_row = _stretches(evidence.segment if group is None else _alike(evidence, group))
     count = int(of_row.max()) + 1
     if count < FEWEST:
         raise RecordingError(
@@ -79,15 +80,30 @@ def cut(evidence: Evidence, *, seed: int, held_out: float = 0.3, group: str | No
     return Blocks(_guarded(evidence, of_row), fold_of_unit[units])
 
 
-def _stretches(evidence: Evidence) -> NDArray[np.int64]:
-    """(n,) block of each row."""
-    longest = max(BLOCK_ROWS, len(evidence) // MOST_BLOCKS)
-    starts = np.flatnonzero(np.diff(evidence.segment, prepend=-1))
-    lengths = np.diff(starts, append=len(evidence))
+def _alike(evidence: Evidence, group: str) -> NDArray[np.int64]:
+    """(n,) number of the stretch of one value, inside a segment, that the row is in."""
+    if group not in evidence.covariates:
+        known = ", ".join(evidence.covariates) or "none"
+        raise RecordingError(f"no covariate {group!r} to hold out by; the recordings have: {known}")
+    changes = (np.diff(evidence.covariates[group]) != 0) | (np.diff(evidence.segment) != 0)
+    numbers = np.concatenate([[0], np.cumsum(changes)])
+    if numbers[-1] >= len(numbers) // (4 * GUARD_ROWS):
+        raise RecordingError(
+            f"{group} changes {numbers[-1]} times in {len(numbers)} rows: too often to hold out by it"
+        )
+    return np.asarray(numbers)
+
+
+def _stretches(segment: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(n,) block of each row; none runs from one segment to another."""
+    rows = len(segment)
+    longest = max(BLOCK_ROWS, rows // MOST_BLOCKS)
+    starts = np.flatnonzero(np.diff(segment, prepend=-1))
+    lengths = np.diff(starts, append=rows)
     if np.median(lengths) < longest and len(starts) < FEWEST:
-        longest = max(1, len(evidence) // (2 * FEWEST))
-    longest = min(longest, max(100, len(evidence) // (2 * FEWEST)))
-    blocks, first = np.empty(len(evidence), np.int64), 0
+        longest = max(1, rows // (2 * FEWEST))
+    longest = min(longest, max(100, rows // (2 * FEWEST)))
+    blocks, first = np.empty(rows, np.int64), 0
     for start, length in zip(starts, lengths, strict=True):
         pieces = max(1, round(length / longest)) if length > 1.5 * longest else 1
         blocks[start : start + length] = first + np.arange(length) * pieces // length
@@ -101,9 +117,6 @@ def _units(
     """(blocks,) what is drawn together: each block by itself, or all blocks of a group's value."""
     if group is None:
         return np.arange(count)
-    if group not in evidence.covariates:
-        known = ", ".join(evidence.covariates) or "none"
-        raise RecordingError(f"no covariate {group!r} to hold out by; the recordings have: {known}")
     first_rows = np.flatnonzero(np.diff(of_row, prepend=-1))
     values, units = np.unique(evidence.covariates[group][first_rows], return_inverse=True)
     if len(values) < 4:

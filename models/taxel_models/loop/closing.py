@@ -9,7 +9,7 @@ from scipy import stats
 
 from taxel.manifest import Manifest
 from taxel_models.evaluation.metrics import Errors
-from taxel_models.loop.attribution import Attribution, Named, Search
+from taxel_models.loop.attribution import LEAST_SHARE, Attribution, Named, Search
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import FOLDS, Blocks, cut
 from taxel_models.loop.correction import NewEffects, corrected, served_windows
@@ -40,6 +40,7 @@ class Plan:
         hold_out_by: a covariate whose values are held out whole, such as `material`.
         measured_temperature: whether a model that takes the temperature is given the recording's.
         calibration_s: seconds at the start of each segment in which a user's own sensor is measured.
+        least_share: of the error that an effect has to take away to be named.
         exclude: effects that are not to be looked for, such as `temperature`.
     """
 
@@ -48,6 +49,7 @@ class Plan:
     hold_out_by: str | None = None
     measured_temperature: bool = True
     calibration_s: float = 0.0
+    least_share: float = LEAST_SHARE
     exclude: tuple[str, ...] = ()
 
 
@@ -99,7 +101,14 @@ def close_loop(
         evidence = evidence.calibrated(plan.calibration_s)
     blocks = cut(evidence, seed=plan.seed, held_out=plan.held_out, group=plan.hold_out_by)
     effects = [one for one in candidates(evidence) if one.label not in plan.exclude]
-    attribution = Search(evidence, blocks, effects, seed=plan.seed + 1, progress=progress).run()
+    attribution = Search(
+        evidence,
+        blocks,
+        effects,
+        seed=plan.seed + 1,
+        least_share=plan.least_share,
+        progress=progress,
+    ).run()
     scale = scale_of((evidence.measured - evidence.predicted)[blocks.fit])
     figures = {one.name: parameters(one, scale) for one in attribution.named}
     new = NewEffects.of(attribution, figures)
@@ -139,6 +148,7 @@ def _findings(
             "seed": plan.seed,
             "measured_temperature": plan.measured_temperature,
             "calibration_s": plan.calibration_s,
+            "least_share": plan.least_share,
         },
         noise_floor=noise.report(energy, spread),
         effects=_found(evidence, attribution, figures, new, rows),

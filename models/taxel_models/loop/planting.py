@@ -86,11 +86,12 @@ class Planting:
             weights: scaled as the change is.
             settled: what else there is to know of it.
         """
-        scale = self.strength / self.strength_of(delta)
-        if not np.isfinite(scale):
+        found = self.strength_of(delta)
+        if not found > 0:
             raise SettingsError(
                 "the effect changes nothing in this recording: what it depends on is constant"
             )
+        scale = self.strength / found
         self._put(delta * scale)
         scaled = {name: (np.asarray(values) * scale).tolist() for name, values in weights.items()}
         self.truth[-1].update({"parameters": {**settled, **scaled}})

@@ -14,8 +14,12 @@ MORE_THAN_NOISE: Final = 0.1
 """Share of what is left that noise cannot account for, from which on it counts as structured."""
 
 AUTOCORRELATION: Final = 0.1
+
+IN_A_CHANNEL: Final = 0.3
+"""Likewise of one channel's share and autocorrelation: a cause of few channels is lost in the mean."""
+
 _SECOND: Final = 100
-_SPECTRUM_ROWS: Final = 1024
+_SPECTRUM_ROWS: Final = 256
 _PEAK: Final = 8.0
 """Power of a spectral line over the median within a band around it, from which on it is told."""
 
@@ -30,28 +34,35 @@ def remainder(
         noise: (21,) SD of each channel's noise, counts.
     """
     energy = (left[rows] ** 2).mean(axis=0)
-    share = float((1.0 - np.minimum(1.0, noise**2 / np.maximum(energy, 1e-9))).mean())
-    lags = {
-        "10 ms": autocorrelation(evidence, left, rows, 1),
-        "1 s": autocorrelation(evidence, left, rows, _SECOND),
-    }
+    shares = 1.0 - np.minimum(1.0, noise**2 / np.maximum(energy, 1e-9))
+    tick = _correlations(evidence, left, rows, 1)
+    share = float(shares.mean())
+    lags = {"10 ms": float(tick.mean()), "1 s": autocorrelation(evidence, left, rows, _SECOND)}
     structured = share > MORE_THAN_NOISE and lags["10 ms"] > AUTOCORRELATION
-    hint = _hint(evidence, left, rows) if structured else "indistinguishable from the channels' noise"
+    structured |= bool((np.minimum(shares, tick) > IN_A_CHANNEL).any())
+    hint = "indistinguishable from the channels' noise"
+    if structured:
+        hint = _hint(evidence, left, rows, energy * shares)
     return Unexplained(structured=structured, hint=hint, share=share, autocorrelation=lags)
 
 
 def autocorrelation(evidence: Evidence, left: Floats, rows: NDArray[np.bool_], lag: int) -> float:
     """Mean over the channels at a lag in ticks, inside segments."""
+    return float(_correlations(evidence, left, rows, lag).mean())
+
+
+def _correlations(evidence: Evidence, left: Floats, rows: NDArray[np.bool_], lag: int) -> Floats:
+    """(21,) autocorrelation at a lag in ticks; 0 where no rows are so far apart."""
     both = rows[lag:] & rows[:-lag] & (evidence.segment[lag:] == evidence.segment[:-lag])
     if not both.any():
-        return 0.0
+        return np.zeros(len(CHANNELS))
     centred = left - left[rows].mean(axis=0)
     products = (centred[lag:][both] * centred[:-lag][both]).mean(axis=0)
-    return float((products / np.maximum((centred[rows] ** 2).mean(axis=0), 1e-9)).mean())
+    return np.asarray(products / np.maximum((centred[rows] ** 2).mean(axis=0), 1e-9))
 
 
 def spectrum(evidence: Evidence, left: Floats, rows: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Frequencies, Hz, and power (m, 21) of what is left over stretches of 10 s; empty without any."""
+    """Frequencies, Hz, and power (m, 21) of what is left over stretches of 2.56 s; empty without any."""
     window = np.hanning(_SPECTRUM_ROWS)[:, None]
     powers = []
     starts = np.flatnonzero(np.diff(evidence.segment * 2 + rows, prepend=-1))
@@ -66,11 +77,12 @@ def spectrum(evidence: Evidence, left: Floats, rows: NDArray[np.bool_]) -> tuple
     return frequencies, np.asarray(np.mean(powers, axis=0))
 
 
-def _hint(evidence: Evidence, left: Floats, rows: NDArray[np.bool_]) -> str:
-    energy = (left[rows] ** 2).mean(axis=0) / np.maximum(evidence.measured[rows].var(axis=0), 1e-9)
-    worst = [CHANNELS[channel] for channel in np.argsort(-energy)[:3]]
+def _hint(evidence: Evidence, left: Floats, rows: NDArray[np.bool_], beyond: Floats) -> str:
+    """In words; `beyond` (21,) is each channel's energy that noise cannot account for, counts²."""
+    relative = beyond / np.maximum(evidence.measured[rows].var(axis=0), 1e-9)
+    worst = [CHANNELS[channel] for channel in np.argsort(-relative)[:3]]
     hints = [f"most in {', '.join(worst)}"]
-    line = _line(evidence, left, rows)
+    line = _line(evidence, left)
     if line is not None:
         hints.append(f"periodic at {line:.2f} Hz")
     free = rows & (evidence.pressed < TOUCH_N)
@@ -82,13 +94,13 @@ def _hint(evidence: Evidence, left: Floats, rows: NDArray[np.bool_]) -> str:
     return "; ".join(hints)
 
 
-def _line(evidence: Evidence, left: Floats, rows: NDArray[np.bool_]) -> float | None:
-    """The frequency of a spectral line that stands out, Hz."""
-    frequencies, power = spectrum(evidence, left, rows)
+def _line(evidence: Evidence, left: Floats) -> float | None:
+    """The frequency of a spectral line that stands out, Hz, in all rows: a hum is in each of them."""
+    frequencies, power = spectrum(evidence, left, np.ones(len(left), bool))
     if not len(power):
         return None
     total = (power / np.maximum(power.sum(axis=0), 1e-9)).mean(axis=1)
-    around = np.array([np.median(total[max(1, k - 15) : k + 16]) for k in range(len(total))])
+    around = np.array([np.median(total[max(1, k - 8) : k + 9]) for k in range(len(total))])
     ratio = np.where(np.arange(len(total)) >= 3, total / np.maximum(around, 1e-18), 0.0)
     best = int(np.argmax(ratio))
     return float(frequencies[best]) if ratio[best] > _PEAK else None

@@ -28,7 +28,7 @@ UNKNOWN_SHARE: Final = 0.1
 STRENGTHS: Final = (0.5, 2.0)
 """Of the residual that was there before, drawn evenly in the logarithm."""
 
-CLEANINGS: Final = 4
+CLEANINGS: Final = 5
 WORTH_REMOVING: Final = 0.02
 """Of the error before: where the truth itself would take away less, nothing is marked."""
 
@@ -133,13 +133,13 @@ def play(
 def settled(manifest: Manifest, predict: Predict, recording: Recording, seed: int) -> Recording:
     """A recording without what the loop finds in it by itself: what the model lacks before the game.
 
-    Half of what would be named is taken out, too, so that another split does not name it.
+    A quarter of what would be named is taken out, too, so that another split does not name it.
     """
     recording = recording.ticks()
     for _ in range(CLEANINGS):
         evidence = gather(manifest, predict, [recording], measured_temperature=True)
         blocks = cut(evidence, seed=seed)
-        search = Search(evidence, blocks, candidates(evidence), seed=seed, least_share=LEAST_SHARE / 2)
+        search = Search(evidence, blocks, candidates(evidence), seed=seed, least_share=LEAST_SHARE / 4)
         named = search.run().named
         if not named:
             break

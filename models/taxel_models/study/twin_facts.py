@@ -1,9 +1,8 @@
 """The twin beside the published data set: `python -m taxel_models.study.twin_facts` prints the table.
 
-Each published fact has a range that was set beforehand; the twin's figure is in it or not. Facts about
-the recording are taken from a fresh twin, facts about a model's errors from the manifest of a Network B
-that was trained on a twin, by default the shipped one. What the paper shows in a figure only, without
-numbers, is compared in kind.
+Each published fact has a stated range; the twin's figure is in it or not. Facts about the recording are
+taken from a fresh twin, facts about a model's errors from the manifest of a Network B that was trained on
+a twin, by default the shipped one. What the paper shows in a figure only is compared in kind.
 """
 
 from collections.abc import Mapping
@@ -13,6 +12,7 @@ from typing import Annotated, Any, Final
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 from scipy import stats
@@ -94,7 +94,7 @@ def recording_facts(recording: Recording) -> list[Fact]:
     ]
 
 
-def _rising_share(tdc: Any) -> float:
+def _rising_share(tdc: NDArray[np.float64]) -> float:
     """Of the steps from the mean of one minute to that of the next."""
     minutes = len(tdc) // MINUTE
     if minutes < 2:
@@ -114,7 +114,7 @@ def _rest_facts(recording: Recording) -> list[Fact]:
             within(f"{name} at rest, counts", sensor.rest[name], 10, float(value))
             for name, value in found.items()
         ),
-        Fact("electrodes at rest, largest difference, counts", "none", None, 10, float(largest)),
+        Fact("electrodes at rest, largest difference, counts", 0.0, None, 10, float(largest)),
     ]
 
 

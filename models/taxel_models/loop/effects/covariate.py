@@ -9,14 +9,45 @@ from typing_extensions import override
 from taxel.channels import CHANNELS
 from taxel.errors import SettingsError
 from taxel.windows import ExtraFeature
-from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Left, given, weighted
+from taxel_models.loop.basis import Floats, Joined
+from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Left, Online, given, weighted
 from taxel_models.loop.evidence import Evidence
 from taxel_models.loop.planting import Planting
 
 MOST_KINDS: Final = 32
 """Whole numbers with at most so many values are names of kinds, not amounts."""
 
+MOST_PAIRED: Final = 16
+"""Kinds that may have both a constant and a gain: more would be more figures than blocks."""
+
 NOT_COVARIATES: Final = frozenset({"tdc", "tac", "pac1"})
+
+
+def _both(offsets: Candidate, gains: Candidate) -> Candidate:
+    """A constant and a gain of each kind."""
+    size = offsets.basis.size
+
+    def online(weights: Floats) -> Online:
+        first, second = offsets.online(weights[:, :size]), gains.online(weights[:, size:])
+        return Online((*first.terms, *second.terms), first.extras)
+
+    def again(evidence: Evidence) -> Candidate:
+        assert offsets.again is not None
+        assert gains.again is not None
+        return _both(offsets.again(evidence), gains.again(evidence))
+
+    return Candidate(
+        offsets.effect,
+        "constant and gain by kind",
+        Joined(offsets.basis, gains.basis),
+        weight_names=(
+            *(f"constant, {name}" for name in offsets.weight_names),
+            *(f"gain, {name}" for name in gains.weight_names),
+        ),
+        weight_unit="counts; relative",
+        online=online,
+        again=again,
+    )
 
 
 class Covariate(Effect):
@@ -45,9 +76,12 @@ class Covariate(Effect):
         if len(kinds) <= MOST_KINDS and (kinds == np.rint(kinds)).all():
             drivers = [self._is(values, kind) for kind in kinds]
             yield weighted(evidence, name, "by kind", "unit", drivers, weight_unit="counts")
-            yield weighted(
+            gains = weighted(
                 evidence, name, "gain by kind", "signal", drivers, centred=False, weight_unit="relative"
             )
+            yield gains
+            if len(kinds) <= MOST_PAIRED:
+                yield _both(weighted(evidence, name, "by kind", "unit", drivers), gains)
         else:
             driver = given(evidence, self.column, "")
             yield weighted(evidence, name, "line", "unit", [driver], weight_unit="counts per unit")

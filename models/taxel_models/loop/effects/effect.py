@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from taxel.channels import COUNTS_MAX, ELECTRODE_COLUMNS
 from taxel.corrections import Term, Weighted
-from taxel.windows import ExtraFeature, HistoryFeature
+from taxel.windows import Elapsed, ExtraFeature, HistoryFeature
 from taxel_models.loop.basis import Basis, Floats, Shared
 from taxel_models.loop.evidence import Evidence
 from taxel_models.loop.moments import Fitting
@@ -156,6 +156,12 @@ def given(evidence: Evidence, name: str, unit: str) -> Driver:
     return Driver(name, values, extra)
 
 
+def _settles(driver: Driver) -> bool:
+    """Whether it goes back to 0 when nothing happens."""
+    history = None if driver.extra is None else driver.extra.history
+    return history is not None and not isinstance(history, Elapsed)
+
+
 def shape_of(evidence: Evidence, shape: Shape) -> Floats | None:
     """(n, 21) the shape that a driver is scaled by, as `Weighted` has it; None for 1."""
     if shape == "unit":
@@ -178,9 +184,13 @@ def weighted(
     centred: bool = True,
     **others: Any,
 ) -> Candidate:
-    """A form whose regressors are a shape times drivers, less their means."""
+    """A form whose regressors are a shape times drivers, less their means.
+
+    A memory that settles stays as it is: settled, it has to add nothing.
+    """
     values = np.column_stack([driver.values for driver in drivers])
-    references = values.mean(axis=0) if centred else np.zeros(len(drivers))
+    about = [centred and not _settles(driver) for driver in drivers]
+    references = np.where(about, values.mean(axis=0), 0.0)
     names = tuple(driver.name for driver in drivers)
 
     def online(weights: Floats) -> Online:

@@ -50,10 +50,12 @@ class Lag(Effect):
     @override
     def plant(self, planting: Planting) -> None:
         recording = planting.recording
-        rows = np.arange(len(recording))
+        rows, first = np.arange(len(recording)), np.zeros(len(recording), np.int64)
+        for segment in recording.segments:
+            first[segment] = segment.start
 
         def trailing(ticks: int) -> Recording:
-            return replace(recording, channels=recording.channels[np.maximum(rows - ticks, 0)])
+            return replace(recording, channels=recording.channels[np.maximum(rows - ticks, first)])
 
         ticks = range(1, TICKS[-1] + 1)
         planting.search(((one * TICK_S, partial(trailing, one)) for one in ticks), "lag", "s")

@@ -42,10 +42,10 @@ def axis_of(closed: Closed, partial: Partial, channel: int) -> Axis:
     match partial.kind:
         case Gain.name | Saturation.name:
             found = Axis(f"{name} as predicted, from rest, counts", evidence.signal[rows, channel])
-        case Drift.name:
-            found = Axis("time since the recording began, s", evidence.time_s[rows])
-        case Temperature.name:
+        case Temperature.name if TDC in evidence.covariates:
             found = Axis(f"{TDC}, counts", evidence.covariates[TDC][rows])
+        case Drift.name | Temperature.name:
+            found = Axis("time since the recording began, s", evidence.time_s[rows])
         case Lag.name:
             found = Axis(f"change of {name} as predicted, counts/s", _change(closed, channel)[rows])
         case Crosstalk.name:

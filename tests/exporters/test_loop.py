@@ -1,0 +1,138 @@
+"""`taxel loop` from a recording to a corrected model that is served."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from click.testing import Result
+from typer.testing import CliRunner
+
+import taxel
+from taxel.commands.frame import failing_clearly
+from taxel_exporters.loop import loop
+from taxel_models.loop.blocks import cut
+from taxel_models.loop.evidence import Evidence, gather
+from taxel_models.loop.planting import Planting
+from taxel_models.loop.trial import plant
+from taxel_models.recordings import read_recording, write_ruppel
+from taxel_models.shipped import shipped_repository
+from taxel_models.twin import simulate
+
+MODEL = "network-b"
+
+
+@pytest.fixture(scope="module")
+def app() -> typer.Typer:
+    app = typer.Typer()
+    app.command()(failing_clearly(loop))
+    return app
+
+
+@pytest.fixture(scope="module")
+def repository(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("loop") / "repository"
+    shutil.copytree(shipped_repository() / MODEL, folder / MODEL)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A minute and a half of the twin with offsets twice as large as a good model's error."""
+    path = tmp_path_factory.mktemp("loop") / "offset.csv"
+    planting = Planting.into(simulate(9_000, 21), 4)
+    plant(planting, "offset", 2.0)
+    write_ruppel(planting.recording, path)
+    return path
+
+
+def run(app: typer.Typer, repository: Path, data: Path, output: Path, *arguments: str) -> Result:
+    options = ["--model", MODEL, "--repository", str(repository), "--data", str(data), "-o", str(output)]
+    # The last of an option that is given twice holds.
+    return CliRunner().invoke(app, [*options, *arguments])
+
+
+def evidence_of(repository: Path, data: Path, version: str) -> Evidence:
+    with taxel.load(repository) as source:
+        predictor = source.predictor(MODEL, version)
+        recording = read_recording(data)
+        return gather(predictor.manifest, predictor.predict, [recording], measured_temperature=True)
+
+
+def test_what_is_exported_gives_what_was_reported(
+    app: typer.Typer, repository: Path, data: Path, tmp_path: Path
+) -> None:
+    output = tmp_path / "report"
+    result = run(app, repository, data, output, "--export", "--json")
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert found == json.loads((output / "report.json").read_text())
+    assert (found["model"], found["exported"]) == (f"{MODEL}/1", f"{MODEL}/2")
+    assert found["effects"][0]["name"] == "offset"
+    assert found["after"]["norm_mae"] < 0.7 * found["before"]["norm_mae"]
+    assert found["test"]["p_value"] < 0.01
+    before, after = (evidence_of(repository, data, version) for version in ("1", "2"))
+    rows = cut(before, seed=0).evaluation
+    assert rows.sum() == found["split"]["evaluation_rows"]
+    for evidence, errors in ((before, found["before"]), (after, found["after"])):
+        own = evidence.kept(np.isin(evidence.rows[0], before.rows[0][rows]))
+        mae = np.abs(own.measured - own.predicted).mean()
+        assert mae == pytest.approx(errors["mae"], rel=1e-4)
+    # What the corrected model is corrected from is what the first one gives.
+    np.testing.assert_allclose(after.base, before.base, atol=0.05)
+    again = run(app, repository, data, output)
+    assert again.exit_code == 2
+    assert "--overwrite" in again.stderr
+
+
+def test_recordings_that_are_too_short_are_refused(
+    app: typer.Typer, repository: Path, tmp_path: Path
+) -> None:
+    for rows, message in ((15, "no whole window"), (700, "680 rows make 7 blocks: expected at least 16")):
+        short = tmp_path / f"{rows}.csv"
+        write_ruppel(simulate(rows, 1), short)
+        result = run(app, repository, short, tmp_path / "report")
+        assert result.exit_code == 1, result.output
+        assert message in result.stderr
+    assert not (tmp_path / "report").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["--hold-out-by", "mood"], 1, "no covariate 'mood' to hold out by; the recordings have: tac, tdc"),
+        (["--model", "nobody"], 1, "nobody"),
+        (["--model", f"{MODEL}/7"], 1, "no version '7'"),
+        (["--temperature", "warm"], 2, "--temperature warm: expected measured or mean"),
+        (["--exclude", "wear"], 2, "no effect 'wear': expected one of offset"),
+        (["--held-out", "0.9"], 2, "held-out"),
+        (["--calibration", "100"], 2, "calibration"),
+        (["--calibration", "60", "--hold-out-by", "mood"], 1, "no covariate 'mood'"),
+    ],
+)
+def test_bad_use_is_refused(
+    app: typer.Typer,
+    repository: Path,
+    data: Path,
+    tmp_path: Path,
+    arguments: list[str],
+    code: int,
+    message: str,
+) -> None:
+    result = run(app, repository, data, tmp_path / "report", *arguments)
+    assert result.exit_code == code, result.output
+    assert message in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_something_else_than_a_report_is_not_replaced(
+    app: typer.Typer, repository: Path, data: Path, tmp_path: Path
+) -> None:
+    output = tmp_path / "mine"
+    output.mkdir()
+    (output / "thesis.txt").write_text("years of work")
+    result = run(app, repository, data, output, "--overwrite")
+    assert result.exit_code == 2
+    assert (output / "thesis.txt").read_text() == "years of work"

@@ -1,0 +1,184 @@
+"""Each effect, planted alone, is named first, measured, and removed by the form that is served."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import pytest
+
+from taxel.channels import CHANNELS
+from taxel.corrections import Correction
+from taxel.manifest import Manifest
+from taxel.windows import WindowSpec
+from taxel_models.loop.closing import Closed, Plan, close_loop
+from taxel_models.loop.effects.registry import NAMES
+from taxel_models.loop.evidence import gather
+from taxel_models.loop.planting import Planting
+from taxel_models.loop.trial import plant
+from taxel_models.recordings import Recording
+
+Make = Callable[..., Recording]
+
+STRENGTH: Final = 12.0
+"""Root mean square of what is planted, counts: three times the noise."""
+
+FIGURES: Final = {"creep": "time_constant", "hysteresis": "width", "lag": "lag", "frame": "angle"}
+CLOCKS: Final = {"drift": "temperature", "temperature": "drift"}
+
+LONG: Final = {"location": 30_000}
+"""Rows of recordings for effects that need more: bumps all over the skin are many figures."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """What came of a recording with one effect in it."""
+
+    closed: Closed
+    truth: dict[str, Any]
+    clean: np.ndarray
+
+
+def played(smooth: Any, manifest: Manifest, recording: Recording, name: str, seed: int = 11) -> Case:
+    planting = Planting.into(recording, seed, np.full(21, STRENGTH))
+    planting.respond = smooth.counts
+    plant(planting, name, 1.0)
+    closed = close_loop(manifest, smooth.predict, [planting.recording], Plan())
+    base = gather(manifest, smooth.predict, [recording], measured_temperature=True)
+    truth = planting.truth[0]["parameters"]
+    return Case(closed, truth, np.abs(base.measured - base.predicted))
+
+
+def removed(case: Case) -> float:
+    """Share of the removable error, evaluation part, that the served form removes."""
+    closed = case.closed
+    rows, evidence = closed.blocks.evaluation, closed.evidence
+    clean = case.clean[rows].mean()
+    before, after = (
+        np.abs(evidence.measured - predicted)[rows].mean()
+        for predicted in (evidence.predicted, closed.after)
+    )
+    return float((before - after) / (before - clean))
+
+
+def served(smooth: Any, case: Case) -> np.ndarray:
+    """(n, 21) what a served model with the correction gives at the evidence's rows."""
+    closed = case.closed
+    model = closed.evidence.manifest
+    shift = sum(effect.shift_ticks for effect in closed.new.effects)
+    spec = WindowSpec.of(model.window.combination, shift)
+    correction = Correction(closed.new.effects, spec, (*model.window.extras, *closed.new.extras))
+    return correction.apply(smooth.predict, closed.served_windows(len(closed.evidence)))
+
+
+def figures(case: Case) -> dict[str, float]:
+    return {figure.name: figure.value for figure in case.closed.findings.effects[0].parameters}
+
+
+@pytest.fixture(scope="module", params=[*NAMES, "covariate:material"])
+def case(request: pytest.FixtureRequest, smooth: Any, make: Make, manifest: Manifest) -> tuple[str, Case]:
+    name = request.param
+    recording = make(LONG.get(name, 12_000), noise=4.0)
+    return name, played(smooth, manifest, recording, name)
+
+
+def test_it_is_named_first_and_removed(case: tuple[str, Case], smooth: Any) -> None:
+    name, found = case
+    effects = found.closed.findings.effects
+    assert effects
+    assert effects[0].name == name
+    # What is planted is no 0 in the mean, and its form has no mean: an offset may stand for that.
+    assert {effect.name for effect in effects} <= {name, "offset"}
+    assert removed(found) >= 0.8
+    if name in CLOCKS:
+        # The twin's tdc rises with the clock.
+        assert effects[0].confounded_with == (CLOCKS[name],)
+        rejected = {one.name: one for one in found.closed.findings.rejected}
+        assert "cannot be told apart" in rejected[CLOCKS[name]].reason
+    if name == "fault":
+        assert found.truth["channel"] in effects[0].form
+    np.testing.assert_allclose(served(smooth, found), found.closed.after, atol=0.02)
+
+
+def test_its_parameters_are_recovered(case: tuple[str, Case]) -> None:
+    name, found = case
+    values = figures(found)
+    if name in FIGURES:
+        figure = FIGURES[name]
+        assert values[figure] == pytest.approx(found.truth[figure], rel=0.2)
+    fitted, planted = weights(name, values, found)
+    if len(planted):
+        np.testing.assert_allclose(fitted, planted, atol=0.2 * np.abs(planted).max())
+
+
+def weights(name: str, values: dict[str, float], found: Case) -> tuple[np.ndarray, np.ndarray]:
+    """Figures of an effect that can be compared one by one, fitted and planted."""
+    truth = found.truth
+    if name == "offset":
+        # Whole counts stay whole.
+        return np.array([values[f"offset {one}"] for one in CHANNELS]), np.rint(truth["offset"])
+    if name == "gain":
+        return np.array([values["gain"]]), np.mean(truth["gain"], keepdims=True)
+    if name == "temperature":
+        # Counts rise as ln Z falls.
+        slopes = np.array([values[f"slope {one}"] for one in CHANNELS[2:]])
+        return -slopes, np.array(truth["slope"][2:])
+    if name == "crosstalk":
+        to = [pair.split(" into ")[1] for pair in truth["pairs"].split(", ")]
+        return np.array([values[f"leak {one}"] for one in to]), np.array(truth["leak"])
+    if name in ("creep", "hysteresis", "rate"):
+        parameters = found.closed.findings.effects[0].parameters
+        own = {one.name.split()[-1]: one.value for one in parameters if one.low is not None}
+        return np.array([own[one] for one in CHANNELS]), np.array(truth["weight"])
+    return np.empty(0), np.empty(0)
+
+
+def test_its_interval_holds_what_was_planted(smooth: Any, make: Make, manifest: Manifest) -> None:
+    found = played(smooth, manifest, make(noise=4.0), "offset", seed=5)
+    inside = [
+        figure.low <= truth <= figure.high
+        for figure, truth in zip(
+            found.closed.findings.effects[0].parameters, np.rint(found.truth["offset"]), strict=True
+        )
+    ]
+    assert np.mean(inside) >= 0.8
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_noise_alone_has_no_effect(smooth: Any, make: Make, manifest: Manifest, seed: int) -> None:
+    closed = close_loop(manifest, smooth.predict, [make(seed=seed)], Plan(seed=seed))
+    findings = closed.findings
+    assert findings.effects == ()
+    assert not findings.unexplained.structured
+    assert findings.after == findings.before
+    assert closed.new.effects == ()
+    np.testing.assert_array_equal(closed.after, closed.evidence.predicted)
+    assert findings.noise_floor["share_of_residual_energy"] > 0.9
+
+
+@pytest.mark.parametrize("both", [("offset", "rate"), ("lag", "creep")])
+def test_two_effects_are_both_named(
+    smooth: Any, make: Make, manifest: Manifest, both: tuple[str, str]
+) -> None:
+    recording = make(12_000, noise=4.0)
+    planting = Planting.into(recording, 2, np.full(21, STRENGTH))
+    for name in both:
+        plant(planting, name, 1.0)
+    closed = close_loop(manifest, smooth.predict, [planting.recording], Plan())
+    findings = closed.findings
+    assert set(both) <= {effect.name for effect in findings.effects}
+    assert findings.test.p_value < 1e-3
+    assert findings.test.low > 0
+    case = Case(closed, {}, np.empty(0))
+    np.testing.assert_allclose(served(smooth, case), closed.after, atol=0.02)
+
+
+def test_an_excluded_effect_is_neither_named_nor_rejected(
+    smooth: Any, make: Make, manifest: Manifest
+) -> None:
+    planting = Planting.into(make(), 2, np.full(21, STRENGTH))
+    plant(planting, "offset", 1.0)
+    plan = Plan(exclude=("offset",))
+    findings = close_loop(manifest, smooth.predict, [planting.recording], plan).findings
+    named = {effect.name for effect in findings.effects} | {one.name for one in findings.rejected}
+    assert "offset" not in named

@@ -1,0 +1,160 @@
+"""Predictions, measurements, and what else is known of each row, aligned."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from taxel.channels import CHANNELS
+from taxel.corrections import AppliedEffect, Correction, Frame, Limit, Mix, Substitute, Weighted
+from taxel.errors import RecordingError
+from taxel.manifest import Manifest
+from taxel.windows import Relaxation, history_columns
+from taxel_models.loop.evidence import Evidence, base_counts, gather, predict_all
+from taxel_models.recordings import Recording
+
+
+def test_rows_are_aligned(evidence: Evidence, recording: Recording, smooth: Any) -> None:
+    (rows,) = evidence.rows
+    np.testing.assert_array_equal(rows, np.arange(10, len(recording) - 10))
+    np.testing.assert_array_equal(evidence.measured, recording.channels[rows])
+    expected = smooth.counts(recording.samples.position[rows], recording.samples.force[rows])
+    np.testing.assert_allclose(evidence.predicted, expected, atol=0.01)
+    np.testing.assert_array_equal(evidence.base, evidence.predicted)
+    np.testing.assert_allclose(evidence.time_s, rows / 100)
+    np.testing.assert_array_equal(evidence.covariates["material"], recording.covariates["material"][rows])
+    np.testing.assert_array_equal(evidence.covariates["tdc"], recording.auxiliary["tdc"][rows])
+    assert "pac1" not in evidence.covariates
+
+
+def test_an_unmeasured_temperature_is_no_covariate(
+    manifest: Manifest, recording: Recording, smooth: Any
+) -> None:
+    evidence = gather(manifest, smooth.predict, [recording], measured_temperature=False)
+    assert set(evidence.covariates) == {"material"}
+
+
+def test_recordings_are_sessions_and_only_common_columns_count(
+    manifest: Manifest, make: Callable[..., Recording], smooth: Any
+) -> None:
+    first, second = make(600), replace(make(500, seed=4), covariates={})
+    gap = first.rows(np.arange(600) // 100 != 2)
+    evidence = gather(manifest, smooth.predict, [gap, second], measured_temperature=True)
+    assert set(evidence.covariates) == {"tac", "tdc"}
+    assert list(np.unique(evidence.session)) == [0, 1]
+    assert list(np.unique(evidence.segment)) == [0, 1, 2]
+    assert (evidence.session == (evidence.segment == 2)).all()
+    assert [len(rows) for rows in evidence.rows] == [180 + 280, 480]
+    np.testing.assert_allclose(evidence.time_s[evidence.segment == 2][0], 0.1)
+    np.testing.assert_allclose(evidence.time_s[evidence.segment == 1][0], 3.1)
+
+
+def test_recordings_without_a_whole_window_are_refused(
+    manifest: Manifest, make: Callable[..., Recording], smooth: Any
+) -> None:
+    with pytest.raises(RecordingError, match="no whole window"):
+        gather(manifest, smooth.predict, [make(15)], measured_temperature=True)
+
+
+def test_rest_is_that_of_free_air(evidence: Evidence) -> None:
+    np.testing.assert_allclose(evidence.rest[:2], [2040.0, 1500.0], atol=2.0)
+    assert evidence.raw_counts
+    tared = replace(evidence, base=evidence.base - evidence.rest)
+    assert not tared.raw_counts
+    pressed = evidence.kept(evidence.pressed > 0.5)
+    least = pressed.pressed <= np.quantile(pressed.pressed, 0.02)
+    np.testing.assert_allclose(pressed.rest, np.median(pressed.base[least], axis=0))
+
+
+def test_some_rows_keep_their_past(evidence: Evidence, recording: Recording) -> None:
+    feature = Relaxation(of="force", time_constant_s=1.0)
+    expected = history_columns(recording.samples, [feature])[evidence.rows[0], 0]
+    np.testing.assert_array_equal(evidence.history(feature), expected)
+    keep = evidence.time_s > 30.0
+    some = evidence.kept(keep)
+    np.testing.assert_array_equal(some.history(feature), expected[keep])
+    np.testing.assert_array_equal(some.measured, evidence.measured[keep])
+
+
+def test_earlier_rows_are_of_the_same_segment(evidence: Evidence) -> None:
+    parts = replace(evidence, segment=(np.arange(len(evidence)) >= 1000).astype(np.int64))
+    rows = np.arange(len(evidence))
+    earlier, later = parts.rows_before(3), parts.rows_before(-3)
+    whole = (rows >= 3) & ~((rows >= 1000) & (rows < 1003))
+    np.testing.assert_array_equal(earlier[whole], rows[whole] - 3)
+    np.testing.assert_array_equal(earlier[~whole], rows[~whole])
+    np.testing.assert_array_equal(later[997:1001], [997, 998, 999, 1003])
+    np.testing.assert_array_equal(later[-3:], rows[-3:])
+    holes = evidence.kept(rows % 5 != 0)
+    there = holes.rows_before(2)
+    apart = holes.time_s - holes.time_s[there]
+    assert set(np.round(apart, 3)) == {0.0, 0.02}
+
+
+def test_a_calibration_is_of_each_segments_first_seconds(evidence: Evidence) -> None:
+    segment = np.arange(len(evidence)) // 2000
+    offsets = np.random.default_rng(0).normal(size=(5, 21)) * 10
+    shifted = replace(evidence, segment=segment, measured=evidence.predicted + offsets[segment])
+    found = shifted.calibrated(0.5)
+    assert len(found) == len(evidence) - 5 * 50
+    assert found.calibration is not None
+    np.testing.assert_allclose(found.calibration, offsets[found.segment], atol=1e-9)
+    with pytest.raises(RecordingError, match="no segment is longer than the 30 s"):
+        shifted.calibrated(30.0)
+
+
+def test_requests_are_of_a_size_that_servers_take(evidence: Evidence, smooth: Any) -> None:
+    sizes = []
+
+    def predict(windows: np.ndarray) -> np.ndarray:
+        sizes.append(len(windows))
+        return smooth.predict(windows)
+
+    found = predict_all(predict, evidence.windows)
+    assert max(sizes) <= 4096
+    assert sum(sizes) == len(evidence)
+    np.testing.assert_array_equal(found, evidence.predicted)
+
+
+def test_base_counts_undo_a_correction(evidence: Evidence, manifest: Manifest) -> None:
+    rest = tuple(evidence.rest.tolist())
+    terms = (
+        Weighted(shape="unit", features=("one",), references=(0.0,), weights=((12.0,) * 21,)),
+        Weighted(shape="signal", features=("fz",), references=(0.5,), weights=((0.03,) * 21,), rest=rest),
+        Weighted(shape="log_impedance", features=("one",), references=(0.0,), weights=((0.05,) * 21,)),
+        Mix(leaks=(("e3", "e4", 0.1), ("e4", "e3", -0.2)), rest=rest),  # type: ignore[arg-type]
+        Limit(slope=(0.2,) * 21, level=(150.0,) * 21, rest=rest),
+    )
+    effect = AppliedEffect(name="many", about="Many.", channels=CHANNELS, terms=terms)
+    corrected = manifest.model_copy(update={"effects": (effect,)})
+    base = evidence.base
+    served = Correction((effect,), manifest.spec, ()).apply(lambda _: base, evidence.windows)
+    assert np.abs(served - base).max() > 50
+    np.testing.assert_allclose(base_counts(corrected, evidence.windows, served), base, atol=0.5)
+    np.testing.assert_array_equal(base_counts(manifest, evidence.windows, served), served)
+
+
+def test_a_substituted_channel_has_no_base_to_find(evidence: Evidence, manifest: Manifest) -> None:
+    effect = AppliedEffect(
+        name="fault", about="Stuck.", channels=("e1",), terms=(Substitute(channel="e1", value=7.0),)
+    )
+    corrected = manifest.model_copy(update={"effects": (effect,)})
+    found = base_counts(corrected, evidence.windows, evidence.predicted)
+    np.testing.assert_array_equal(found, evidence.predicted)
+
+
+def test_windows_may_be_turned_and_predicted_anew(evidence: Evidence) -> None:
+    still = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    turn = Frame(
+        position_rotation=still,
+        position_translation=(0.0, 0.0, 0.0),
+        force_rotation=((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+    )
+    turned = turn.turn(evidence.windows, evidence.manifest.spec)
+    found = evidence.with_windows(turned, turn=turn, shift_ticks=2)
+    assert (found.turn, found.shift_ticks) == (turn, 2)
+    assert np.abs(found.predicted - evidence.predicted).max() > 20
+    back = found.with_windows(evidence.windows, turn=None, shift_ticks=0)
+    np.testing.assert_array_equal(back.predicted, evidence.predicted)

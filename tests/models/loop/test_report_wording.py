@@ -1,0 +1,165 @@
+"""Findings in words."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from taxel.corrections import CALIBRATION_EXTRAS
+from taxel.windows import ExtraFeature, Relaxation
+from taxel_models.loop.findings import (
+    Findings,
+    FittedFigure,
+    FoundEffect,
+    PairedTest,
+    RejectedEffect,
+    Unexplained,
+)
+from taxel_models.loop.report.table import findings_table
+from taxel_models.loop.report.wording import (
+    chance,
+    confounded,
+    key_parameters,
+    left,
+    needs,
+    number,
+    opening,
+    paired,
+    parameter,
+)
+
+PAST = ExtraFeature(
+    name="relaxation[2s].force", unit="N", history=Relaxation(of="force", time_constant_s=2.0)
+)
+HEAT = ExtraFeature(name="tdc", unit="counts", default=1900.0)
+
+
+def effect(
+    name: str, *confounded_with: str, needed: tuple[str, ...] = (), served: bool = True
+) -> FoundEffect:
+    return FoundEffect(
+        name=name,
+        form="line",
+        equation="delta_c = w_c",
+        channels=("e1",),
+        explained=0.25,
+        conditional=0.2,
+        p_value=0.005,
+        t_test=0.0004,
+        parameters=(
+            FittedFigure(name="slope e1", value=1.5, unit="counts/s", low=1.0, high=2.0),
+            FittedFigure(name="slope e2", value=-9.0, unit="counts/s", low=-10.0, high=-8.0),
+            FittedFigure(name="time_constant", value=2.0, unit="s"),
+            FittedFigure(name="slope e3", value=0.1, unit="counts/s", low=0.0, high=0.2),
+        ),
+        confounded_with=confounded_with,
+        needs=needed,
+        served=served,
+    )
+
+
+def findings(*effects: FoundEffect, p_value: float = 0.0001) -> Findings:
+    errors = {"mae": 10.0, "norm_mae": 0.2, "rows": 900}
+    return Findings(
+        model="hand/1",
+        data=(),
+        split={},
+        noise_floor={"norm_mae": 0.05, "share_of_residual_energy": 0.1},
+        effects=effects,
+        rejected=(RejectedEffect(name="lag", form="10 ms", alone=0.0, left=0.0, p_value=1.0, reason="no"),),
+        before=errors,
+        after={**errors, "mae": 5.0, "norm_mae": 0.1},
+        test=PairedTest(blocks=9, difference=0.1, low=0.05, high=0.15, t=4.0, p_value=p_value),
+        unexplained=Unexplained(structured=True, hint="most in e4", share=0.6, autocorrelation={}),
+    )
+
+
+@given(st.floats(-1e6, 1e6).filter(lambda value: abs(value) > 1e-9))
+def test_numbers_keep_three_digits(value: float) -> None:
+    assert float(number(value)) == pytest.approx(value, rel=0.0051)
+
+
+def test_chance_is_not_written_as_zero() -> None:
+    assert chance(1e-9) == "p < 0.001"
+    assert chance(0.0123) == "p = 0.012"
+
+
+def test_a_parameter_has_its_unit_and_interval() -> None:
+    first, _, settled, _ = effect("drift").parameters
+    assert parameter(first) == "slope e1 1.5 counts/s (1 to 2)"
+    assert parameter(settled) == "time_constant 2 s"
+
+
+def test_key_parameters_are_what_settles_it_and_the_largest() -> None:
+    assert key_parameters(effect("drift")) == (
+        "time_constant 2 s; slope e2 -9 counts/s (-10 to -8); slope e1 1.5 counts/s (1 to 2); 1 more"
+    )
+
+
+def test_what_moves_together_is_said_once() -> None:
+    both = findings(effect("drift", "temperature"), effect("temperature", "drift"))
+    assert confounded(both) == ["drift and temperature cannot be told apart here: they move together."]
+    many = findings(effect("creep", "lag", "rate"))
+    assert confounded(many) == ["creep cannot be told apart here from lag and rate: they move together."]
+    assert confounded(findings(effect("creep"))) == []
+
+
+def test_needs_say_who_gives_what() -> None:
+    extras = [PAST, HEAT, *CALIBRATION_EXTRAS]
+    assert needs(effect("offset"), extras) == "needs nothing beside the window"
+    assert "window builder" in needs(effect("creep", needed=(PAST.name,)), extras)
+    given_by_caller = needs(effect("temperature", needed=("tdc",)), extras)
+    assert given_by_caller == "needs tdc (1900 where it is not known), which the caller gives"
+    calibrated = needs(effect("offset", needed=tuple(one.name for one in CALIBRATION_EXTRAS)), extras)
+    assert "calibration" in calibrated
+    assert "caller" not in calibrated
+    assert "only reported" in needs(effect("fault", served=False), extras)
+
+
+def test_many_needs_are_shortened() -> None:
+    kinds = [ExtraFeature(name=f"material={kind}", unit="0 or 1") for kind in range(8)]
+    text = needs(effect("covariate:material", needed=tuple(one.name for one in kinds)), kinds)
+    assert "material=0" in text
+    assert "7 more" in text
+
+
+def test_the_opening_tells_what_came_of_it() -> None:
+    text = opening(findings(effect("drift", "temperature")), [])
+    assert "On 9 held-out blocks (900 rows), hand/1 is off by a normalised MAE of 0.200" in text
+    assert "by 0.100 (5.0 counts) once corrected: 50 % less" in text
+    assert "One effect was named. drift explains 25 %" in text
+    assert "1 other candidate was rejected" in text
+    assert "Nothing was exported yet." in text
+    exported = findings(effect("drift")).model_copy(update={"exported": "hand/2"})
+    assert opening(exported, []).endswith("The corrected model is hand/2.")
+
+
+def test_a_fall_that_may_be_chance_is_called_so() -> None:
+    unsure = findings(effect("drift"), p_value=0.2)
+    assert paired(unsure.test).endswith("which may be chance")
+    assert "not worth it" in opening(unsure, [])
+
+
+def test_nothing_that_can_be_served_is_nothing_to_add() -> None:
+    text = opening(findings(effect("fault", served=False)), [])
+    assert "There is nothing to add to the model." in text
+    assert "once corrected" not in text
+
+
+def test_noise_is_called_noise() -> None:
+    rest = Unexplained(structured=False, hint="", share=0.0, autocorrelation={})
+    quiet = findings().model_copy(update={"unexplained": rest})
+    assert left(quiet) == "What is left is indistinguishable from the channels' noise."
+    assert "structured but unexplained" in left(findings())
+
+
+def test_the_terminal_table_tells_the_same() -> None:
+    console = Console(width=160)
+    with console.capture() as capture:
+        console.print(findings_table(findings(effect("covariate:[bold]", "temperature", served=False))))
+        console.print(findings_table(findings()))
+    text = capture.get()
+    assert "covariate:[bold] (only reported)" in text
+    assert "25 %" in text
+    assert "Normalised MAE 0.200 before, 0.100 after (noise: 0.050)" in text
+    assert "No effect was named." in text

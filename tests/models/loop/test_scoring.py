@@ -1,0 +1,148 @@
+"""Scores against their definitions."""
+
+from typing import Final
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from taxel_models.loop.basis import Shared
+from taxel_models.loop.blocks import Blocks
+from taxel_models.loop.effects.effect import Candidate
+from taxel_models.loop.moments import Fitting, Moments
+from taxel_models.loop.scoring import (
+    MOST_TRUST,
+    Score,
+    absolute_of,
+    random_signs,
+    scale_of,
+    score,
+    stands_out,
+    trust_of,
+    worth,
+)
+
+BLOCKS: Final = 30
+LENGTH: Final = 50
+ROWS: Final = BLOCKS * LENGTH
+
+
+def moments_of(seed: int, strength: float) -> Moments:
+    """One regressor, and a residual that it explains a part of in one channel of 21."""
+    random = np.random.default_rng(seed)
+    feature, residual = random.normal(size=(ROWS, 1)), random.normal(size=(ROWS, 21))
+    residual[:, 3] += strength * feature[:, 0]
+    blocks = Blocks(np.repeat(np.arange(BLOCKS), LENGTH), np.arange(BLOCKS) % 5)
+    return Moments.of(Shared(feature), residual, np.ones(ROWS), blocks, Fitting())
+
+
+def scored(moments: Moments, **fitting: bool) -> Score:
+    candidate = Candidate("one", "a form", Shared(np.zeros((ROWS, 1))), fitting=Fitting(**fitting))
+    return score(candidate, moments, np.ones(21))
+
+
+def test_the_resampled_t_test_is_the_plain_one_with_a_wider_spread() -> None:
+    one = scored(moments_of(0, 0.5))
+    shares = one.fold_share
+    assert len(shares) == 5
+    statistic = stats.ttest_1samp(shares, 0.0).statistic
+    # Nadeau and Bengio: 1/folds + test/train in the place of 1/folds, and here test/train is 1/4.
+    corrected = statistic * np.sqrt((1 / 5) / (1 / 5 + 1 / 4))
+    assert one.t_test == pytest.approx(float(stats.t.sf(corrected, 4)))
+    assert 0.0 < one.t_test < 0.05
+
+
+def test_shares_are_of_the_residuals_energy() -> None:
+    one = scored(moments_of(0, 2.0))
+    # Of 21 channels with energy 1, one has 4 more, which is explained.
+    assert one.share == pytest.approx(4.0 / 25.0, rel=0.1)
+    assert one.fold_share.mean() == pytest.approx(one.share, rel=0.05)
+    assert one.channels[3]
+
+
+def test_what_explains_nothing_has_no_share() -> None:
+    shares = [scored(moments_of(seed, 0.0)).share for seed in range(10)]
+    assert max(shares) < 0.005
+    assert np.mean(shares) < 0.001
+
+
+def test_freedom_counts_what_is_fitted_and_what_is_settled() -> None:
+    moments = moments_of(0, 0.0)
+    assert scored(moments).freedom == 21
+    assert scored(moments, pooled=True).freedom == 1
+    assert scored(moments, fixed=True).freedom == 0
+    settled = Candidate("one", "a form", Shared(np.zeros((ROWS, 2))), settled={"tau": (1.0, "s")})
+    assert score(settled, moments, np.ones(21)).freedom == 43
+
+
+def test_scale_makes_every_channel_count_alike() -> None:
+    residual = np.random.default_rng(0).normal(size=(5000, 21)) * np.linspace(1, 50, 21) + 3.0
+    scaled = residual**2 * scale_of(residual)
+    np.testing.assert_allclose(scaled.mean(axis=0), 1.0)
+    assert np.isfinite(scale_of(np.zeros((10, 21)))).all()
+
+
+def test_rows_count_less_where_the_residual_scatters_more() -> None:
+    random = np.random.default_rng(0)
+    pressed = random.uniform(0.0, 8.0, 20_000)
+    residual = random.normal(size=(20_000, 21)) * (1.0 + pressed[:, None])
+    fit = random.random(20_000) < 0.7
+    residual[~fit] *= 1000.0
+    residual[~fit, 0] = 0.0
+    trust = trust_of(residual, pressed, fit)
+    assert trust[fit].mean() == pytest.approx(1.0)
+    assert trust.min() > 0.0
+    light, hard = (trust[fit & (abs(pressed - force) < 0.5)].mean() for force in (0.5, 7.5))
+    assert 5.0 < light / hard <= MOST_TRUST**2
+
+
+def test_a_row_far_outside_its_bin_counts_less() -> None:
+    random = np.random.default_rng(0)
+    residual = random.normal(size=(4000, 21))
+    residual[17] *= 30.0
+    trust = trust_of(residual, np.ones(4000), np.ones(4000, bool))
+    assert trust[17] < 0.3 * np.median(trust)
+
+
+def test_absolute_weights_turn_squares_into_sizes() -> None:
+    random = np.random.default_rng(0)
+    residual = random.normal(size=(4000, 21)) * random.uniform(1.0, 5.0, (4000, 1))
+    fit = np.ones(4000, bool)
+    size = np.sqrt((residual**2 * scale_of(residual)).mean(axis=1))
+    counted = absolute_of(residual, fit) * size**2
+    large = size > np.quantile(size, 0.1)
+    np.testing.assert_allclose(counted[large], size[large])
+    assert (counted <= size + 1e-12).all()
+
+
+def test_worth_is_the_share_of_each_channels_first_error() -> None:
+    moments = moments_of(0, 1.0)
+    one = scored(moments)
+    first = moments.energy.sum(axis=0)
+    found = worth(one, moments, np.ones(21), first)
+    np.testing.assert_allclose(found, moments.gains(np.ones(21)).sum(axis=0) / first)
+    assert found[3] == pytest.approx(0.5, abs=0.05)
+
+
+def test_one_channel_of_many_stands_out() -> None:
+    signs = random_signs(199, BLOCKS, 0)
+    found = stands_out(moments_of(0, 0.5), np.ones(21), signs)
+    assert found.shape == (200,)
+    assert found[0] > found[1:].max()
+
+
+def test_noise_stands_out_as_often_as_chance_has_it() -> None:
+    signs = random_signs(99, BLOCKS, 0)
+    ranks = []
+    for seed in range(80):
+        found = stands_out(moments_of(seed, 0.0), np.ones(21), signs)
+        ranks.append((1 + (found[1:] >= found[0]).sum()) / 100)
+    assert stats.kstest(ranks, "uniform").pvalue > 1e-3
+
+
+def test_signs_are_drawn_by_the_seed() -> None:
+    signs = random_signs(50, 40, 3)
+    assert signs.shape == (50, 40)
+    assert set(np.unique(signs)) == {-1.0, 1.0}
+    np.testing.assert_array_equal(signs, random_signs(50, 40, 3))
+    assert (signs != random_signs(50, 40, 4)).any()
