@@ -33,7 +33,8 @@ def stolen_time() -> Iterator[Callable[[], float]]:
 def _stolen(spent: list[float], names: tuple[str, ...]) -> float:
     if "steal" not in names or sum(spent) <= 0:
         return 0.0
-    return spent[names.index("steal")] / sum(spent)
+    # Over an instant the kernel's counters are coarse, and that of waiting may fall.
+    return min(1.0, max(0.0, spent[names.index("steal")] / sum(spent)))
 
 
 def disturbances(calls: TimedCalls, stolen: float) -> list[str]:
