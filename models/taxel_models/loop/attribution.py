@@ -33,6 +33,9 @@ from taxel_models.loop.scoring import (
 LEVEL: Final = 0.01
 """Family-wise: how often a step may name an effect where there is none."""
 
+FOLD_LEVEL: Final = 0.025
+"""Of the t-test over folds: what a few blocks bring about may stand out and still not repeat."""
+
 DRAWS: Final = 199
 MOST_ROWS: Final = 24_000
 """That are fitted to: neighbouring rows say nearly the same."""
@@ -243,7 +246,8 @@ class Search:
         moved = {one.name for one in self._named if one.score.candidate.moves}
         able = {}
         for one in scores:
-            chance = p_values[one.candidate.effect] > LEVEL and not one.candidate.certain
+            chance = p_values[one.candidate.effect] > LEVEL or one.t_test > FOLD_LEVEL
+            chance = chance and not one.candidate.certain
             tried = (one.candidate.effect, one.candidate.form) in self._tried
             if chance or tried or one.candidate.effect in moved:
                 continue
@@ -354,7 +358,8 @@ class Search:
             if name in names:
                 continue
             p_value = p_values[name]
-            reason = "too little to matter" if p_value <= LEVEL else "no more than chance gives"
+            repeats = p_value <= LEVEL and one.t_test <= FOLD_LEVEL
+            reason = "too little to matter" if repeats else "no more than chance gives"
             if any(name in other.confounded_with for other in self._named):
                 reason = "cannot be told apart from an effect that was named and explains more"
             rejected.append(
