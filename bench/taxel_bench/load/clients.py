@@ -81,7 +81,7 @@ def ready_clients(plan: Plan, endpoint: str) -> Iterator[Clients]:
             ours, theirs = context.Pipe()
             ending.enter_context(ours)
             process = context.Process(target=work, args=(theirs, endpoint, plan, client), daemon=True)
-            with theirs, _interrupts_held():
+            with theirs, _interrupts_ignored():
                 process.start()
             ending.callback(_end, process)
             members.append((ours, process))
@@ -97,13 +97,10 @@ def _end(process: SpawnProcess) -> None:
 
 
 @contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """A process started meanwhile leaves Ctrl-C, which a terminal sends to all, to this one.
-
-    It inherits that interrupts are held; here one that came is delivered at the end.
-    """
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+def _interrupts_ignored() -> Iterator[None]:
+    """A process started meanwhile leaves Ctrl-C, which a terminal sends to all, to this one."""
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.signal(signal.SIGINT, handler)

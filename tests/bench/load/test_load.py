@@ -140,8 +140,11 @@ def test_interrupted_it_leaves_no_process(endpoint: str) -> None:
     program = (
         "from taxel.commands.frame import failing_clearly\n"
         "from taxel_bench.load.command import load\n"
+        "import signal\n"
         "import typer\n"
         "if __name__ == '__main__':\n"
+        # What starts the tests may have told its children to ignore interrupts.
+        "    signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "    typer.run(failing_clearly(load))\n"
     )
     arguments = ["--scenario", "single-stream", "--model", "xgb", "--connect", endpoint, "--clients", "2"]
