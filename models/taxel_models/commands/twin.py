@@ -55,6 +55,8 @@ def twin(
 
     if into is not None and not effect:
         raise SettingsError("--into: expected --effect to plant there")
+    if truth is not None and not effect:
+        raise SettingsError("--truth: expected --effect, something to tell of")
     check_file_place(output)
     recording = simulate(rows, seed) if into is None else read_recording(into)
     planting = _planted(recording, effect, seed) if effect else None

@@ -7,18 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from taxel.corrections import Parameter
 from taxel.manifest import Manifest
 from taxel_models.evaluation.metrics import Errors
-from taxel_models.loop.attribution import LEAST_SHARE, Attribution, Named, Search
+from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import FOLDS, Blocks, cut
 from taxel_models.loop.correction import NewEffects, corrected, served_windows
-from taxel_models.loop.effects.effect import Parameter
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.evidence import Evidence, Predict, gather
 from taxel_models.loop.findings import (
     Findings,
-    FittedFigure,
     FoundEffect,
     PairedTest,
     RejectedEffect,
@@ -27,6 +26,7 @@ from taxel_models.loop.intervals import parameters
 from taxel_models.loop.noise import NoiseFloor
 from taxel_models.loop.remainder import remainder
 from taxel_models.loop.scoring import scale_of
+from taxel_models.loop.search import LEAST_SHARE, Search
 from taxel_models.recordings import Recording
 
 
@@ -206,7 +206,7 @@ def _one(
         conditional=one.conditional,
         p_value=one.p_value,
         t_test=one.score.t_test,
-        parameters=tuple(FittedFigure(**vars(figure)) for figure in figures),
+        parameters=tuple(figures),
         confounded_with=one.confounded_with,
         needs=tuple(needs),
         served=served,

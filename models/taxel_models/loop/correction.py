@@ -6,12 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.corrections import CALIBRATION_EXTRAS, AppliedEffect, Substitute
-from taxel.corrections import Parameter as AppliedParameter
+from taxel.corrections import CALIBRATION_EXTRAS, AppliedEffect, Parameter, Substitute
 from taxel.windows import ExtraFeature
 from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.effects.effect import Online, Parameter
+from taxel_models.loop.effects.effect import Online
 from taxel_models.loop.evidence import Evidence
 
 Windows = NDArray[np.float32]
@@ -55,7 +54,7 @@ def _applied(
         name=one.name,
         about=f"{one.effect.equation}; {one.score.candidate.form}",
         channels=one.channels,
-        parameters=tuple(AppliedParameter(**vars(parameter)) for parameter in parameters),
+        parameters=tuple(parameters),
         frame=evidence.turn if one.score.candidate.moves and not lag else None,
         shift_ticks=evidence.shift_ticks if lag else 0,
         terms=online.terms,

@@ -14,6 +14,8 @@ from taxel.corrections import Frame, Substitute
 from taxel.errors import RecordingError
 from taxel.manifest import Manifest
 from taxel.windows import HistoryFeature, Samples, build_windows, extra_columns, history_columns
+from taxel.windows.history import TICK_S
+from taxel_models.loop.basis import Floats
 from taxel_models.recordings import Recording
 
 TOUCH_N: Final = 0.1
@@ -21,9 +23,7 @@ TOUCH_N: Final = 0.1
 
 _REST_ROWS: Final = 50
 _ITERATIONS: Final = 6
-TICK_S: Final = 0.01
 
-Floats = NDArray[np.float64]
 Predict = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 

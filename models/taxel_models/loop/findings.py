@@ -2,19 +2,10 @@
 
 from typing import Any, Final
 
+from taxel.corrections import Parameter
 from taxel.parts import Part
 
 SCHEMA: Final = 1
-
-
-class FittedFigure(Part):
-    """A parameter of an effect; `low` and `high` bound it with 95 % confidence where known."""
-
-    name: str
-    value: float
-    unit: str
-    low: float | None = None
-    high: float | None = None
 
 
 class FoundEffect(Part):
@@ -44,7 +35,7 @@ class FoundEffect(Part):
     conditional: float
     p_value: float
     t_test: float
-    parameters: tuple[FittedFigure, ...]
+    parameters: tuple[Parameter, ...]
     confounded_with: tuple[str, ...]
     needs: tuple[str, ...]
     served: bool

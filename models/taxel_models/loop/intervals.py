@@ -5,9 +5,9 @@ from typing import Final
 import numpy as np
 
 from taxel.channels import CHANNELS
+from taxel.corrections import Parameter
 from taxel_models.loop.attribution import Named
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.effects.effect import Parameter
 
 NORMAL_95: Final = 1.96
 
@@ -21,7 +21,9 @@ def parameters(named: Named, scale: Floats) -> list[Parameter]:
         scale: (21,) what an error of each channel counted.
     """
     candidate, moments = named.score.candidate, named.score.moments
-    found = [Parameter(name, value, unit) for name, (value, unit) in candidate.settled.items()]
+    found = [
+        Parameter(name=name, value=value, unit=unit) for name, (value, unit) in candidate.settled.items()
+    ]
     if candidate.fitting.fixed:
         return found
     folds = np.stack([moments.weights(scale, left_out=fold) for fold in range(moments.folds)])
@@ -33,11 +35,11 @@ def parameters(named: Named, scale: Floats) -> list[Parameter]:
             label = f"{name} {channel}".strip()
             found.append(
                 Parameter(
-                    label,
-                    float(value),
-                    candidate.weight_unit,
-                    float(value - about),
-                    float(value + about),
+                    name=label,
+                    value=float(value),
+                    unit=candidate.weight_unit,
+                    low=float(value - about),
+                    high=float(value + about),
                 )
             )
     return found

@@ -6,15 +6,13 @@ from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from taxel.channels import COUNTS_MAX
 from taxel.errors import SettingsError
 from taxel.windows import HistoryFeature, history_columns
+from taxel_models.loop.basis import Floats
 from taxel_models.loop.evidence import TOUCH_N
 from taxel_models.recordings import Recording
-
-Floats = NDArray[np.float64]
 
 USUAL_RESIDUAL: Final = 0.1
 """A good model's residual over the channel's standard deviation (the paper's normalised MAE)."""

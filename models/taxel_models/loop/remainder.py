@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
+from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.evidence import TICK_S, TOUCH_N, Evidence
+from taxel_models.loop.evidence import TOUCH_N, Evidence
 from taxel_models.loop.findings import Unexplained
 
 MORE_THAN_NOISE: Final = 0.1

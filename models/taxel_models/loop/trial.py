@@ -8,14 +8,16 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel.channels import COUNTS_MAX
 from taxel.manifest import Manifest
 from taxel.parts import Part
-from taxel_models.loop.attribution import LEAST_SHARE, Search
+from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.closing import Closed, Plan, close_loop
 from taxel_models.loop.effects.registry import NAMES, candidates, effect_named
 from taxel_models.loop.evidence import Evidence, Predict, gather
-from taxel_models.loop.planting import Floats, Planting
+from taxel_models.loop.planting import Planting
+from taxel_models.loop.search import LEAST_SHARE, Search
 from taxel_models.loop.unknown import UNKNOWN
 from taxel_models.recordings import Recording
 from taxel_models.twin import simulate
@@ -145,7 +147,7 @@ def settled(manifest: Manifest, predict: Predict, recording: Recording, seed: in
             break
         channels = recording.channels.copy()
         channels[evidence.rows[0]] -= sum(one.contribution for one in named)
-        recording = replace(recording, channels=np.clip(np.rint(channels), 0, 4095))
+        recording = replace(recording, channels=np.clip(np.rint(channels), 0, COUNTS_MAX))
     return recording
 
 

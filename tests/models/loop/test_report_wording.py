@@ -5,11 +5,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from taxel.corrections import CALIBRATION_EXTRAS
+from taxel.corrections import CALIBRATION_EXTRAS, Parameter
 from taxel.windows import ExtraFeature, Relaxation
 from taxel_models.loop.findings import (
     Findings,
-    FittedFigure,
     FoundEffect,
     PairedTest,
     RejectedEffect,
@@ -47,10 +46,10 @@ def effect(
         p_value=0.005,
         t_test=0.0004,
         parameters=(
-            FittedFigure(name="slope e1", value=1.5, unit="counts/s", low=1.0, high=2.0),
-            FittedFigure(name="slope e2", value=-9.0, unit="counts/s", low=-10.0, high=-8.0),
-            FittedFigure(name="time_constant", value=2.0, unit="s"),
-            FittedFigure(name="slope e3", value=0.1, unit="counts/s", low=0.0, high=0.2),
+            Parameter(name="slope e1", value=1.5, unit="counts/s", low=1.0, high=2.0),
+            Parameter(name="slope e2", value=-9.0, unit="counts/s", low=-10.0, high=-8.0),
+            Parameter(name="time_constant", value=2.0, unit="s"),
+            Parameter(name="slope e3", value=0.1, unit="counts/s", low=0.0, high=0.2),
         ),
         confounded_with=confounded_with,
         needs=needed,

@@ -9,7 +9,8 @@ from typing_extensions import override
 
 from taxel.channels import CHANNELS
 from taxel.windows import Elapsed
-from taxel_models.loop.effects.effect import Candidate, Effect, Left, past, weighted
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Left, past, weighted
 from taxel_models.loop.evidence import Evidence
 from taxel_models.loop.planting import Planting
 
@@ -36,16 +37,8 @@ class Drift(Effect):
             ("line", np.array([0.0, span])),
             (f"{PIECES} pieces", np.linspace(0.0, span, PIECES + 1)),
         ):
-            drivers = [
-                past(
-                    evidence,
-                    Elapsed(start_s=float(start), end_s=float(end)),
-                    f"elapsed[{start:.0f}:{end:.0f}s]",
-                    "s",
-                )
-                for start, end in pairwise(edges)
-            ]
-            yield weighted(evidence, self.name, form, "unit", drivers, weight_unit="counts/s", settled={})
+            drivers = elapsed(evidence, edges)
+            yield weighted(evidence, self.name, form, "unit", drivers, weight_unit="counts/s")
 
     @override
     def plant(self, planting: Planting) -> None:
@@ -54,3 +47,16 @@ class Drift(Effect):
         shape = time if planting.random.random() < 0.5 else rise
         amplitudes = planting.random.normal(1.0, 0.5, len(CHANNELS)) * planting.random.choice([-1.0, 1.0])
         planting.add((shape - shape.mean())[:, None] * amplitudes, {"amplitude": amplitudes})
+
+
+def elapsed(evidence: Evidence, edges: Floats) -> list[Driver]:
+    """The session's time in pieces between edges, s; weights make a line of straight pieces of them."""
+    return [
+        past(
+            evidence,
+            Elapsed(start_s=float(start), end_s=float(end)),
+            f"elapsed[{start:.0f}:{end:.0f}s]",
+            "s",
+        )
+        for start, end in pairwise(edges)
+    ]

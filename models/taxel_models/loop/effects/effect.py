@@ -20,17 +20,6 @@ Shape = Literal["unit", "signal", "log_impedance"]
 
 
 @dataclass(frozen=True)
-class Parameter:
-    """One fitted figure; `low` and `high` bound it with 95 % confidence where there is an interval."""
-
-    name: str
-    value: float
-    unit: str
-    low: float | None = None
-    high: float | None = None
-
-
-@dataclass(frozen=True)
 class Online:
     """How an effect is computed while a model serves.
 
@@ -56,9 +45,9 @@ class Candidate:
         weight_unit: of all weights.
         settled: the figures that make this form, such as a time constant, with their units.
         online: its online form for weights (21, k).
-        moves: it changes what the model is given, so that predictions are made anew: see `Effect.moved`.
         certain: its signature cannot come about by chance, so that no test is needed.
-        signature_only: it is recognised in hindsight, and what it needs is not known while serving.
+        moved: puts right what the model is given, so that predictions are made anew; None for forms
+            that are added to the prediction.
         again: makes the same form on other predictions; None for forms that move inputs.
     """
 
@@ -70,10 +59,14 @@ class Candidate:
     weight_unit: str = ""
     settled: Mapping[str, tuple[float, str]] = field(default_factory=dict)
     online: Callable[[Floats], Online] = lambda _: Online()
-    moves: bool = False
     certain: bool = False
-    signature_only: bool = False
+    moved: Callable[[Evidence], Evidence] | None = None
     again: "Callable[[Evidence], Candidate] | None" = None
+
+    @property
+    def moves(self) -> bool:
+        """Whether it changes what the model is given."""
+        return self.moved is not None
 
 
 @dataclass(frozen=True)
@@ -122,13 +115,9 @@ class Effect(ABC):
         del evidence, best
         return ()
 
-    def moved(self, evidence: Evidence, candidate: Candidate, weights: Floats) -> Evidence:
-        """The evidence with the model's inputs put right; only for forms that move them."""
-        raise NotImplementedError(f"{self.name} moves no inputs: {candidate.form}, {weights.shape}")
-
+    @abstractmethod
     def plant(self, planting: Planting) -> None:
         """Put the effect into a recording, with parameters drawn at random."""
-        raise NotImplementedError(f"{self.name} is not planted in {planting.recording.name}")
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,6 @@ class Fault(Effect):
             },
             online=lambda _: online,
             certain=True,
-            signature_only=kind == "intermittent",
             again=lambda _: self._with(found, kind, residual),
         )
 

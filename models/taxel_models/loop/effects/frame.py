@@ -1,6 +1,7 @@
 """Frame: the frame of the recorded forces or positions is turned or shifted."""
 
 from collections.abc import Iterable
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -60,18 +61,8 @@ class Frame(Effect):
                 Own(change[:, :, None].astype(np.float32), rows),
                 fitting=Fitting(fixed=True),
                 settled=_settled(kind, vector),
-                moves=True,
+                moved=partial(_moved, kind, vector),
             )
-
-    @override
-    def moved(self, evidence: Evidence, candidate: Candidate, weights: Floats) -> Evidence:
-        kind = KINDS[candidate.form]
-        unit = 1e-3 if kind == "shift" else np.pi / 180.0
-        vector = np.array([candidate.settled[axis][0] for axis in "xyz"]) * unit
-        turn = turn_of(kind, vector)
-        windows = turn.turn(evidence.windows, evidence.manifest.spec)
-        whole = turn if evidence.turn is None else after(turn, evidence.turn)
-        return evidence.with_windows(windows, turn=whole, shift_ticks=evidence.shift_ticks)
 
     @override
     def plant(self, planting: Planting) -> None:
@@ -138,6 +129,14 @@ def _settled(kind: str, vector: Floats) -> dict[str, tuple[float, str]]:
     named = dict(zip("xyz", np.degrees(vector), strict=True))
     angle = float(np.degrees(np.linalg.norm(vector)))
     return {"angle": (angle, "deg"), **{name: (float(value), "deg") for name, value in named.items()}}
+
+
+def _moved(kind: str, vector: Floats, evidence: Evidence) -> Evidence:
+    """The evidence with its windows turned, or turned further."""
+    turn = turn_of(kind, vector)
+    windows = turn.turn(evidence.windows, evidence.manifest.spec)
+    whole = turn if evidence.turn is None else after(turn, evidence.turn)
+    return evidence.with_windows(windows, turn=whole, shift_ticks=evidence.shift_ticks)
 
 
 def turn_of(kind: str, vector: Floats) -> Turn:

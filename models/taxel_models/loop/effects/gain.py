@@ -7,8 +7,8 @@ import numpy as np
 from typing_extensions import override
 
 from taxel.channels import CHANNELS
-from taxel.windows import Elapsed
-from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Left, past, weighted
+from taxel_models.loop.effects.drift import elapsed
+from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Left, weighted
 from taxel_models.loop.effects.offset import ONE
 from taxel_models.loop.evidence import Evidence
 from taxel_models.loop.moments import Fitting
@@ -43,8 +43,7 @@ class Gain(Effect):
             )
         span = float(evidence.time_s.max())
         if span > AGEING_S:
-            elapsed = Elapsed(start_s=0.0, end_s=span)
-            ageing = past(evidence, elapsed, f"elapsed[0:{span:.0f}s]", "s")
+            (ageing,) = elapsed(evidence, np.array([0.0, span]))
             yield weighted(
                 evidence,
                 self.name,

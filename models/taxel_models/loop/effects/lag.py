@@ -8,9 +8,10 @@ from typing import Final
 import numpy as np
 from typing_extensions import override
 
-from taxel_models.loop.basis import Floats, Own
+from taxel.windows.history import TICK_S
+from taxel_models.loop.basis import Own
 from taxel_models.loop.effects.effect import Candidate, Effect, Left
-from taxel_models.loop.evidence import TICK_S, Evidence
+from taxel_models.loop.evidence import Evidence
 from taxel_models.loop.moments import Fitting
 from taxel_models.loop.planting import Planting
 from taxel_models.recordings import Recording
@@ -37,15 +38,8 @@ class Lag(Effect):
                 Own(change[:, :, None].astype(np.float32)),
                 fitting=Fitting(fixed=True),
                 settled={"lag": (ticks * TICK_S, "s")},
-                moves=True,
+                moved=partial(_moved, ticks),
             )
-
-    @override
-    def moved(self, evidence: Evidence, candidate: Candidate, weights: Floats) -> Evidence:
-        ticks = round(candidate.settled["lag"][0] / TICK_S)
-        windows = evidence.windows[evidence.rows_before(ticks)]
-        shift = evidence.shift_ticks + ticks
-        return evidence.with_windows(windows, turn=evidence.turn, shift_ticks=shift)
 
     @override
     def plant(self, planting: Planting) -> None:
@@ -59,3 +53,10 @@ class Lag(Effect):
 
         ticks = range(1, TICKS[-1] + 1)
         planting.search(((one * TICK_S, partial(trailing, one)) for one in ticks), "lag", "s")
+
+
+def _moved(ticks: int, evidence: Evidence) -> Evidence:
+    """The evidence with windows from so many ticks before."""
+    windows = evidence.windows[evidence.rows_before(ticks)]
+    shift = evidence.shift_ticks + ticks
+    return evidence.with_windows(windows, turn=evidence.turn, shift_ticks=shift)

@@ -33,7 +33,8 @@ class Location(Effect):
 
     @override
     def forms(self, evidence: Evidence, left: Left) -> Iterable[Candidate]:
-        touched = evidence.position[left.fit & (evidence.pressed > TOUCH_N)]
+        position, pressed = _served(evidence)
+        touched = position[left.fit & (pressed > TOUCH_N)]
         if len(touched) < CENTRES or touched.std(axis=0).max() < LEAST_SPREAD_M:
             return
         centres = spread_out(touched, CENTRES)
@@ -54,7 +55,7 @@ class Location(Effect):
         return Candidate(
             self.name,
             f"{len(centres)} bumps",
-            Shared(bumps(evidence.position, evidence.pressed, centres, width)),
+            Shared(bumps(*_served(evidence), centres, width)),
             weight_names=tuple(f"bump {number}" for number in range(1, len(centres) + 1)),
             weight_unit="counts",
             settled={"width": (width * 1e3, "mm")},
@@ -72,6 +73,12 @@ class Location(Effect):
         planting.add(
             bumps(samples.position, planting.pressed, centres, width) @ weights, {}, width=width * 1e3
         )
+
+
+def _served(evidence: Evidence) -> tuple[Floats, Floats]:
+    """(n, 3) positions and (n,) forces' magnitudes as a served window has them: before a lag, if any."""
+    rows = evidence.rows_before(evidence.shift_ticks)
+    return evidence.position[rows], evidence.pressed[rows]
 
 
 def bumps(position: Floats, pressed: Floats, centres: Floats, width: float) -> Floats:

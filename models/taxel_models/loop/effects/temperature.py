@@ -1,15 +1,14 @@
 """Temperature: the fluid's conductivity, and with it every electrode's impedance, follows the heat."""
 
 from collections.abc import Iterable
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
 from typing_extensions import override
 
 from taxel.channels import CHANNELS, COUNTS_MAX, ELECTRODE_COLUMNS
-from taxel.windows import Elapsed, Relaxation
-from taxel_models.loop.effects.drift import PIECES, SHORTEST_S
+from taxel.windows import Relaxation
+from taxel_models.loop.effects.drift import PIECES, SHORTEST_S, elapsed
 from taxel_models.loop.effects.effect import Candidate, Effect, Left, given, past, weighted
 from taxel_models.loop.evidence import Evidence
 from taxel_models.loop.moments import Fitting
@@ -79,15 +78,7 @@ class Temperature(Effect):
         if span < SHORTEST_S or not evidence.raw_counts:
             return
         edges = np.linspace(0.0, span, PIECES + 1)
-        drivers = [
-            past(
-                evidence,
-                Elapsed(start_s=float(start), end_s=float(end)),
-                f"elapsed[{start:.0f}:{end:.0f}s]",
-                "s",
-            )
-            for start, end in pairwise(edges)
-        ]
+        drivers = elapsed(evidence, edges)
         cooling = Relaxation(of="force", time_constant_s=COOLING_S)
         drivers.append(past(evidence, cooling, f"relaxation[{COOLING_S:g}s].force", "N"))
         electrodes = np.zeros((len(CHANNELS), len(drivers)), bool)

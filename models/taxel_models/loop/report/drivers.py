@@ -7,6 +7,7 @@ import numpy as np
 
 from taxel.channels import CHANNELS
 from taxel.corrections import Mix
+from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats, Shared
 from taxel_models.loop.closing import Closed
 from taxel_models.loop.effects.covariate import Covariate
@@ -16,7 +17,6 @@ from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.lag import Lag
 from taxel_models.loop.effects.saturation import Saturation
 from taxel_models.loop.effects.temperature import TDC, Temperature
-from taxel_models.loop.evidence import TICK_S
 from taxel_models.loop.report.partial import Partial
 
 _CHANGE_TICKS: Final = 5

@@ -10,12 +10,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
+from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.closing import Closed
 from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.effects.location import Location
 from taxel_models.loop.effects.offset import Offset
-from taxel_models.loop.evidence import TICK_S, TOUCH_N
+from taxel_models.loop.evidence import TOUCH_N
 from taxel_models.loop.report.colours import AFTER, BEFORE, MEASURED
 from taxel_models.loop.report.drivers import axis_of
 from taxel_models.loop.report.partial import Partial

@@ -8,9 +8,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy import signal
 
+from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.closing import Closed
-from taxel_models.loop.evidence import TICK_S, Evidence
+from taxel_models.loop.evidence import Evidence
 from taxel_models.loop.noise import NoiseFloor
 from taxel_models.loop.remainder import autocorrelation
 from taxel_models.loop.report.colours import AFTER, BEFORE, NOISE

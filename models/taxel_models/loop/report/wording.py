@@ -3,9 +3,9 @@
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-from taxel.corrections import CALIBRATION_EXTRAS
+from taxel.corrections import CALIBRATION_EXTRAS, Parameter
 from taxel.windows import ExtraFeature
-from taxel_models.loop.findings import Findings, FittedFigure, FoundEffect, PairedTest
+from taxel_models.loop.findings import Findings, FoundEffect, PairedTest
 
 SIGNIFICANT: Final = 0.05
 """Of the paired test: above, the error is not said to have fallen."""
@@ -34,13 +34,13 @@ def listed(words: Sequence[str]) -> str:
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
-def parameter(figure: FittedFigure) -> str:
+def parameter(figure: Parameter) -> str:
     """A parameter with its unit, and its interval where there is one."""
     text = f"{figure.name} {number(figure.value)} {figure.unit}".rstrip()
     return f"{text} ({interval(figure)})" if interval(figure) else text
 
 
-def interval(figure: FittedFigure) -> str:
+def interval(figure: Parameter) -> str:
     """A parameter's bounds; empty where it has none."""
     if figure.low is None or figure.high is None:
         return ""
@@ -56,7 +56,7 @@ def key_parameters(effect: FoundEffect) -> str:
     return "; ".join(map(parameter, shown)) + (f"; {more} more" if more else "")
 
 
-def _size(figure: FittedFigure) -> float:
+def _size(figure: Parameter) -> float:
     return abs(figure.value)
 
 

@@ -1,0 +1,297 @@
+"""The search: effects compete for the residual, one is named at a time, until chance does as well.
+
+At each step every form of every effect is cross-validated on what is left. The best is named if it
+explains more than any candidate does when blocks are turned round by chance, and enough to matter;
+then all named ones are fitted again together. At the end each is tried without the others' help.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from taxel_models.loop.attribution import Attribution, Named, Rejected
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.blocks import Blocks, thinned
+from taxel_models.loop.effects.effect import Candidate, Effect, Left
+from taxel_models.loop.evidence import Evidence
+from taxel_models.loop.moments import Moments
+from taxel_models.loop.scoring import (
+    Score,
+    absolute_of,
+    random_signs,
+    scale_of,
+    score,
+    stands_out,
+    trust_of,
+    worth,
+)
+
+LEVEL: Final = 0.01
+"""Family-wise: how often a step may name an effect where there is none."""
+
+FOLD_LEVEL: Final = 0.025
+"""Of the t-test over folds: what a few blocks bring about may stand out and still not repeat."""
+
+DRAWS: Final = 199
+MOST_ROWS: Final = 24_000
+"""That are fitted to: neighbouring rows say nearly the same."""
+
+LEAST_SHARE: Final = 0.02
+"""Of the residual's energy over all channels: less is not worth a new version."""
+
+LEAST_CHANNEL_SHARE: Final = 0.15
+"""Of one channel's energy: a cause of few channels matters to them."""
+
+CERTAIN_CHANNEL_SHARE: Final = 0.03
+"""Of one channel's error, for a fault that cannot be chance."""
+
+AS_GOOD: Final = 0.985
+"""Of the best share: a form with fewer figures that explains so much of it is taken instead."""
+
+NEARLY: Final = 0.9
+"""Of the most that any effect is worth: among those, the share decides, which tells causes apart better."""
+
+MOST_EFFECTS: Final = 8
+REFITS: Final = 3
+CONFOUNDED: Final = 0.8
+"""Of an effect's gain: another that explains so much in its place cannot be told from it."""
+
+Progress = Callable[[str], None]
+
+
+class Search:
+    """One attribution.
+
+    Args:
+        evidence: the recordings beside the model's predictions.
+        blocks: what is fitted to and what is kept for the final comparison, which is not looked at.
+        effects: the candidates.
+        seed: of the blocks that are turned round.
+        least_share: of the error that an effect has to take away to be named.
+        progress: told what is being looked at.
+    """
+
+    def __init__(
+        self,
+        evidence: Evidence,
+        blocks: Blocks,
+        effects: Sequence[Effect],
+        *,
+        seed: int,
+        least_share: float = LEAST_SHARE,
+        progress: Progress | None = None,
+    ) -> None:
+        self._evidence = evidence
+        self._first = evidence
+        self._blocks = thinned(blocks, MOST_ROWS)
+        self._effects = effects
+        self._progress = progress or _silent
+        self._least_share = least_share
+        self._signs = random_signs(DRAWS, int((blocks.fold >= 0).sum()), seed)
+        self._scale = scale_of((evidence.measured - evidence.predicted)[blocks.fit])
+        self._trust = trust_of(evidence.measured - evidence.predicted, evidence.pressed, blocks.fit)
+        self._absolute = absolute_of(evidence.measured - evidence.predicted, blocks.fit)
+        self._named: list[Named] = []
+        self._alone: dict[str, float] = {}
+        self._tried: set[tuple[str, str]] = set()
+        """Forms that were named once: none is named again, so that the search ends."""
+        self._forms: dict[str, tuple[Candidate, ...]] = {}
+        """Forms on the present evidence, of effects that do not look at the residual."""
+
+    def run(self) -> Attribution:
+        """Name effects until nothing is left that chance does not explain as well."""
+        # Products of a few columns: threads would cost more than they bring.
+        with threadpool_limits(1):
+            return self._run()
+
+    def _run(self) -> Attribution:
+        while True:
+            scores = self._scores(self._left())
+            if not self._alone:
+                self._alone = {one.candidate.effect: one.share for one in scores}
+            p_values = self._p_values(scores)
+            chosen = self._best(scores, p_values)
+            if chosen is None or len(self._named) == MOST_EFFECTS:
+                break
+            self._name(chosen, p_values[chosen.candidate.effect])
+            self._refit()
+            self._drop_superfluous()
+        self._confound()
+        return Attribution(
+            self._evidence, tuple(self._named), self._rejected(scores, p_values), self._left()
+        )
+
+    def _left(self, without: Named | None = None) -> Floats:
+        """(n, 21) what is left when the named effects, or all but one, are taken out."""
+        left = self._evidence.measured - self._evidence.predicted
+        for one in self._named:
+            if not one.score.candidate.moves:
+                left = left - one.contribution
+        return left if without is None else left + without.contribution
+
+    def _scores(self, residual: Floats) -> list[Score]:
+        """The best form of each effect on a residual."""
+        found = []
+        left = Left(residual, self._blocks.fit, self._trust)
+        for effect in self._effects:
+            self._progress(effect.label)
+            forms = [self._score(one, residual) for one in self._forms_of(effect, left)]
+            if not forms:
+                continue
+            best = _simplest(forms)
+            finer = [self._score(one, residual) for one in effect.finer(self._evidence, best.candidate)]
+            found.append(_simplest([best, *finer]) if finer else best)
+        return found
+
+    def _forms_of(self, effect: Effect, left: Left) -> Sequence[Candidate]:
+        if effect.looks_at_residual:
+            return tuple(effect.forms(self._evidence, left))
+        if effect.label not in self._forms:
+            self._forms[effect.label] = tuple(effect.forms(self._evidence, left))
+        return self._forms[effect.label]
+
+    def _score(self, candidate: Candidate, residual: Floats) -> Score:
+        moments = Moments.of(candidate.basis, residual, self._trust, self._blocks, candidate.fitting)
+        return score(candidate, moments, self._scale)
+
+    def _p_values(self, scores: Sequence[Score]) -> dict[str, float]:
+        """For each effect how often chance lets any candidate stand out as much."""
+        found = np.stack([stands_out(one.moments, self._scale, self._signs) for one in scores])
+        most = found[:, 1:].max(axis=0)
+        return {
+            one.candidate.effect: float((1 + (most >= found[place, 0]).sum()) / (1 + len(most)))
+            for place, one in enumerate(scores)
+        }
+
+    def _best(self, scores: Sequence[Score], p_values: dict[str, float]) -> Score | None:
+        """Of the real effects that are worth most, the one that explains most or is simpler."""
+        moved = {one.name for one in self._named if one.score.candidate.moves}
+        able = {}
+        for one in scores:
+            chance = p_values[one.candidate.effect] > LEVEL or one.t_test > FOLD_LEVEL
+            chance = chance and not one.candidate.certain
+            tried = (one.candidate.effect, one.candidate.form) in self._tried
+            if chance or tried or one.candidate.effect in moved:
+                continue
+            worths = self._worth(one)
+            total, most = float(worths.mean()), float(worths.max())
+            enough = CERTAIN_CHANNEL_SHARE if one.candidate.certain else LEAST_CHANNEL_SHARE
+            if total >= self._least_share or (most >= enough and total > 0):
+                able[one.candidate.effect] = total, one
+        if not able:
+            return None
+        most = max(value for value, _ in able.values())
+        return _simplest([one for value, one in able.values() if value >= NEARLY * most])
+
+    def _worth(self, one: Score) -> Floats:
+        """(21,) share of each channel's first error that it takes away in cross-validation."""
+        candidate = one.candidate
+        alike = Moments.of(candidate.basis, self._left(), self._absolute, self._blocks, candidate.fitting)
+        basis_rows = candidate.basis.rows
+        first = (self._first.measured - self._first.predicted) ** 2 * self._absolute[:, None]
+        kept = self._blocks.fit
+        rows = np.flatnonzero(kept) if basis_rows is None else basis_rows[kept[basis_rows]]
+        return worth(one, alike, self._scale, first[rows].sum(axis=0))
+
+    def _name(self, chosen: Score, p_value: float) -> None:
+        effect = next(one for one in self._effects if one.label == chosen.candidate.effect)
+        self._tried.add((chosen.candidate.effect, chosen.candidate.form))
+        weights = chosen.moments.weights(self._scale)
+        if chosen.candidate.moved is None:
+            contribution = chosen.candidate.basis.times(weights)
+        else:
+            # What the model predicts changes, and with it all forms.
+            before, self._evidence = self._evidence, chosen.candidate.moved(self._evidence)
+            contribution = self._evidence.predicted - before.predicted
+            self._forms.clear()
+        named = Named(effect, chosen, weights, contribution, p_value)
+        self._named = [one for one in self._named if one.name != named.name] + [named]
+
+    def _refit(self) -> None:
+        """Fit all named effects again, each to what the others leave, until they agree."""
+        for _ in range(REFITS if len(self._named) > 1 else 1):
+            for place, one in enumerate(self._named):
+                self._named[place] = self._fitted_again(one)
+
+    def _fitted_again(self, one: Named) -> Named:
+        candidate = one.score.candidate
+        if candidate.again is None:
+            return one
+        fresh = self._score(candidate.again(self._evidence), self._left(without=one))
+        weights = fresh.moments.weights(self._scale)
+        contribution = fresh.candidate.basis.times(weights)
+        return replace(one, score=fresh, weights=weights, contribution=contribution)
+
+    def _drop_superfluous(self) -> None:
+        """Take back what no longer explains anything beside the others."""
+        while len(self._named) > 1:
+            conditional = [self._conditional(one) for one in self._named]
+            weakest = int(np.argmin([share for share, _ in conditional]))
+            share, most = conditional[weakest]
+            if share >= self._least_share / 2 or most >= LEAST_CHANNEL_SHARE / 2:
+                break
+            if self._named[weakest].score.candidate.moves:
+                break
+            self._named.pop(weakest)
+            self._refit()
+
+    def _conditional(self, one: Named) -> tuple[float, float]:
+        """Share of the energy, over all channels and in the channel where it is most, lost without it."""
+        fit = self._blocks.fit
+        first = (self._first.measured - self._first.predicted)[fit]
+        energy = np.maximum((first**2).mean(axis=0), 1e-9)
+        gain = (self._left(without=one)[fit] ** 2).mean(axis=0) - (self._left()[fit] ** 2).mean(axis=0)
+        return float((gain / energy).mean()), float((gain / energy).max())
+
+    def _confound(self) -> None:
+        """For each named effect, which others could stand in its place."""
+        names = {one.name for one in self._named}
+        for place, one in enumerate(self._named):
+            self._progress(f"what could stand for {one.name}")
+            if one.score.candidate.moves:
+                # Its own forms are relative to the inputs as they were before they were put right.
+                shares = self._alone
+            else:
+                left = self._left(without=one)
+                shares = {score.candidate.effect: score.share for score in self._scores(left)}
+            # Where it explains nothing by itself, nothing can be said to explain as much.
+            needed = CONFOUNDED * shares.get(one.name, 0.0)
+            able = tuple(
+                name for name, share in shares.items() if name not in names and share >= needed > 0
+            )
+            conditional = self._conditional(one)[0]
+            self._named[place] = replace(one, confounded_with=able, conditional=conditional)
+
+    def _rejected(self, scores: Sequence[Score], p_values: dict[str, float]) -> tuple[Rejected, ...]:
+        names = {one.name for one in self._named}
+        rejected = []
+        for one in scores:
+            name = one.candidate.effect
+            if name in names:
+                continue
+            p_value = p_values[name]
+            repeats = p_value <= LEVEL and one.t_test <= FOLD_LEVEL
+            reason = "too little to matter" if repeats else "no more than chance gives"
+            if any(name in other.confounded_with for other in self._named):
+                reason = "cannot be told apart from an effect that was named and explains more"
+            rejected.append(
+                Rejected(name, one.candidate.form, one.share, self._alone.get(name, 0.0), p_value, reason)
+            )
+        return tuple(sorted(rejected, key=lambda other: -other.alone))
+
+
+def _simplest(scores: Iterable[Score]) -> Score:
+    """The best score, or one with fewer fitted figures that explains nearly as much."""
+    scores = list(scores)
+    best = max(scores, key=lambda one: one.share)
+    if best.share <= 0:
+        return best
+    near = [one for one in scores if one.share >= AS_GOOD * best.share]
+    return min(near, key=lambda one: (one.freedom, -one.share))
+
+
+def _silent(note: str) -> None:
+    del note
