@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from taxel.channels import ELECTRODE_COLUMNS
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.moments import Moments
@@ -29,6 +30,7 @@ class Score:
         strength: (21,) F of each channel's weights.
         share: of the residual's energy, trusted rows first, that it explains over all channels.
         fold_share: (folds,) share explained in each fold.
+        spread: standard deviation of the electrodes' weights, relative to their mean.
     """
 
     candidate: Candidate
@@ -36,6 +38,7 @@ class Score:
     strength: Floats
     share: float
     fold_share: Floats
+    spread: float
 
     @property
     def channels(self) -> NDArray[np.bool_]:
@@ -45,9 +48,11 @@ class Score:
     @property
     def t_test(self) -> float:
         """One-sided p of the corrected resampled t-test over the folds (Nadeau and Bengio 2003)."""
-        folds = len(self.fold_share)
-        spread = self.fold_share.std(ddof=1) * np.sqrt(1.0 / folds + 1.0 / max(folds - 1, 1))
-        return float(stats.t.sf(self.fold_share.mean() / max(spread, 1e-12), folds - 1))
+        return _t_test(self.fold_share)[1]
+
+    def against(self, other: "Score") -> tuple[float, float]:
+        """t and one-sided p of the same test: whether another explains more than this."""
+        return _t_test(other.fold_share - self.fold_share)
 
     @property
     def freedom(self) -> int:
@@ -58,6 +63,13 @@ class Score:
         elif not fitting.pooled:
             size *= len(self.strength)
         return size + len(self.candidate.settled)
+
+
+def _t_test(by_fold: Floats) -> tuple[float, float]:
+    folds = len(by_fold)
+    spread = by_fold.std(ddof=1) * np.sqrt(1.0 / folds + 1.0 / max(folds - 1, 1))
+    t = float(by_fold.mean() / max(spread, 1e-12))
+    return t, float(stats.t.sf(t, folds - 1))
 
 
 def scale_of(residual: Floats) -> Floats:
@@ -100,12 +112,17 @@ def score(candidate: Candidate, moments: Moments, scale: Floats) -> Score:
     gains = moments.gains(scale)
     energy = (moments.energy * scale).sum(axis=1)
     by_fold = np.array([energy[moments.fold == fold].sum() for fold in range(moments.folds)])
+    # The other two channels have other units and other causes.
+    weights = moments.weights(scale)[ELECTRODE_COLUMNS]
+    alike = np.linalg.norm(weights.mean(axis=0))
+    spread = np.sqrt(((weights - weights.mean(axis=0)) ** 2).sum(axis=1).mean())
     return Score(
         candidate,
         moments,
         moments.strength(scale),
         float(gains.sum() / by_fold.sum()),
         gains.sum(axis=1) / by_fold,
+        float(spread / max(float(alike), 1e-12)),
     )
 
 

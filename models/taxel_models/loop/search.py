@@ -5,6 +5,7 @@ explains more than any candidate does when blocks are turned round by chance, an
 then all named ones are fitted again together. At the end each is tried without the others' help.
 """
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Final
@@ -12,6 +13,7 @@ from typing import Final
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
 from taxel_models.loop.attribution import Attribution, Named, Rejected
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks, thinned
@@ -167,24 +169,30 @@ class Search:
         }
 
     def _best(self, scores: Sequence[Score], p_values: dict[str, float]) -> Score | None:
-        """Of the real effects that are worth most, the one that explains most or is simpler."""
+        """Of the effects that stand out and are worth most, the one that explains most or is simpler.
+
+        One at least has to repeat over the folds. Which one is named is decided by what each explains
+        on held-out blocks: a test that the better explanation passes less clearly is no reason to
+        prefer the worse.
+        """
         moved = {one.name for one in self._named if one.score.candidate.moves}
-        able = {}
+        able: dict[str, tuple[float, Score]] = {}
+        repeats = False
         for one in scores:
-            chance = p_values[one.candidate.effect] > LEVEL or one.t_test > FOLD_LEVEL
-            chance = chance and not one.candidate.certain
+            stands_out = p_values[one.candidate.effect] <= LEVEL or one.candidate.certain
             tried = (one.candidate.effect, one.candidate.form) in self._tried
-            if chance or tried or one.candidate.effect in moved:
+            if not stands_out or tried or one.candidate.effect in moved:
                 continue
             worths = self._worth(one)
             total, most = float(worths.mean()), float(worths.max())
             enough = CERTAIN_CHANNEL_SHARE if one.candidate.certain else LEAST_CHANNEL_SHARE
             if total >= self._least_share or (most >= enough and total > 0):
                 able[one.candidate.effect] = total, one
-        if not able:
+                repeats |= one.t_test <= FOLD_LEVEL or one.candidate.certain
+        if not repeats:
             return None
         most = max(value for value, _ in able.values())
-        return _simplest([one for value, one in able.values() if value >= NEARLY * most])
+        return _likeliest(one for value, one in able.values() if value >= NEARLY * most)
 
     def _worth(self, one: Score) -> Floats:
         """(21,) share of each channel's first error that it takes away in cross-validation."""
@@ -285,12 +293,32 @@ class Search:
 
 def _simplest(scores: Iterable[Score]) -> Score:
     """The best score, or one with fewer fitted figures that explains nearly as much."""
+    return min(_near(scores), key=lambda one: (one.freedom, -one.share))
+
+
+def _likeliest(scores: Iterable[Score]) -> Score:
+    """Of different causes the one that explains most; of those that do as well, the simplest.
+
+    As well means nearly as much, and not less in every fold. Between two with as many weights stands
+    their evidence: what the data say for the better one, t²/2, and how alike the electrodes' weights
+    are, since a common cause draws them from one distribution, and a narrow one leaves less to choose.
+    """
+    near = _near(scores)
+    best = max(near, key=lambda one: one.share)
+    level = [one for one in near if one is best or one.against(best)[1] > FOLD_LEVEL]
+
+    def doubt(one: Score) -> float:
+        t = 0.0 if one is best else one.against(best)[0]
+        electrodes = len(CHANNELS[ELECTRODE_COLUMNS])
+        return t**2 / 2 + electrodes * math.log(max(one.spread, 1e-3))
+
+    return min(level, key=lambda one: (one.freedom, doubt(one)))
+
+
+def _near(scores: Iterable[Score]) -> list[Score]:
     scores = list(scores)
     best = max(scores, key=lambda one: one.share)
-    if best.share <= 0:
-        return best
-    near = [one for one in scores if one.share >= AS_GOOD * best.share]
-    return min(near, key=lambda one: (one.freedom, -one.share))
+    return [one for one in scores if one is best or one.share >= AS_GOOD * best.share > 0]
 
 
 def _silent(note: str) -> None:
