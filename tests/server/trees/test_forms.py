@@ -118,7 +118,7 @@ def test_a_form_with_other_bits_is_not_used(
 
 
 def test_fewer_rows_take_the_first_form_and_many_the_last() -> None:
-    forms = Forms((None,) * 3, (1.0, 3.0, 7.0))
+    forms = Forms((None,) * 3, 1.0, (1.0, 3.0, 7.0))
     assert [(step.kernel, step.first, step.stop) for step in forms.steps(8)] == [(0, 0, 8)]
     assert [(step.kernel, step.first, step.stop) for step in forms.steps(64)] == [(1, 0, 64)]
     assert [(step.kernel, step.first, step.stop) for step in forms.steps(200)] == [(2, 0, 200)]
@@ -127,7 +127,12 @@ def test_fewer_rows_take_the_first_form_and_many_the_last() -> None:
         (1, 512, 600),
     ]
     assert forms.steps(0) == []
-    assert [(step.kernel, step.stop) for step in Forms((None,), (1.0,)).steps(900)] == [(0, 900)]
+    assert [(step.kernel, step.stop) for step in Forms((None,), 1.0, (1.0,)).steps(900)] == [(0, 900)]
+
+
+def test_one_row_takes_the_first_form_where_eight_would_not() -> None:
+    forms = Forms((None,) * 3, 1.0, (8.0, 3.5, 7.0))
+    assert [forms.steps(rows)[0].kernel for rows in (1, 2, 3, 4, 8, 9)] == [0, 0, 0, 1, 1, 1]
 
 
 @pytest.mark.skipif(os.uname().machine != "x86_64", reason="names x86 processors")

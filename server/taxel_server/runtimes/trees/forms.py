@@ -70,9 +70,10 @@ class Forms:
             large for them.
     """
 
-    def __init__(self, kernels: tuple[Kernel, ...], seconds: tuple[float, ...]) -> None:
-        """`seconds` is what TILE rows cost in the first kernel, and one block in each other."""
+    def __init__(self, kernels: tuple[Kernel, ...], one_row: float, seconds: tuple[float, ...]) -> None:
+        """What one row costs in the first kernel; then what TILE rows do, and one block in each other."""
         self.kernels = kernels
+        self._one_row = one_row
         self._seconds = seconds
 
     @classmethod
@@ -99,7 +100,7 @@ class Forms:
             kernels = kernels[:1]
         timed = zip(kernels, sizes, strict=False)
         seconds = tuple(_seconds(kernel, windows[:size], expected.shape[1]) for kernel, size in timed)
-        return cls(tuple(kernels), seconds)
+        return cls(tuple(kernels), _seconds(kernels[0], windows[:1], expected.shape[1]), seconds)
 
     def steps(self, rows: int) -> list[Step]:
         """The cheapest way to evaluate so many rows."""
@@ -111,12 +112,18 @@ class Forms:
         rest = rows - whole
         if rest:
             costs = (
-                -(-rest // TILE) * self._seconds[0],
+                self._of_few(rest),
                 -(-rest // short) * self._seconds[1],
                 self._seconds[2],
             )
             steps.append(Step(costs.index(min(costs)), whole, rows))
         return steps
+
+    def _of_few(self, rows: int) -> float:
+        """What so many rows cost in the first kernel: between one row and a tile, in proportion."""
+        tiles, rest = divmod(rows, TILE)
+        each = (self._seconds[0] - self._one_row) / (TILE - 1)
+        return tiles * self._seconds[0] + (self._one_row + each * (rest - 1) if rest else 0.0)
 
 
 def _sample(forest: Forest, rows: int) -> NDArray[np.float32]:
