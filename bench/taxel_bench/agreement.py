@@ -17,10 +17,10 @@ def largest_difference(subject: Subject, windows: NDArray[np.float32]) -> float 
     Raises:
         TaxelError: the engines differ by more than the subject's tolerance: no figure may be printed.
     """
-    if subject.paper is None or subject.tolerance is None:
+    if subject.peer is None or subject.tolerance is None:
         return None
     found = subject.taxel.predict(windows).astype(np.float64)
-    differences = np.abs(found - subject.paper.predict(windows))
+    differences = np.abs(found - subject.peer.predict(windows))
     allowed = subject.tolerance * np.asarray(subject.manifest.normalisation.output_std)
     if not (differences <= allowed).all():
         row, column = np.unravel_index(int(np.argmax(np.nan_to_num(differences, nan=np.inf))), found.shape)

@@ -1,19 +1,21 @@
 """An engine: one way of evaluating a model, in the parts that are timed and those that are not."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel.artifacts import Artifact
 from taxel.channels import CHANNELS
 from taxel_server.engine import LoadedModel
+from taxel_server.runtimes import open_runtime
 
-Name = Literal["taxel", "paper"]
+Name = Literal["taxel", "paper", "base"]
 
 THREADS: Final = 1
-"""That evaluate one call, in both engines."""
+"""That evaluate one call, in every engine."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +23,8 @@ class Engine:
     """One way of evaluating a model.
 
     Attributes:
-        name: `taxel` for our runtime, `paper` for the published way.
+        name: `taxel` for our runtime, `paper` for the published way, `base` for our runtime
+            without what corrects the model.
         how: what is called, for people.
         prepare: raw windows (n, f) float32 to what `evaluate` takes; not timed.
         evaluate: what is timed; it gives all 21 channels.
@@ -43,12 +46,31 @@ class Engine:
 
 def taxel_engine(model: LoadedModel, flops: int | None) -> Engine:
     """Our runtime: it takes raw windows and gives counts, so that normalisation is timed with it."""
-    library = "trees" if model.manifest.platform == "xgboost_json" else "ONNX Runtime"
+    return Engine("taxel", _runtime(model), np.ascontiguousarray, model.evaluate, _channels, flops)
+
+
+def base_engine(artifact: Artifact, flops: int | None) -> Engine:
+    """Our runtime of a corrected model's file, without the effects that correct it.
+
+    It is loaded apart: in turn with the corrected model, neither finds what the other has fetched.
+    """
+    manifest = artifact.manifest.model_copy(update={"effects": ()})
+    model = LoadedModel(manifest, open_runtime(replace(artifact, manifest=manifest)))
+    columns = manifest.window.model_columns
     return Engine(
-        "taxel",
-        f"Taxel's runtime ({library})",
-        np.ascontiguousarray,
+        "base",
+        f"{_runtime(model)}, without effects",
+        lambda windows: np.ascontiguousarray(windows[:, :columns]),
         model.evaluate,
-        lambda outputs: outputs[:, : len(CHANNELS)],
+        _channels,
         flops,
     )
+
+
+def _runtime(model: LoadedModel) -> str:
+    library = "trees" if model.manifest.platform == "xgboost_json" else "ONNX Runtime"
+    return f"Taxel's runtime ({library})"
+
+
+def _channels(outputs: NDArray[np.float32]) -> NDArray[np.float32]:
+    return outputs[:, : len(CHANNELS)]

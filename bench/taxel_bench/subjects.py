@@ -1,4 +1,4 @@
-"""What is measured: one model under our runtime and under the published way, and windows to feed it."""
+"""What is measured: one model under our runtime, and under another engine beside it."""
 
 import tempfile
 from collections.abc import Callable, Iterator
@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from taxel.artifacts import MANIFEST, Artifact, folder_of, read
 from taxel.errors import ArtifactError, SettingsError
 from taxel.manifest import Manifest
-from taxel_bench.engines import Engine, taxel_engine
+from taxel_bench.engines import Engine, base_engine, taxel_engine
 from taxel_bench.operations.of_graph import count_graph_operations
 from taxel_bench.paper_size import PAPER_MODELS, TreeShape, write_paper_sized
 from taxel_bench.published_way.eager import eager_engine, pinned_threads
 from taxel_bench.published_way.networks import network_of
 from taxel_bench.published_way.regressors import Regressors
+from taxel_bench.windows import random_windows
 from taxel_models.shipped import shipped_repository
 from taxel_server.engine import load_model
 from taxel_server.local import LocalPredictor, LocalSource
@@ -36,14 +37,15 @@ _NETWORK_TOLERANCE: Final = 1e-4
 
 @dataclass(frozen=True)
 class Subject:
-    """One model under both engines.
+    """One model under our runtime and another engine.
 
     Attributes:
         model: as the user named it.
         size: `shipped` for an artifact as it is, `paper` for one of the published size.
         trees: how the trees of a forest from a seed grow; None for any other model.
         taxel: our runtime.
-        paper: the published way; None where there is none for this artifact, and `notes` say why.
+        peer: the published way; of a corrected model, its base. None where there is neither for
+            this artifact, and `notes` say why.
         predict: what a user calls in process: our runtime behind its checks.
         tolerance: standard deviations by which the engines' counts may differ; None where their
             values are not to be compared, and `notes` say why.
@@ -55,15 +57,15 @@ class Subject:
     trees: TreeShape | None
     manifest: Manifest
     taxel: Engine
-    paper: Engine | None
+    peer: Engine | None
     predict: Callable[[NDArray[np.float32]], NDArray[np.float32]]
     tolerance: float | None
     notes: tuple[str, ...]
 
     @property
     def engines(self) -> tuple[Engine, ...]:
-        """The published way first: what is timed after it finds cold caches."""
-        return (self.taxel,) if self.paper is None else (self.paper, self.taxel)
+        """Ours last: what is timed after another engine finds cold caches."""
+        return (self.taxel,) if self.peer is None else (self.peer, self.taxel)
 
 
 @contextmanager
@@ -75,7 +77,7 @@ def open_subject(
     trees: TreeShape | None = None,
     seed: int = 0,
 ) -> Iterator[Subject]:
-    """A model in this process under both engines.
+    """A model in this process under our runtime and another engine.
 
     Args:
         model: a shipped model's name, or the path of an artifact's folder.
@@ -121,28 +123,30 @@ def _artifact_folder(model: str, combination: int | None, size: Size | None) -> 
 
 def _subject(model: str, size: Size, trees: TreeShape | None, folder: Path) -> Subject:
     artifact = read(folder)
+    manifest = artifact.manifest
     loaded = load_model(folder)
-    paper: Engine | None
+    peer: Engine | None = None
     tolerance: float | None = _TREES_TOLERANCE
     notes: list[str] = []
-    if artifact.manifest.platform == "xgboost_json":
-        windows = random_windows(artifact.manifest, _OPERATION_WINDOWS, seed=0)
-        paper = Regressors(artifact.model_path, artifact.manifest).engine(windows)
-        flops = paper.flops
+    if manifest.platform == "xgboost_json":
+        windows = random_windows(manifest, _OPERATION_WINDOWS, seed=0)[:, : manifest.window.model_columns]
+        peer = Regressors(artifact.model_path, manifest).engine(windows)
+        flops = peer.flops
     else:
         graph = onnx.load(artifact.model_path)
         flops, notes = _graph_operations(graph)
-        paper, tolerance = _network_peer(artifact, graph.graph, notes)
-    if artifact.manifest.effects:
-        paper = None
-        notes.append("paper: nothing was published that corrects its predictions")
+        if not manifest.effects:
+            peer, tolerance = _network_peer(artifact, graph.graph, notes)
+    if manifest.effects:
+        peer, tolerance = base_engine(artifact, flops), None
+        notes += _correction_notes(manifest, flops)
     return Subject(
         model=model,
         size=size,
         trees=trees,
-        manifest=artifact.manifest,
+        manifest=manifest,
         taxel=taxel_engine(loaded, flops),
-        paper=paper,
+        peer=peer,
         predict=LocalPredictor(LocalSource(folder.parents[1]), loaded).predict,
         tolerance=tolerance,
         notes=tuple(notes),
@@ -171,15 +175,15 @@ def _network_peer(
     return eager_engine(network, artifact.manifest), _NETWORK_TOLERANCE if same_weights else None
 
 
-def random_windows(manifest: Manifest, rows: int, seed: int) -> NDArray[np.float32]:
-    """Windows drawn from the normal distribution of the model's training inputs, (rows, f).
-
-    Features behind those that the model file takes, which only effects do, have their defaults.
-    """
-    statistics = manifest.normalisation
-    length = len(statistics.input_mean)
-    draws = np.random.default_rng(seed).standard_normal((rows, length))
-    windows = draws * statistics.input_std + statistics.input_mean
-    defaults = [extra.default for extra in manifest.window.extras]
-    behind = defaults[len(defaults) - (len(manifest.window.features) - length) :]
-    return np.hstack([windows, np.tile(behind, (rows, 1))]).astype(np.float32)
+def _correction_notes(manifest: Manifest, flops: int | None) -> list[str]:
+    """What to know of the figures of a corrected model."""
+    names = ", ".join(effect.name for effect in manifest.effects)
+    notes = [
+        "paper: nothing was published that corrects its predictions; beside it stands its base, the same "
+        f"model file without its effects ({names})"
+    ]
+    if defaults := [f"{extra.name} = {extra.default:g}" for extra in manifest.window.effect_extras]:
+        notes.append(f"windows: what only the effects take has its default: {', '.join(defaults)}")
+    if flops is not None:
+        notes.append("flops: of the model file alone, without its effects")
+    return notes

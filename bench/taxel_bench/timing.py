@@ -4,7 +4,7 @@ import gc
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final, Self
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,14 +24,6 @@ class Latencies:
     """
 
     seconds: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, call: Call, *, warm_up: int, repetitions: int) -> Self:
-        """Time `call(0)`, `call(1)` …, back to back."""
-        for number in range(warm_up):
-            call(number)
-        wall, _ = _time_rounds([call], repetitions)
-        return cls(wall[0])
 
     def percentile_ms(self, share: float) -> float:
         """The latency that `share` percent of calls stay within, ms."""
@@ -79,9 +71,14 @@ class TimedCalls(Latencies):
         return min(1.0, float(self.cpu_seconds.sum() / self.seconds.sum()))
 
 
-def interleaved(calls: Sequence[Call], *, repetitions: int) -> list[TimedCalls]:
-    """Time each call once a round, in this order: each finds in the caches what the others left."""
-    wall, cpu = _time_rounds(calls, repetitions)
+def interleaved(
+    calls: Sequence[Call], *, repetitions: int, watch: Callable[[int], None] = lambda _: None
+) -> list[TimedCalls]:
+    """Time each call once a round, in this order: each finds in the caches what the others left.
+
+    `watch` is told after each round how many are done.
+    """
+    wall, cpu = _time_rounds(calls, repetitions, watch)
     return [TimedCalls(*seconds) for seconds in zip(wall, cpu, strict=True)]
 
 
@@ -100,7 +97,9 @@ def warm_up(calls: Sequence[Call], *, rounds: int, seconds: float) -> float:
     return float(np.median(taken))
 
 
-def _time_rounds(calls: Sequence[Call], repetitions: int) -> NDArray[np.float64]:
+def _time_rounds(
+    calls: Sequence[Call], repetitions: int, watch: Callable[[int], None]
+) -> NDArray[np.float64]:
     """Seconds and processor seconds of each call in each round, (2, calls, repetitions).
 
     Garbage is collected before, not during.
@@ -116,6 +115,7 @@ def _time_rounds(calls: Sequence[Call], repetitions: int) -> NDArray[np.float64]
                 call(number)
                 end = time.perf_counter()
                 seconds[:, place, number] = end - start, time.thread_time() - running
+            watch(number + 1)
     finally:
         gc.enable()
     return seconds

@@ -3,6 +3,7 @@
 import json
 import socket
 from collections.abc import Callable, Iterator
+from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from taxel.errors import (
     Internal,
     InvalidArgument,
     NotFound,
+    RequestError,
     ResourceExhausted,
     Unavailable,
 )
@@ -199,3 +201,76 @@ def test_a_closed_client_is_unavailable(connected: Callable[[Answer], RemoteSour
     client.close()
     with pytest.raises(Unavailable, match="closed"):
         client.models()
+
+
+@pytest.fixture
+def outcomes() -> "SimpleQueue[bytes | RequestError]":
+    """What queries that nobody waited for came to."""
+    return SimpleQueue()
+
+
+def test_queries_that_nobody_waits_for_are_on_their_way_together(
+    connected: Callable[[Answer], RemoteSource], outcomes: "SimpleQueue[bytes | RequestError]"
+) -> None:
+    held: SimpleQueue[zenoh.Query] = SimpleQueue()
+    client = connected(held.put)
+    for number in range(3):
+        client.send(f"taxel/{number}", b"", outcomes.put)
+    queries = [held.get(timeout=10) for _ in range(3)]
+    assert outcomes.empty()
+    for query in reversed(queries):
+        saying(str(query.key_expr).encode())(query)
+    found = [outcomes.get(timeout=10) for _ in range(3)]
+    assert found == [b"taxel/2", b"taxel/1", b"taxel/0"]
+    client.close()
+    assert outcomes.empty()
+
+
+@pytest.mark.parametrize(
+    ("answer", "error", "message"),
+    [
+        (refusing(pack_error(ResourceExhausted("full"))), ResourceExhausted, "full"),
+        (turning_away, Unavailable, "nobody answers taxel/v2"),
+    ],
+)
+def test_a_query_that_nobody_waits_for_has_the_same_errors(
+    connected: Callable[[Answer], RemoteSource],
+    outcomes: "SimpleQueue[bytes | RequestError]",
+    answer: Answer,
+    error: type[RequestError],
+    message: str,
+) -> None:
+    client = connected(answer)
+    client.send("taxel/v2", b"", outcomes.put)
+    found = outcomes.get(timeout=10)
+    with pytest.raises(error) as caught:
+        client.get("taxel/v2")
+    assert type(found) is error
+    assert message in str(found) == str(caught.value)
+
+
+def test_a_query_that_nobody_waits_for_ends_in_time(
+    connected: Callable[[Answer], RemoteSource], outcomes: "SimpleQueue[bytes | RequestError]"
+) -> None:
+    held: list[zenoh.Query] = []
+    client = connected(held.append)
+    client.timeout = 0.1
+    client.send("taxel/v2", b"", outcomes.put)
+    found = outcomes.get(timeout=10)
+    assert isinstance(found, DeadlineExceeded)
+    assert "no answer to taxel/v2 within 0.1 s" in str(found)
+    client.close()
+    client.send("taxel/v2", b"", outcomes.put)
+    assert isinstance(outcomes.get(timeout=10), Unavailable)
+
+
+def test_answers_may_be_fetched_after_later_queries_were_sent(
+    connected: Callable[[Answer], RemoteSource],
+) -> None:
+    def repeating(query: zenoh.Query) -> None:
+        with query:
+            query.reply(query.key_expr, query.payload)
+
+    ask = connected(repeating).pipelined_asker("taxel/v2", 10)
+    answers = [ask(bytes([number])) for number in range(5)]
+    assert [answer() for answer in answers] == [bytes([number]) for number in range(5)]

@@ -18,7 +18,7 @@ from taxel_bench.compare.environments import find_environment, install_environme
 from taxel_bench.compare.figures import Figures, median_ratios
 from taxel_bench.compare.peers import Peer
 from taxel_bench.compare.rounds import BULK_ROWS, BareRuntime, Predict, Round, play_round
-from taxel_bench.subjects import random_windows
+from taxel_bench.windows import random_windows
 from taxel_server.engine import load_model
 
 OURS: Final = "taxel"

@@ -1,6 +1,5 @@
 """A server and its client, side by side: Taxel's or a peer's, started and checked alike."""
 
-import socket
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -15,8 +14,8 @@ from numpy.typing import NDArray
 from taxel.errors import Unavailable
 from taxel_bench.compare.peers import Peer
 from taxel_bench.compare.processes import Program, running_program
+from taxel_bench.demo.server import ADDRESS, free_port, serve_command
 
-ADDRESS: Final = "127.0.0.1"
 CHECKED_ROWS: Final = 8
 """Windows whose answers are compared before anything is timed."""
 
@@ -62,9 +61,8 @@ def taxel_contender(task: Task) -> Iterator[Contender]:
     Raises:
         Unavailable: the server does not start, or answers something else.
     """
-    port = _free_port()
-    serve = [sys.executable, "-m", "taxel", "serve", "--repository", str(task.repository)]
-    serve += ["--listen", f"tcp/{ADDRESS}:{port}"]
+    port = free_port()
+    serve = serve_command(task.repository, f"tcp/{ADDRESS}:{port}")
     with _contender("taxel", serve, None, sys.executable, "taxel_client", port, task) as contender:
         yield contender
 
@@ -76,7 +74,7 @@ def peer_contender(peer: Peer, interpreter: Path, task: Task) -> Iterator[Conten
     Raises:
         Unavailable: the server does not start, or answers something else.
     """
-    port = _free_port()
+    port = free_port()
     serve = [*_module(str(interpreter), peer.server), "--model", str(task.model)]
     serve += ["--address", ADDRESS, "--port", str(port)]
     client = str(interpreter) if peer.client_needs_packages else sys.executable
@@ -131,10 +129,3 @@ def _check(counts: NDArray[np.float64], expected: NDArray[np.float32]) -> None:
 
 def _module(interpreter: str, module: str) -> list[str]:
     return [interpreter, "-m", f"peer_programs.{module}"]
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind((ADDRESS, 0))
-        port: int = probe.getsockname()[1]
-    return port

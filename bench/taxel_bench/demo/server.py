@@ -7,8 +7,12 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Final
 
 from taxel.errors import Unavailable
+
+ADDRESS: Final = "127.0.0.1"
+"""Where servers that are started here listen."""
 
 
 @contextmanager
@@ -18,9 +22,8 @@ def running_server(repository: Path) -> Iterator[str]:
     Raises:
         Unavailable: the server stopped before it was ready; its own words say why.
     """
-    endpoint = f"tcp/127.0.0.1:{_free_port()}"
-    command = [sys.executable, "-m", "taxel", "serve"]
-    command += ["--repository", str(repository), "--listen", endpoint, "--json"]
+    endpoint = f"tcp/{ADDRESS}:{free_port()}"
+    command = [*serve_command(repository, endpoint), "--json"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         _wait_until_ready(process)
@@ -45,8 +48,15 @@ def _wait_until_ready(process: subprocess.Popen[str]) -> None:
     raise Unavailable(f"the server stopped before it was ready: {errors.strip() or 'it said nothing'}")
 
 
-def _free_port() -> int:
+def serve_command(repository: Path, endpoint: str) -> list[str]:
+    """What starts a server of a repository that listens at an endpoint."""
+    command = [sys.executable, "-m", "taxel", "serve"]
+    return [*command, "--repository", str(repository), "--listen", endpoint]
+
+
+def free_port() -> int:
+    """A port of `ADDRESS` that nobody listens on."""
     with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
+        probe.bind((ADDRESS, 0))
         port: int = probe.getsockname()[1]
     return port

@@ -7,9 +7,9 @@ from multiprocessing.connection import Connection
 from typing import Final
 
 from taxel.errors import TaxelError
+from taxel.remote import RemoteSource
 from taxel_bench.load.plan import Plan
 from taxel_bench.load.records import Records
-from taxel_bench.load.sender import Sender
 from taxel_bench.load.streams import Stream
 
 WARM_UP: Final = 10
@@ -50,8 +50,8 @@ def work(pipe: Connection, endpoint: str, plan: Plan, client: int) -> None:
 
 
 def _converse(pipe: Connection, endpoint: str, plan: Plan, client: int) -> None:
-    with Sender(endpoint, timeout=plan.timeout_s) as sender:
-        stream = Stream.of(sender, plan, client)
+    with RemoteSource(endpoint, timeout=plan.timeout_s) as source:
+        stream = Stream.of(source, plan, client)
         stream.warm_up(WARM_UP)
         pipe.send(Ready())
         start = pipe.recv()

@@ -7,8 +7,8 @@ from threading import Semaphore
 import numpy as np
 
 from taxel.errors import DeadlineExceeded, RequestError, Unavailable
+from taxel.remote_connection import Done
 from taxel_bench.load.records import RECORD, Records, record
-from taxel_bench.load.sender import Done
 
 
 class Flight:

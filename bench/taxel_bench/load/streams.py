@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from taxel.errors import RequestError, Unavailable
 from taxel.protocol import model_key
+from taxel.remote import RemoteSource
 from taxel_bench.load.arrivals import poisson_arrivals
 from taxel_bench.load.flight import Flight
 from taxel_bench.load.plan import Plan
 from taxel_bench.load.queries import encoded_queries
 from taxel_bench.load.records import RECORD, Record, Records, record
-from taxel_bench.load.sender import Sender
 
 _PATIENCE_S: Final = 1.0
 """How much longer than its timeout a query in flight is waited for."""
@@ -25,23 +25,23 @@ _PATIENCE_S: Final = 1.0
 class Stream:
     """One client's connection, and the queries that it sends over it."""
 
-    sender: Sender
+    source: RemoteSource
     key: str
     payloads: list[bytes]
     plan: Plan
     client: int
 
     @classmethod
-    def of(cls, sender: Sender, plan: Plan, client: int) -> Self:
+    def of(cls, source: RemoteSource, plan: Plan, client: int) -> Self:
         """Ask for the model and encode queries for it.
 
         Raises:
             NotFound: the server has no such model.
         """
-        manifest = sender.predictor(plan.model).manifest
+        manifest = source.predictor(plan.model).manifest
         payloads = encoded_queries(manifest, plan.samples_per_query, plan.seed, client)
-        key = model_key(sender.prefix, manifest.name, manifest.version, "infer")
-        return cls(sender, key, payloads, plan, client)
+        key = model_key(source.prefix, manifest.name, manifest.version, "infer")
+        return cls(source, key, payloads, plan, client)
 
     def warm_up(self, queries: int) -> None:
         """Send queries that do not count, one after the other.
@@ -50,7 +50,7 @@ class Stream:
             RequestError: one is not answered with predictions.
         """
         for number in range(queries):
-            self.sender.get(self.key, self._payload(number))
+            self.source.get(self.key, self._payload(number))
 
     def run(self, start: float) -> Records:
         """Send this client's part of the plan from `start` on, on the clock `time.perf_counter`.
@@ -72,7 +72,7 @@ class Stream:
             payload = self._payload(len(kept))
             sent = time.perf_counter() - start
             try:
-                result = self.sender.get(self.key, payload)
+                result = self.source.get(self.key, payload)
             except RequestError as error:
                 result = error
             answered = time.perf_counter() - start
@@ -86,7 +86,7 @@ class Stream:
             _sleep_until(start + due)
             if flight.server_gone:
                 break
-            self.sender.send(self.key, self._payload(number), flight.depart(due))
+            self.source.send(self.key, self._payload(number), flight.depart(due))
         return flight.land(self.plan.timeout_s + _PATIENCE_S)
 
     def _schedule(self) -> NDArray[np.float64]:

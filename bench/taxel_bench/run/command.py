@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from taxel.commands.frame import ERR, OUT, Json, print_json
+from taxel.commands.frame import OUT, Json, print_json
 from taxel.errors import SettingsError
 from taxel_bench.options import Repetitions, Seconds, Seed, parse_batches
 
@@ -64,14 +64,13 @@ def run(
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Time a model in this process, Taxel's runtime and the published way in turn.
+    """Time a model in this process, in turn with the published way, or a corrected one with its base.
 
     `--json` prints `machine` and `results`, one for each batch size and engine; bench/README.md
     names their fields.
     """
-    from rich.progress import Progress
-
     from taxel_bench.machine import describe_machine
+    from taxel_bench.progress import progress_bar
     from taxel_bench.run.protocols import Effort, run_paper, run_serving
     from taxel_bench.run.results import paper_table, remarks, serving_table
     from taxel_bench.subjects import open_subject
@@ -81,23 +80,22 @@ def run(
     if as_published and batches != [1]:
         raise SettingsError(f"--batch {batch}: the paper's protocol has single windows alone")
     effort = Effort(repetitions, seconds, seed)
-    with Progress(console=ERR, transient=True, disable=not ERR.is_terminal) as progress:
-        bar = progress.add_task("loading", total=len(batches))
-        with open_subject(
+    with (
+        progress_bar("loading", len(batches)) as bar,
+        open_subject(
             model,
             combination=inputs,
             size=None if size is None else size.value,
             trees=None if trees is None else trees.value,
             seed=seed,
-        ) as subject:
-            machine = describe_machine()
-            progress.update(bar, description="measuring")
-            if as_published:
-                results = run_paper(subject, effort)
-            else:
-                results = run_serving(
-                    subject, batches, effort, lambda done: progress.update(bar, completed=done)
-                )
+        ) as subject,
+    ):
+        machine = describe_machine()
+        bar.say("measuring")
+        if as_published:
+            results = run_paper(subject, effort, bar.reach)
+        else:
+            results = run_serving(subject, batches, effort, bar.reach)
     if as_json:
         print_json({"machine": machine, "results": results})
         return

@@ -1,4 +1,4 @@
-"""How one model is timed in this process, ours and the published way in turn: two protocols."""
+"""How one model is timed in this process, our runtime and another engine in turn: two protocols."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,9 +11,11 @@ from taxel.channels import CHANNELS
 from taxel_bench.agreement import largest_difference
 from taxel_bench.conditions import disturbances, stolen_time
 from taxel_bench.engines import THREADS, Engine
-from taxel_bench.subjects import Subject, random_windows
+from taxel_bench.progress import Watch, ignore, shifted
+from taxel_bench.subjects import Subject
 from taxel_bench.timing import Call, TimedCalls, interleaved, warm_up
 from taxel_bench.verdict import queries_for, too_few, verdict
+from taxel_bench.windows import random_windows
 
 DISTINCT_INPUTS: Final = 256
 """Different inputs that are cycled through, so that no branch predictor learns one by heart."""
@@ -28,6 +30,10 @@ _WARM_SHARE: Final = 0.1
 """Of the allowed time: for warming up, and for what is timed back to back afterwards."""
 
 _FEWEST: Final = 10
+
+_TURNS_BEGIN: Final = 0.05
+_TURNS_END: Final = 0.8
+"""Of a batch size's work, about: before the engines take turns, and when they have."""
 
 
 @dataclass(frozen=True)
@@ -61,27 +67,30 @@ def run_serving(
     subject: Subject,
     batches: Sequence[int],
     effort: Effort,
-    watch: Callable[[int], None] = lambda _: None,
+    watch: Watch = ignore,
 ) -> list[dict[str, Any]]:
     """Time both engines in turn at each batch size; two results for each, as `--json` prints them.
 
-    `watch` is told after each batch size how many are done.
+    `watch` is told how many batch sizes are done, with the part of the one that is going on.
     """
     results = []
-    for done, batch in enumerate(batches, start=1):
-        results += _serve_batch(subject, batch, effort)
-        watch(done)
+    for done, batch in enumerate(batches):
+        results += _serve_batch(subject, batch, effort, shifted(watch, done))
     return results
 
 
-def run_paper(subject: Subject, effort: Effort) -> list[dict[str, Any]]:
-    """What the published scripts measured: 100 single windows after 10, mean and standard deviation."""
+def run_paper(subject: Subject, effort: Effort, watch: Watch = ignore) -> list[dict[str, Any]]:
+    """What the published scripts measured: 100 single windows after 10, mean and standard deviation.
+
+    `watch` is told which part is done.
+    """
     windows = random_windows(subject.manifest, PAPER_WINDOWS, effort.seed)
     difference = largest_difference(subject, windows)
     calls = [_call(engine, np.split(windows, len(windows))) for engine in subject.engines]
     warm_up(calls, rounds=PAPER_WARM_UP, seconds=effort.seconds)
     with stolen_time() as stolen:
-        taken = interleaved(calls, repetitions=effort.repetitions or PAPER_WINDOWS)
+        rounds = effort.repetitions or PAPER_WINDOWS
+        taken = interleaved(calls, repetitions=rounds, watch=lambda done: watch(done / rounds))
     results = []
     for engine, timed in zip(subject.engines, taken, strict=True):
         mean, std = float(timed.seconds.mean()) * 1e3, float(timed.seconds.std()) * 1e3
@@ -90,32 +99,36 @@ def run_paper(subject: Subject, effort: Effort) -> list[dict[str, Any]]:
         if engine.name == "paper" and subject.manifest.platform == "xgboost_json":
             result["mean_ms_per_channel"] = mean / len(CHANNELS)
         results.append(result)
-    return _with_ratio(results, "mean_ms", "ratio")
+    _compare(results, "mean_ms", ratio="ratio", cost="correction_cost_cold_us")
+    return results
 
 
-def _serve_batch(subject: Subject, batch: int, effort: Effort) -> list[dict[str, Any]]:
+def _serve_batch(subject: Subject, batch: int, effort: Effort, watch: Watch) -> list[dict[str, Any]]:
     distinct = max(1, DISTINCT_INPUTS // batch)
     windows = random_windows(subject.manifest, distinct * batch, effort.seed)
     inputs = np.split(windows, distinct)
     difference = largest_difference(subject, inputs[0])
     calls = [_call(engine, inputs) for engine in subject.engines]
     round_s = warm_up(calls, rounds=_WARM_UP, seconds=_WARM_UP_SHARE * effort.seconds)
+    rounds = effort.rounds(round_s)
     with stolen_time() as stolen:
-        taken = interleaved(calls, repetitions=effort.rounds(round_s))
+        taken = interleaved(calls, repetitions=rounds, watch=_part(watch, _TURNS_BEGIN, _TURNS_END, rounds))
 
     def predicting(number: int) -> object:
         return subject.predict(inputs[number % distinct])
 
     # In the order of the engines; ours is last, and what a user calls is timed beside it.
-    alone = [_back_to_back([call], effort)[0] for call in calls[:-1]]
-    alone += _back_to_back([calls[-1], predicting], effort)
+    ours_begins = (_TURNS_END + 1) / 2
+    alone = [_back_to_back([call], effort, watch, _TURNS_END, ours_begins)[0] for call in calls[:-1]]
+    alone += _back_to_back([calls[-1], predicting], effort, watch, ours_begins, 1.0)
     results = []
     for engine, timed, warm in zip(subject.engines, taken, alone, strict=False):
         result = _result(subject, engine, batch, timed, "serving", difference, stolen())
         results.append(result | {"warm_median_ms": warm.median_ms})
     results[-1]["predictor_warm_median_ms"] = alone[-1].median_ms
-    for figure in ("median", "cpu_median", "warm_median"):
-        _with_ratio(results, f"{figure}_ms", f"{figure.removesuffix('median')}ratio")
+    _compare(results, "median_ms", ratio="ratio", cost="correction_cost_cold_us")
+    _compare(results, "cpu_median_ms", ratio="cpu_ratio")
+    _compare(results, "warm_median_ms", ratio="warm_ratio", cost="correction_cost_us")
     return results
 
 
@@ -125,10 +138,18 @@ def _call(engine: Engine, inputs: Sequence[NDArray[np.float32]]) -> Call:
     return lambda number: engine.evaluate(prepared[number % len(prepared)])
 
 
-def _back_to_back(calls: Sequence[Call], effort: Effort) -> list[TimedCalls]:
+def _back_to_back(
+    calls: Sequence[Call], effort: Effort, watch: Watch, begin: float, end: float
+) -> list[TimedCalls]:
     """Calls of one engine by themselves, so that they find their own data in the caches."""
     round_s = warm_up(calls, rounds=_WARM_UP, seconds=_WARM_UP_SHARE * _WARM_SHARE * effort.seconds)
-    return interleaved(calls, repetitions=effort.warm_rounds(round_s))
+    rounds = effort.warm_rounds(round_s)
+    return interleaved(calls, repetitions=rounds, watch=_part(watch, begin, end, rounds))
+
+
+def _part(watch: Watch, begin: float, end: float, rounds: int) -> Callable[[int], None]:
+    """Tells of rounds that lead from one part of the work to another."""
+    return lambda done: watch(begin + (end - begin) * done / rounds)
 
 
 def _result(
@@ -161,9 +182,19 @@ def _result(
     }
 
 
-def _with_ratio(results: list[dict[str, Any]], figure: str, ratio: str) -> list[dict[str, Any]]:
-    """Adds to our result how many times faster it is than the published way's, if there is one."""
+def _compare(
+    results: Sequence[dict[str, Any]], figure: str, *, ratio: str, cost: str | None = None
+) -> None:
+    """Adds to our result how it compares with the one beside it, if there is one.
+
+    Args:
+        figure: that is compared, ms.
+        ratio: its name: how many times faster ours is than the published way.
+        cost: its name: how much longer a corrected model takes than its base, microseconds.
+    """
     by_engine = {result["engine"]: result for result in results}
+    ours = by_engine["taxel"]
     if "paper" in by_engine:
-        by_engine["taxel"][ratio] = by_engine["paper"][figure] / by_engine["taxel"][figure]
-    return results
+        ours[ratio] = by_engine["paper"][figure] / ours[figure]
+    if "base" in by_engine and cost is not None:
+        ours[cost] = (ours[figure] - by_engine["base"][figure]) * 1e3

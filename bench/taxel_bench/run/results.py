@@ -12,8 +12,9 @@ _KEYS = ("median_ms", "p90_ms", "p99_ms")
 
 def serving_table(results: Sequence[dict[str, Any]]) -> Table:
     """One row a batch size and engine, milliseconds."""
+    compared = _compared(results)
     table = Table(
-        *("batch", "engine", "median", "p90", "p99", "ratio", "warm", "ratio", "verdict"),
+        *("batch", "engine", "median", "p90", "p99", compared, "warm", compared, "verdict"),
         caption="milliseconds; the engines in turn, and warm: each back to back",
     )
     for column in table.columns[2:-1]:
@@ -23,9 +24,9 @@ def serving_table(results: Sequence[dict[str, Any]]) -> Table:
             str(result["batch"]),
             result["engine"],
             *(short(result[key]) for key in _KEYS),
-            _times(result, "ratio"),
+            _comparison(result, "ratio", "correction_cost_cold_us"),
             short(result["warm_median_ms"]),
-            _times(result, "warm_ratio"),
+            _comparison(result, "warm_ratio", "correction_cost_us"),
             result["verdict"],
             end_section=result["engine"] == "taxel",
         )
@@ -34,12 +35,14 @@ def serving_table(results: Sequence[dict[str, Any]]) -> Table:
 
 def paper_table(results: Sequence[dict[str, Any]]) -> Table:
     """One row an engine, and one for the figure of a single channel that the published script printed."""
-    table = Table("engine", "windows", "mean", "std", "ratio", "verdict", caption="milliseconds")
+    heads = ("engine", "windows", "mean", "std", _compared(results), "verdict")
+    table = Table(*heads, caption="milliseconds")
     for column in table.columns[1:-1]:
         column.justify = "right"
     for result in results:
         windows, mean, std = str(result["repetitions"]), short(result["mean_ms"]), short(result["std_ms"])
-        table.add_row(result["engine"], windows, mean, std, _times(result, "ratio"), result["verdict"])
+        compared = _comparison(result, "ratio", "correction_cost_cold_us")
+        table.add_row(result["engine"], windows, mean, std, compared, result["verdict"])
         if "mean_ms_per_channel" in result:
             mean = short(result["mean_ms_per_channel"])
             table.add_row("paper, a channel", windows, mean, "", "", "")
@@ -69,5 +72,12 @@ def remarks(results: Sequence[dict[str, Any]], machine: dict[str, Any]) -> list[
     return lines
 
 
-def _times(result: dict[str, Any], key: str) -> str:
-    return f"{short(result[key])}x" if key in result else ""
+def _compared(results: Sequence[dict[str, Any]]) -> str:
+    """What the engines are compared by: a corrected model's effects cost time, any other gains some."""
+    return "cost, µs" if any(result["engine"] == "base" for result in results) else "ratio"
+
+
+def _comparison(result: dict[str, Any], ratio: str, cost: str) -> str:
+    if cost in result:
+        return f"{result[cost]:+,.1f}"
+    return f"{short(result[ratio])}x" if ratio in result else ""

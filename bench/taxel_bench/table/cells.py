@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from taxel.channels import CHANNELS
+from taxel_bench.progress import Watch, ignore
 from taxel_bench.run.protocols import Effort, run_serving
 from taxel_bench.subjects import open_subject
 from taxel_models.families.networks.sizes import COMPARED, agrees
@@ -15,12 +16,15 @@ from taxel_models.families.published import (
 
 
 def measure_cell(
-    model: str, combination: int, batches: Sequence[int], effort: Effort
+    model: str, combination: int, batches: Sequence[int], effort: Effort, watch: Watch = ignore
 ) -> list[dict[str, Any]]:
-    """Results as `bench run` gives them, each with what was `published` of the cell."""
+    """Results as `bench run` gives them, each with what was `published` of the cell.
+
+    `watch` is told which part is done.
+    """
     published = published_cell(model, combination)
     with open_subject(model, combination=combination, size="paper", seed=effort.seed) as subject:
-        results = run_serving(subject, batches, effort)
+        results = run_serving(subject, batches, effort, lambda done: watch(done / len(batches)))
     return [result | {"published": published} for result in results]
 
 

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from taxel.atomic import check_folder_place, whole_folder
-from taxel.commands.frame import ERR, OUT, Json, print_json
+from taxel.commands.frame import OUT, Json, print_json
 from taxel.errors import SettingsError
 from taxel.windows import COMBINATIONS
 from taxel_bench.options import Repetitions, Seconds, Seed, parse_batches, parse_numbers
@@ -32,9 +32,8 @@ def table(
     Writes table.md, table.json and two plots. `--json` prints what table.json holds: `machine` and
     `results`, with the fields of `bench run` and what was `published`.
     """
-    from rich.progress import Progress
-
     from taxel_bench.machine import describe_machine
+    from taxel_bench.progress import progress_bar, shifted
     from taxel_bench.run.protocols import Effort
     from taxel_bench.table.cells import measure_cell
     from taxel_bench.table.files import TABLE, markdown, write_files
@@ -49,13 +48,11 @@ def table(
     effort = Effort(repetitions, seconds, seed)
     machine, results = describe_machine(), []
     cells = [(model, combination) for model in chosen for combination in combinations]
-    with Progress(console=ERR, transient=True, disable=not ERR.is_terminal) as progress:
-        bar = progress.add_task("", total=len(cells))
-        for model, combination in cells:
-            progress.update(bar, description=f"{model}, inputs {combination}")
+    with progress_bar("loading", len(cells)) as bar:
+        for done, (model, combination) in enumerate(cells):
+            bar.say(f"{model}, inputs {combination}")
             sizes = batches if combination == combinations[0] else [1]
-            results += measure_cell(model, combination, sizes, effort)
-            progress.advance(bar)
+            results += measure_cell(model, combination, sizes, effort, shifted(bar.reach, done))
     with whole_folder(output, replacing=replacing) as folder:
         write_files(folder, machine, results)
     if as_json:

@@ -1,18 +1,15 @@
 """Predictors that a Taxel server evaluates, reached over zenoh."""
 
-import json
-import time
 from collections.abc import Callable
 from typing import Any, Final, TypeVar
 
 import numpy as np
-import zenoh
 from numpy.typing import NDArray
 from pydantic import ValidationError
 from typing_extensions import override
 
 from taxel.artifacts import is_name, is_version
-from taxel.errors import DeadlineExceeded, Internal, InvalidArgument, NotFound, Unavailable
+from taxel.errors import Internal, InvalidArgument, NotFound, Unavailable
 from taxel.manifest import Manifest
 from taxel.predictor import ModelInfo, Predictor, PredictorSource
 from taxel.protocol import (
@@ -20,21 +17,18 @@ from taxel.protocol import (
     InferResponse,
     model_key,
     pack_infer_request,
-    unpack_error,
     unpack_infer_response,
     unpackb,
 )
+from taxel.remote_connection import Connection, checked_timeout
 
 T = TypeVar("T")
 
 _GRACE_S: Final = 0.25
 """How much longer than the server's deadline a client waits for the server to say so."""
 
-_AS_THEY_COME: Final = zenoh.ConsolidationMode.NONE
-"""There is one answer: nothing is gained by waiting for the end of answers before it is read."""
 
-
-class RemoteSource(PredictorSource):
+class RemoteSource(Connection, PredictorSource):
     """A connection to a server. Thread-safe; one serves any number of predictors.
 
     Args:
@@ -48,10 +42,8 @@ class RemoteSource(PredictorSource):
     """
 
     def __init__(self, endpoint: str, *, timeout: float = 5.0, prefix: str = PREFIX) -> None:
-        self.endpoint = endpoint
-        self.timeout = checked_timeout(timeout)
+        super().__init__(endpoint, timeout)
         self.prefix = prefix
-        self._session = _open(endpoint, timeout)
 
     @override
     def models(self) -> list[ModelInfo]:
@@ -84,60 +76,6 @@ class RemoteSource(PredictorSource):
             return read(unpackb(answer))
         except (InvalidArgument, ValidationError, KeyError, TypeError) as error:
             raise Internal(f"{self.endpoint}: the answer to {key} is malformed: {error!r}") from None
-
-    def get(self, key: str, payload: bytes | None = None, timeout: float | None = None) -> bytes:
-        """One query, one answer.
-
-        Raises:
-            RequestError: the server's typed error; `Unavailable` where nobody answers,
-                `DeadlineExceeded` where the answer does not come in time.
-        """
-        wait = self.timeout if timeout is None else timeout
-        return self._answer(
-            key,
-            wait,
-            lambda: self._session.get(key, payload=payload, timeout=wait, consolidation=_AS_THEY_COME),
-        )
-
-    def asker(self, key: str, wait: float) -> Callable[[bytes], bytes]:
-        """What asks one key again and again, as `get` does but faster: zenoh is told the key once.
-
-        Args:
-            key: that is asked.
-            wait: seconds to wait for each answer.
-
-        Raises:
-            Unavailable: this source was closed.
-        """
-        try:
-            querier = self._session.declare_querier(key, timeout=wait, consolidation=_AS_THEY_COME)
-        except zenoh.ZError as error:
-            raise Unavailable(f"{self.endpoint}: {error}") from None
-        return lambda payload: self._answer(key, wait, lambda: querier.get(payload=payload))
-
-    def _answer(
-        self, key: str, wait: float, ask: Callable[[], zenoh.handlers.Handler[zenoh.Reply]]
-    ) -> bytes:
-        """The one answer to a query that `ask` sends."""
-        started = time.monotonic()
-        try:
-            reply = next(iter(ask()), None)
-        except zenoh.ZError as error:
-            raise Unavailable(f"{self.endpoint}: {error}") from None
-        if reply is None:
-            if time.monotonic() - started >= wait:
-                raise DeadlineExceeded(f"{self.endpoint}: no answer to {key} within {wait:g} s")
-            raise Unavailable(f"{self.endpoint}: nobody answers {key}")
-        if reply.ok is not None:
-            return reply.ok.payload.to_bytes()
-        text = reply.err.payload.to_bytes() if reply.err is not None else b""
-        if text == b"Timeout":
-            raise DeadlineExceeded(f"{self.endpoint}: no answer to {key} within {wait:g} s")
-        raise unpack_error(text)
-
-    @override
-    def close(self) -> None:
-        self._session.close()  # type: ignore[no-untyped-call]
 
 
 class RemotePredictor(Predictor):
@@ -185,34 +123,3 @@ def connect(endpoint: str, *, timeout: float = 5.0, prefix: str = PREFIX) -> Rem
         Unavailable: nobody listens there.
     """
     return RemoteSource(endpoint, timeout=timeout, prefix=prefix)
-
-
-def checked_timeout(timeout: float) -> float:
-    """A timeout in seconds.
-
-    Raises:
-        InvalidArgument: it is not a positive, finite number.
-    """
-    if not (np.isfinite(timeout) and timeout > 0):
-        raise InvalidArgument(f"timeout is {timeout!r}: expected seconds above 0")
-    return timeout
-
-
-def _open(endpoint: str, timeout: float) -> zenoh.Session:
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("scouting/multicast/enabled", "false")
-    config.insert_json5("connect/timeout_ms", str(round(timeout * 1e3)))
-    config.insert_json5("connect/exit_on_failure", "true")
-    try:
-        config.insert_json5("connect/endpoints", json.dumps([endpoint]))
-    except zenoh.ZError:
-        raise InvalidArgument(
-            f"endpoint {endpoint!r}: expected PROTOCOL/ADDRESS, such as tcp/127.0.0.1:7447"
-        ) from None
-    try:
-        return zenoh.open(config)
-    except zenoh.ZError as error:
-        # What follows ' at /' is where zenoh was built.
-        reason = str(error).partition(" at /")[0]
-        raise Unavailable(f"no server at {endpoint} within {timeout:g} s: {reason}") from None

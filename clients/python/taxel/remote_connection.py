@@ -1,0 +1,191 @@
+"""A zenoh session with one server: queries that are waited for, and others that are not."""
+
+import json
+import time
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+import zenoh
+from zenoh.handlers import Callback
+
+from taxel.errors import DeadlineExceeded, InvalidArgument, RequestError, Unavailable
+from taxel.protocol import unpack_error
+
+Done = Callable[[bytes | RequestError], None]
+"""Told how a query ended."""
+
+_AS_THEY_COME: Final = zenoh.ConsolidationMode.NONE
+"""There is one answer: nothing is gained by waiting for the end of answers before it is read."""
+
+
+class Connection:
+    """Asks a server's keys; each query has one answer. Thread-safe.
+
+    Args:
+        endpoint: where the server listens, such as `tcp/127.0.0.1:7447`.
+        timeout: seconds to wait for the connection, and for an answer where a call names none.
+
+    Raises:
+        InvalidArgument: that is no endpoint.
+        Unavailable: nobody listens there.
+    """
+
+    def __init__(self, endpoint: str, timeout: float) -> None:
+        self.endpoint = endpoint
+        self.timeout = checked_timeout(timeout)
+        self._session = _open(endpoint, timeout)
+
+    def get(self, key: str, payload: bytes | None = None, timeout: float | None = None) -> bytes:
+        """One query, one answer.
+
+        Raises:
+            RequestError: the server's typed error; `Unavailable` where nobody answers,
+                `DeadlineExceeded` where the answer does not come in time.
+        """
+        wait = self.timeout if timeout is None else timeout
+        return self._sent(
+            key,
+            wait,
+            lambda: self._session.get(key, payload=payload, timeout=wait, consolidation=_AS_THEY_COME),
+        )()
+
+    def asker(self, key: str, wait: float) -> Callable[[bytes], bytes]:
+        """What asks one key again and again, as `get` does but faster: zenoh is told the key once.
+
+        Args:
+            key: that is asked.
+            wait: seconds to wait for each answer.
+
+        Raises:
+            Unavailable: this source was closed.
+        """
+        ask = self.pipelined_asker(key, wait)
+        return lambda payload: ask(payload)()
+
+    def pipelined_asker(self, key: str, wait: float) -> Callable[[bytes], Callable[[], bytes]]:
+        """As `asker`, but a query does not wait for its answer: it gives what does, once, when called.
+
+        Raises:
+            Unavailable: this source was closed.
+        """
+        try:
+            querier = self._session.declare_querier(key, timeout=wait, consolidation=_AS_THEY_COME)
+        except zenoh.ZError as error:
+            raise self._broken(error) from None
+        return lambda payload: self._sent(key, wait, lambda: querier.get(payload=payload))
+
+    def send(self, key: str, payload: bytes, done: Done) -> None:
+        """One query that nobody waits for; any number may be on their way.
+
+        Args:
+            key: that is asked.
+            payload: what it is asked.
+            done: called exactly once with the answer, or with the error that `get` would raise, on
+                zenoh's network thread, which it must not hold up.
+        """
+        settle = _once(done)
+        started = time.monotonic()
+
+        def read(reply: zenoh.Reply) -> None:
+            settle(self._outcome(reply, key, self.timeout))
+
+        def end() -> None:
+            settle(self._silence(key, self.timeout, started))
+
+        # zenoh would start a thread for each query whose callback is not direct.
+        handler: Callback[zenoh.Reply] = Callback(read, end, indirect=False)
+        try:
+            self._session.get(
+                key, handler, payload=payload, timeout=self.timeout, consolidation=_AS_THEY_COME
+            )
+        except zenoh.ZError as error:
+            settle(self._broken(error))
+
+    def close(self) -> None:
+        """End the session; whoever asks afterwards is told that it is `Unavailable`."""
+        self._session.close()  # type: ignore[no-untyped-call]
+
+    def _sent(
+        self, key: str, wait: float, send: Callable[[], zenoh.handlers.Handler[zenoh.Reply]]
+    ) -> Callable[[], bytes]:
+        """What waits for the one answer to a query, which is sent at once."""
+        started = time.monotonic()
+        try:
+            replies = send()
+        except zenoh.ZError as error:
+            raise self._broken(error) from None
+
+        def answer() -> bytes:
+            reply = next(iter(replies), None)
+            if reply is None:
+                raise self._silence(key, wait, started)
+            outcome = self._outcome(reply, key, wait)
+            if isinstance(outcome, RequestError):
+                raise outcome
+            return outcome
+
+        return answer
+
+    def _outcome(self, reply: zenoh.Reply, key: str, wait: float) -> bytes | RequestError:
+        """The answer that a reply holds, or the error."""
+        if reply.ok is not None:
+            return reply.ok.payload.to_bytes()
+        text = reply.err.payload.to_bytes() if reply.err is not None else b""
+        return self._late(key, wait) if text == b"Timeout" else unpack_error(text)
+
+    def _silence(self, key: str, wait: float, started: float) -> RequestError:
+        """What it means that a query has ended without a reply."""
+        if time.monotonic() - started >= wait:
+            return self._late(key, wait)
+        return Unavailable(f"{self.endpoint}: nobody answers {key}")
+
+    def _late(self, key: str, wait: float) -> DeadlineExceeded:
+        return DeadlineExceeded(f"{self.endpoint}: no answer to {key} within {wait:g} s")
+
+    def _broken(self, error: zenoh.ZError) -> Unavailable:
+        return Unavailable(f"{self.endpoint}: {error}")
+
+
+def checked_timeout(timeout: float) -> float:
+    """A timeout in seconds.
+
+    Raises:
+        InvalidArgument: it is not a positive, finite number.
+    """
+    if not (np.isfinite(timeout) and timeout > 0):
+        raise InvalidArgument(f"timeout is {timeout!r}: expected seconds above 0")
+    return timeout
+
+
+def _once(done: Done) -> Done:
+    """What passes on the first outcome that it is told, and no other."""
+    settled = False
+
+    def settle(outcome: bytes | RequestError) -> None:
+        nonlocal settled
+        if not settled:
+            settled = True
+            done(outcome)
+
+    return settle
+
+
+def _open(endpoint: str, timeout: float) -> zenoh.Session:
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("connect/timeout_ms", str(round(timeout * 1e3)))
+    config.insert_json5("connect/exit_on_failure", "true")
+    try:
+        config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+    except zenoh.ZError:
+        raise InvalidArgument(
+            f"endpoint {endpoint!r}: expected PROTOCOL/ADDRESS, such as tcp/127.0.0.1:7447"
+        ) from None
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        # What follows ' at /' is where zenoh was built.
+        reason = str(error).partition(" at /")[0]
+        raise Unavailable(f"no server at {endpoint} within {timeout:g} s: {reason}") from None
