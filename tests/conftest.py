@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from taxel_models.training import trained as trained_models
 from taxel_models.training.split import SplitPlan
@@ -11,6 +12,10 @@ from taxel_models.training.train import TrainingPlan, train
 from taxel_models.twin import simulate
 
 CHECKOUT = Path(__file__).resolve().parent.parent
+
+# A busy machine makes an example slow, not wrong.
+settings.register_profile("taxel", deadline=None)
+settings.load_profile("taxel")
 
 
 @pytest.fixture(scope="session")

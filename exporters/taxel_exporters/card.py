@@ -67,7 +67,7 @@ def _corrected(manifest: Manifest) -> str:
     return f"""
 ## Corrected
 
-Effects found in measured data were added to the model; what is said above is of the model without them.
+Effects found in measured data were added to the model; errors above are of the model without them.
 
 {effects}
 

@@ -12,11 +12,11 @@ from pydantic import ValidationError
 import taxel
 from taxel import artifacts
 from taxel.artifacts import Artifact, manifest_json
-from taxel.channels import CHANNELS
 from taxel.corrections import AppliedEffect, Correction
 from taxel.errors import ArtifactError, InvalidArgument
 from taxel.manifest import Manifest, Parity, WindowLayout, tensors
 from taxel.windows import ExtraFeature, WindowSpec
+from taxel_exporters.agreement import agreement
 from taxel_exporters.publish import free_version, publish
 
 TOLERANCE: Final = 0.01
@@ -42,37 +42,52 @@ def export_corrected(
     Args:
         version: which one to correct; the newest if none is given.
         effects: to add, in the order in which they were found.
-        extras: that the effects take, `taken_by` the effects; those that the version has already
-            are not repeated.
-        windows: to check the served artifact on; (n, f), n above 0, as the new version takes
-            them, or without the last extras, which then take their defaults.
+        extras: that the effects take, `taken_by` the effects. One that the version has already, for
+            its model file or former effects, is not repeated, and keeps its default.
+        windows: to check the served artifact on; (n, f), n above 0, as the old version takes
+            them, then `extras`; or without the last ones, which then take their defaults.
         description: the old one's if none is given.
 
     Raises:
         ArtifactError: the old version is damaged, the new one is inconsistent, or what is served
             differs from base prediction and effects computed offline.
+        InvalidArgument: the windows are not such.
         NotFound: there is no such model or version.
     """
     base = artifacts.read(artifacts.folder_of(repository, name, version))
-    manifest = _corrected(base.manifest, free_version(repository, name, None), effects, extras, description)
+    new = _new_extras(base.manifest, extras)
+    manifest = _corrected(base.manifest, free_version(repository, name, None), effects, new, description)
+    first = len(base.manifest.window.features)
+    repeated = [first + place for place, extra in enumerate(extras) if extra not in new]
+    taken = np.delete(windows, [column for column in repeated if column < windows.shape[1]], axis=1)
     return publish(
         repository,
         manifest,
         base.model_path.read_bytes(),
-        lambda staging: _check_parity(staging, manifest, base, windows),
+        lambda staging: _check_parity(staging, manifest, base, taken),
     )
+
+
+def _new_extras(base: Manifest, extras: Sequence[ExtraFeature]) -> tuple[ExtraFeature, ...]:
+    """Those that the old version does not have, by their names."""
+    known = {extra.name: extra for extra in base.window.extras}
+    for extra in extras:
+        if extra.name in known and known[extra.name].history != extra.history:
+            raise ArtifactError(
+                f"extra {extra.name!r} is another feature in {base.name}/{base.version}: "
+                "expected another name"
+            )
+    return tuple(extra for extra in extras if extra.name not in known)
 
 
 def _corrected(
     base: Manifest,
     version: str,
     effects: Sequence[AppliedEffect],
-    extras: Sequence[ExtraFeature],
+    new: tuple[ExtraFeature, ...],
     description: str | None,
 ) -> Manifest:
     everything = (*base.effects, *effects)
-    known = base.window.extras
-    new = tuple(extra for extra in extras if extra not in known)
     shift = sum(effect.shift_ticks for effect in everything)
     changes = {
         "version": version,
@@ -82,7 +97,7 @@ def _corrected(
         "taxel_version": taxel.__version__,
     }
     try:
-        layout = WindowLayout.of(WindowSpec.of(base.window.combination, shift), known + new)
+        layout = WindowLayout.of(WindowSpec.of(base.window.combination, shift), base.window.extras + new)
         return _with_window(base, layout, changes)
     except (InvalidArgument, ValidationError) as error:
         reason = artifacts.describe(error) if isinstance(error, ValidationError) else str(error)
@@ -111,15 +126,7 @@ def _check_parity(
         with taxel.load(Path(folder)) as source:
             correction = Correction(manifest.effects, manifest.spec, manifest.window.extras)
             expected = correction.apply(source.predictor(bare.name).predict, inputs)
-    differences = np.abs(found.astype(np.float64) - expected)
-    largest = float(differences.max())
-    if not largest <= TOLERANCE:
-        row, column = np.unravel_index(int(np.argmax(np.nan_to_num(differences, nan=np.inf))), found.shape)
-        raise ArtifactError(
-            f"parity: window {row}, channel {CHANNELS[column]}: the artifact gives {found[row, column]}, "
-            f"base and effects {expected[row, column]}: expected at most {TOLERANCE:g} counts between them"
-        )
-    return Parity(windows=len(inputs), largest_difference=largest, tolerance=TOLERANCE)
+    return agreement(found, expected, TOLERANCE, "base and effects")
 
 
 def _write_bare(repository: Path, base: Artifact) -> Manifest:

@@ -101,7 +101,7 @@ def write_int8(trained: TrainedModel, model_format: str | None = None) -> Export
     """The model file of a trained model, with weights of 8 bits.
 
     Raises:
-        SettingsError: a model of its family would be no faster.
+        SettingsError: a model of its family would be no faster, or none of its layers is large.
         ArtifactError: as `write`.
     """
     import onnx

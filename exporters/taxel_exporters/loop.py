@@ -94,14 +94,20 @@ def loop(
             plan,
             lambda doing: status.update(f"looking at {doing}"),
         )
-    if export and closed.new.effects:
-        closed = _exported(closed, repository)
-    write_report(output, closed)
+    try:
+        if export and closed.new.effects:
+            closed = _exported(closed, repository)
+    finally:
+        # What was found is not lost with an export that fails.
+        write_report(output, closed)
     if as_json:
         print_json(closed.findings.model_dump(mode="json"))
     else:
         OUT.print(findings_table(closed.findings))
         OUT.print(f"Wrote {output}: report.md, report.html, report.json.", soft_wrap=True)
+        if export:
+            exported = closed.findings.exported or "nothing: no effect was named that a model can have"
+            OUT.print(f"Exported {exported}.", soft_wrap=True)
 
 
 def _exported(closed: "Closed", repository: Path) -> "Closed":

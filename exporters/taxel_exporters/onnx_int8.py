@@ -12,6 +12,7 @@ import onnx
 from numpy.typing import NDArray
 from onnx import NodeProto, TensorProto, helper, numpy_helper
 
+from taxel.errors import SettingsError
 from taxel_exporters.onnx_file import plain
 
 _BLOCK: Final = 32
@@ -31,14 +32,26 @@ _DOMAIN: Final = "com.microsoft"
 
 
 def with_int8_weights(model: onnx.ModelProto) -> onnx.ModelProto:
-    """A copy of a model whose large dense layers have weights of 8 bits."""
+    """A copy of a model whose large dense layers have weights of 8 bits.
+
+    Raises:
+        SettingsError: it has no large one.
+    """
     rounded = onnx.ModelProto()
     rounded.CopyFrom(model)
     graph = rounded.graph
     constants = {constant.name: constant for constant in graph.initializer}
-    for node in graph.node:
-        if node.op_type == "Gemm" and min(constants[node.input[1]].dims) >= _SMALLEST:
-            _round(node, constants)
+    large = [
+        node
+        for node in graph.node
+        if node.op_type == "Gemm" and min(constants[node.input[1]].dims) >= _SMALLEST
+    ]
+    if not large:
+        raise SettingsError(
+            f"--weights int8: no layer takes and gives at least {_SMALLEST} values: nothing to round"
+        )
+    for node in large:
+        _round(node, constants)
     del graph.initializer[:]
     graph.initializer.extend(constants.values())
     rounded.opset_import.append(helper.make_opsetid(_DOMAIN, 1))

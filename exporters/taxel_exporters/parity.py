@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import taxel
-from taxel.channels import CHANNELS
-from taxel.errors import ArtifactError
 from taxel.manifest import Parity
+from taxel_exporters.agreement import agreement
 from taxel_models.training.dataset import Examples
 from taxel_models.training.trained import TrainedModel
 
@@ -31,15 +30,7 @@ def check_parity(
     rows = np.linspace(0, len(held_out) - 1, min(len(held_out), MOST_WINDOWS)).astype(np.int64)
     some = Examples(*(column[rows] for column in vars(held_out).values()))
     found, expected = predict_both(repository, name, trained, some)
-    differences = np.abs(found.astype(np.float64) - expected)
-    largest = float(differences.max())
-    if not largest <= tolerance:
-        row, column = np.unravel_index(int(np.argmax(np.nan_to_num(differences, nan=np.inf))), found.shape)
-        raise ArtifactError(
-            f"parity: window {row}, channel {CHANNELS[column]}: the artifact gives {found[row, column]}, "
-            f"the trained model {expected[row, column]}: expected at most {tolerance:g} counts between them"
-        )
-    return Parity(windows=len(rows), largest_difference=largest, tolerance=tolerance)
+    return agreement(found, expected, tolerance, "the trained model")
 
 
 def predict_both(

@@ -75,3 +75,10 @@ def test_what_is_not_ours_is_never_replaced(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="is a folder"):
         check_file_place(precious)
     assert (precious / "thesis.txt").read_text() == "years"
+
+
+def test_no_folder_can_stand_below_a_file(tmp_path: Path) -> None:
+    (tmp_path / "notes").write_text("old")
+    for place in (tmp_path / "notes" / "out", tmp_path / "notes" / "deep" / "out"):
+        with pytest.raises(SettingsError, match=r"notes is a file: expected a folder"):
+            check_folder_place(place)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from taxel.channels import CHANNELS
@@ -223,7 +223,9 @@ class TestFrame:
     def test_what_is_no_rotation_is_refused(self) -> None:
         mirror = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0))
         stretch = ((1.1, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-        for matrix in (mirror, stretch):
+        # Its product with its transpose is no number.
+        endless = ((1e200, -1e200, 0.0), (1e200, 1e200, 0.0), (0.0, 0.0, 1.0))
+        for matrix in (mirror, stretch, endless):
             with pytest.raises(ValidationError, match="expected a rotation"):
                 Frame(position_rotation=matrix, position_translation=(0, 0, 0), force_rotation=IDENTITY)
 
@@ -293,6 +295,12 @@ def test_impossible_terms_are_refused(fields: dict[str, Any], message: str) -> N
         TypeAdapter(Term).validate_python(fields)
 
 
+def spoilt(value: float) -> Rows:
+    rows = np.zeros((3, 21))
+    rows[1, CHANNELS.index("e4")] = value
+    return rows
+
+
 class TestOffsetCalibration:
     def test_it_is_the_mean_difference(self) -> None:
         rng = np.random.default_rng(0)
@@ -309,11 +317,14 @@ class TestOffsetCalibration:
             (np.zeros((3, 20)), np.zeros((3, 21)), r"measured has shape \(3, 20\)"),
             (np.zeros((3, 21)), np.zeros((2, 21)), "measured has 3 rows, predicted 2"),
             (np.zeros((0, 21)), np.zeros((0, 21)), "m above 0"),
-            (np.full((3, 21), np.nan), np.zeros((3, 21)), "measured holds values that are not finite"),
+            (np.zeros((3, 21)), spoilt(np.nan), r"predicted\[1, 'e4'\] is nan: expected finite counts"),
+            (spoilt(np.inf), np.zeros((3, 21)), r"measured\[1, 'e4'\] is inf: expected finite counts"),
+            ([[1.0] * 21, [1.0]], np.zeros((2, 21)), "measured: expected an array of counts"),
+            (np.zeros((1, 21)), [["warm"] * 21], "predicted: expected an array of counts"),
         ],
     )
     def test_what_cannot_be_compared_is_refused(
-        self, measured: Rows, predicted: Rows, message: str
+        self, measured: ArrayLike, predicted: ArrayLike, message: str
     ) -> None:
         with pytest.raises(InvalidArgument, match=message):
             OffsetCalibration.of(measured, predicted)

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from taxel.errors import InvalidArgument
-from taxel.windows import COMBINATIONS, Samples, WindowSpec, build_windows
+from taxel.manifest import WindowLayout
+from taxel.windows import COMBINATIONS, ExtraFeature, Samples, WindowSpec, build_windows
 
 
 @given(st.integers(0, 2**32), st.sampled_from(COMBINATIONS), st.integers(-25, 25))
@@ -43,3 +45,13 @@ def test_a_shifted_spec_says_so() -> None:
 def test_an_endless_shift_is_refused() -> None:
     with pytest.raises(InvalidArgument, match="shift 101: expected at most 100 ticks"):
         WindowSpec.of(1, shift=101)
+
+
+@pytest.mark.parametrize(
+    ("shift", "names"), [(0, ["fz"]), (3, ["fz"]), (3, ["fz[-3]"]), (0, ["tdc", "tdc"])]
+)
+def test_extras_need_names_of_their_own(shift: int, names: list[str]) -> None:
+    """Also other names than an unshifted window's features have, as effects know them by."""
+    extras = tuple(ExtraFeature(name=name, unit="", taken_by="effects") for name in names)
+    with pytest.raises(ValidationError, match="expected names that no other feature has"):
+        WindowLayout.of(WindowSpec.of(1, shift), extras)

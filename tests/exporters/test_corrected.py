@@ -21,6 +21,8 @@ CREEP = ExtraFeature(
     name="creep", unit="N", history=Relaxation(of="force", time_constant_s=1.0), taken_by="effects"
 )
 
+MATERIAL = ExtraFeature(name="material", unit="0 or 1", taken_by="effects")
+
 
 def adding(name: str, feature: str, weight: float, shift: int = 0) -> AppliedEffect:
     term = Weighted(shape="unit", features=(feature,), references=(0.0,), weights=((weight,) * 21,))
@@ -81,6 +83,34 @@ def test_a_correction_of_a_correction_has_both(repository: Path, windows: NDArra
         before, after = (source.predictor("ffnn", version) for version in ("1", "3"))
         inputs = np.hstack([windows, np.ones((64, 1), np.float32)])
         np.testing.assert_allclose(after.predict(inputs), before.predict(windows) + 47.0, atol=0.01)
+
+
+def test_what_the_version_has_already_is_not_repeated(
+    repository: Path, windows: NDArray[np.float32]
+) -> None:
+    heat = ExtraFeature(name="tdc", unit="counts", default=1900.0, taken_by="effects")
+    effects = [adding("creep", "creep", 40.0), adding("temperature", "tdc", 0.01)]
+    export_corrected(repository, "ffnn", "1", effects, [CREEP, heat], windows=windows)
+    # Another recording's mean is another default.
+    extras = [heat.model_copy(update={"default": 1950.0}), MATERIAL, CREEP]
+    more = [adding("temperature", "tdc", 0.02), adding("material", "material", 3.0)]
+    more.append(adding("creep", "creep", -10.0))
+    given = np.column_stack([windows, *([value] * 64 for value in (0.5, 2000.0, 2000.0, 1.0, 0.5))])
+    manifest = export_corrected(repository, "ffnn", "2", more, extras, windows=given.astype(np.float32))
+    assert manifest.window.extras == (CREEP, heat, MATERIAL)
+    with taxel.load(repository) as source:
+        before, after = (source.predictor("ffnn", version) for version in ("1", "3"))
+        inputs = given[:, [*range(14), 15]]
+        np.testing.assert_allclose(after.predict(inputs), before.predict(windows) + 78.0, atol=0.01)
+
+
+def test_one_name_has_one_meaning(repository: Path, windows: NDArray[np.float32]) -> None:
+    export_corrected(repository, "ffnn", "1", [adding("creep", "creep", 40.0)], [CREEP], windows=windows)
+    slower = CREEP.model_copy(update={"history": Relaxation(of="force", time_constant_s=2.0)})
+    with pytest.raises(ArtifactError, match="'creep' is another feature in ffnn/2"):
+        export_corrected(
+            repository, "ffnn", "2", [adding("creep", "creep", 1.0)], [slower], windows=windows
+        )
 
 
 def test_its_card_names_the_effects_and_what_they_need(

@@ -89,12 +89,10 @@ def test_a_rounded_layer_is_within_what_8_bits_allow(
     np.testing.assert_allclose(evaluate(rounded, windows), evaluate(exact, windows), rtol=0, atol=steps)
 
 
-def test_small_layers_keep_their_weights() -> None:
+def test_a_model_of_small_layers_is_refused() -> None:
     weights = np.random.default_rng(0).normal(size=(12, 200)).astype(np.float32)
-    exact = dense(weights, transposed=True)
-    rounded = with_int8_weights(exact)
-    windows = np.ones((3, 12), np.float32)
-    np.testing.assert_array_equal(evaluate(rounded, windows), evaluate(exact, windows))
+    with pytest.raises(SettingsError, match="no layer takes and gives at least 64 values"):
+        with_int8_weights(dense(weights, transposed=True))
 
 
 def test_a_rounded_model_is_smaller_and_says_what_it_costs(dense_folder: Path, tmp_path: Path) -> None:
@@ -105,6 +103,8 @@ def test_a_rounded_model_is_smaller_and_says_what_it_costs(dense_folder: Path, t
     assert manifest.parity is None
     assert weights.float32_size == exact.model_file.size
     assert manifest.model_file.size < 0.6 * exact.model_file.size
+    operations = [node.op_type for node in onnx.load(tmp_path / "rounded" / "1" / "model.onnx").graph.node]
+    assert (operations.count("MatMulNBits"), operations.count("Gemm")) == (1, 2)
     trained = trained_models.load(dense_folder)
     assert weights.float32_norm_mae == pytest.approx(
         trained.record.training.metrics["test"]["norm_mae"], rel=1e-6

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 import taxel
 from taxel.commands.frame import failing_clearly
+from taxel_exporters import corrected
 from taxel_exporters.loop import loop
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.evidence import Evidence, gather
@@ -85,6 +86,28 @@ def test_what_is_exported_gives_what_was_reported(
     again = run(app, repository, data, output)
     assert again.exit_code == 2
     assert "--overwrite" in again.stderr
+
+
+def test_a_report_outlives_an_export_that_fails(
+    app: typer.Typer, repository: Path, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(corrected, "TOLERANCE", -1.0)
+    before = sorted(path.name for path in (repository / MODEL).iterdir())
+    result = run(app, repository, data, tmp_path / "report", "--export", "--model", f"{MODEL}/1")
+    assert result.exit_code == 1, result.output
+    assert "parity: window" in result.stderr
+    found = json.loads((tmp_path / "report" / "report.json").read_text())
+    assert found["effects"]
+    assert found["exported"] is None
+    assert sorted(path.name for path in (repository / MODEL).iterdir()) == before
+
+
+def test_it_says_that_there_was_nothing_to_export(
+    app: typer.Typer, repository: Path, data: Path, tmp_path: Path
+) -> None:
+    result = run(app, repository, data, tmp_path / "report", "--export", "--least-share", "1")
+    assert result.exit_code == 0, result.output
+    assert "Exported nothing" in result.stdout
 
 
 def test_recordings_that_are_too_short_are_refused(

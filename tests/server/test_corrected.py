@@ -11,7 +11,7 @@ import taxel
 from taxel import artifacts
 from taxel.channels import CHANNELS
 from taxel.corrections import AppliedEffect, Frame, Substitute, Weighted
-from taxel.errors import Unavailable
+from taxel.errors import InvalidArgument, Unavailable
 from taxel.windows import ExtraFeature, Relaxation, Samples, WindowSpec, build_windows, history_columns
 from taxel_exporters.corrected import export_corrected
 from taxel_exporters.export import export
@@ -117,11 +117,22 @@ def test_without_extras_a_corrected_model_is_settled(corrected: Path) -> None:
         assert not np.allclose(predictor.predict(one_given), predictor.predict(windows))
 
 
+@pytest.mark.parametrize("columns", [11, 15])
+def test_windows_of_another_width_are_told_both_ends(corrected: Path, columns: int) -> None:
+    with taxel.load(corrected) as source:
+        predictor = source.predictor("skin")
+        message = (
+            rf"shape \(3, {columns}\): expected \(n, 12\) to \(n, 14\), with extras \['creep', 'material'\]"
+        )
+        with pytest.raises(InvalidArgument, match=message):
+            predictor.predict(np.ones((3, columns), np.float32))
+
+
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
         (("effects", 2, "terms", 0, "features", 0), "crepe", r"effect creep takes \['crepe'\]"),
-        (("effects", 1, "shift_ticks"), 3, "window.shift 2: expected 3"),
+        (("effects", 1, "shift_ticks"), 3, r"manifest\.json: window\.shift 2: expected 3"),
         (("effects", 2, "terms"), [], r"extras \['creep', 'material'\]: no effect takes them"),
         (
             ("window", "extras", 0, "taken_by"),

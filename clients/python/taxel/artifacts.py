@@ -123,7 +123,9 @@ def fingerprint(path: Path) -> str:
 def describe(error: ValidationError) -> str:
     """A validation error in one line: each fault with the field it is in."""
     faults = [
-        ".".join(str(part) for part in fault["loc"]) + (": " if fault["loc"] else "") + fault["msg"]
+        ".".join(str(part) for part in fault["loc"])
+        + (": " if fault["loc"] else "")
+        + fault["msg"].removeprefix("Value error, ")
         for fault in error.errors(include_url=False, include_input=False)
     ]
     return "; ".join(faults)

@@ -83,8 +83,11 @@ def check_folder_place(path: Path, *, replacing: str | None = None) -> None:
     """Refuse, before any work is done, a place where no folder can be written.
 
     Raises:
-        SettingsError: something stands at `path` that is not to be replaced.
+        SettingsError: something stands at `path` that is not to be replaced, or a file above it.
     """
+    above = next((parent for parent in path.parents if parent.exists()), path)
+    if above.is_file():
+        raise SettingsError(f"{path}: {above} is a file: expected a folder")
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         return
     if not path.is_dir():

@@ -84,8 +84,13 @@ class WindowLayout(Part):
             spec = self.spec
         except InvalidArgument as error:
             raise ValueError(str(error)) from None
-        built = spec.features + tuple(extra.name for extra in self.extras)
-        if self.features != built or len(set(built)) != len(built):
+        names = tuple(extra.name for extra in self.extras)
+        # Effects call the window's features by their unshifted names.
+        taken = {*spec.features, *spec.unshifted.features}
+        if len(taken.union(names)) < len(taken) + len(names):
+            raise ValueError(f"extras {list(names)}: expected names that no other feature has")
+        built = spec.features + names
+        if self.features != built:
             raise ValueError(f"features {list(self.features)} are not those built: {list(built)}")
         if self.look_ahead != spec.look_ahead:
             raise ValueError(f"look_ahead {self.look_ahead}: expected {spec.look_ahead} ticks")

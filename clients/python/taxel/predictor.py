@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.errors import InvalidArgument
-from taxel.manifest import Manifest
+from taxel.manifest import Manifest, WindowLayout
 from taxel.protocol import check_windows
 from taxel.windows import WindowSpec, WindowStream
 
@@ -54,11 +54,7 @@ class Predictor(ABC):
         """
         layout = self.manifest.window
         if layout.extras:
-            array = np.asarray(windows)
-            missing = len(layout.features) - array.shape[1] if array.ndim == 2 else 0
-            if 0 < missing <= len(layout.extras):
-                defaults = np.array([extra.default for extra in layout.extras[-missing:]], np.float32)
-                windows = np.hstack([array, np.broadcast_to(defaults, (len(array), missing))])
+            windows = _with_extras(np.asarray(windows), layout)
         return check_windows(windows, layout.features)
 
     def stream(self, *, rate_hz: float = 100.0, fingers: int = 1) -> WindowStream:
@@ -110,6 +106,22 @@ class Predictor(ABC):
         if not self.manifest.gives_spread:
             label = f"{self.manifest.name}/{self.manifest.version}"
             raise InvalidArgument(f"outputs[1]: {label} gives no spread: expected an ensemble")
+
+
+def _with_extras(windows: NDArray[Any], layout: WindowLayout) -> NDArray[Any]:
+    """Windows with the defaults of the last extra features, where these are not given."""
+    most = len(layout.features)
+    least = most - len(layout.extras)
+    if windows.ndim != 2 or not least <= windows.shape[1] <= most:
+        names = [extra.name for extra in layout.extras]
+        raise InvalidArgument(
+            f"window: shape {windows.shape}: expected (n, {least}) to (n, {most}), with extras {names}"
+        )
+    missing = most - windows.shape[1]
+    if not missing:
+        return windows
+    defaults = np.array([extra.default for extra in layout.extras[-missing:]], np.float32)
+    return np.hstack([windows, np.broadcast_to(defaults, (len(windows), missing))])
 
 
 class PredictorSource(ABC):

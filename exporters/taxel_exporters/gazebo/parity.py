@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import taxel
-from taxel.channels import CHANNELS, COUNTS_MAX
-from taxel.errors import ArtifactError
+from taxel.channels import COUNTS_MAX
 from taxel.manifest import Parity
+from taxel_exporters.agreement import agreement
 from taxel_exporters.gazebo.columns import CHANNEL_COLUMNS, FEATURE_COLUMNS, INPUTS, TEMPERATURE
 from taxel_exporters.gazebo.network import Network
 
@@ -44,15 +44,7 @@ def check_parity(repository: Path, name: str, network: Network) -> Parity:
         default = predictor.predict(windows[WINDOWS // 2 :, :-1])
     found = np.concatenate([given, default])
     tolerance = _TOLERANCE * max(COUNTS_MAX, float(np.abs(expected).max()))
-    differences = np.nan_to_num(np.abs(found.astype(np.float64) - expected), nan=np.inf)
-    largest = float(differences.max())
-    if not largest <= tolerance:
-        row, column = np.unravel_index(int(np.argmax(differences)), found.shape)
-        raise ArtifactError(
-            f"parity: window {row}, channel {CHANNELS[column]}: the artifact gives {found[row, column]}, "
-            f"the network {expected[row, column]}: expected at most {tolerance:g} counts between them"
-        )
-    return Parity(windows=WINDOWS, largest_difference=largest, tolerance=tolerance)
+    return agreement(found, expected, tolerance, "the network")
 
 
 def _draw(network: Network) -> NDArray[np.float32]:

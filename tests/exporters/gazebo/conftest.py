@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 import yaml
 
+from taxel.errors import ArtifactError
+from taxel_exporters.gazebo.importer import import_network
+
 PLUGIN_OUTPUTS = ["pac0", "pac1", "pdc", "tac", *(f"electrodes{number}" for number in range(19))]
 SERVED = [column for column, name in enumerate(PLUGIN_OUTPUTS) if name not in ("pac1", "tac")]
 
@@ -155,3 +158,17 @@ def draw() -> Callable[[PluginModel, int], Columns]:
         return {**named, "last": values[:, 9:12], "tdc": values[:, 12]}
 
     return of
+
+
+@pytest.fixture
+def refuse() -> Callable[[Path, str], None]:
+    """Asserts that a file is refused in few words that match, and that nothing is written."""
+
+    def check(path: Path, match: str) -> None:
+        repository = path.parent / "repository"
+        with pytest.raises(ArtifactError, match=match) as caught:
+            import_network(path, repository, name="finger")
+        assert len(str(caught.value)) < 600
+        assert not repository.exists()
+
+    return check

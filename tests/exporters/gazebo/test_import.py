@@ -16,9 +16,13 @@ from typer.testing import CliRunner, Result
 
 import taxel
 from taxel import artifacts
+from taxel.channels import CHANNELS
+from taxel.corrections import AppliedEffect, Weighted
 from taxel.errors import ArtifactError, SettingsError
 from taxel.manifest import Manifest
+from taxel.windows import ExtraFeature
 from taxel_exporters.commands import export
+from taxel_exporters.corrected import export_corrected
 from taxel_exporters.gazebo import importer
 from taxel_exporters.gazebo.importer import import_network
 from taxel_exporters.onnx_file import IR_VERSION, OPSET
@@ -46,6 +50,22 @@ def test_it_predicts_what_the_file_defines(model: Any, draw: Callable, tmp_path:
     at_mean = model.predict(columns)
     np.testing.assert_allclose(served(tmp_path / "repository", windows), at_mean, atol=TOLERANCE)
     assert np.abs(at_mean - expected).max() > 10
+
+
+def test_effects_take_the_temperature_that_the_model_takes(
+    model: Any, draw: Callable, tmp_path: Path
+) -> None:
+    repository = tmp_path / "repository"
+    import_network(model.write(tmp_path), repository, name="finger")
+    columns = draw(model, 50)
+    windows = np.column_stack([in_our_order(columns), columns["tdc"], columns["tdc"]])
+    before = served(repository, windows[:, :-1])
+    term = Weighted(shape="unit", features=("tdc",), references=(1900.0,), weights=((0.5,) * 21,))
+    effect = AppliedEffect(name="temperature", about="Follows tdc.", channels=CHANNELS, terms=(term,))
+    heat = ExtraFeature(name="tdc", unit="counts", default=1900.0, taken_by="effects")
+    export_corrected(repository, "finger", "1", [effect], [heat], windows=windows)
+    expected = before + 0.5 * (columns["tdc"][:, None] - 1900)
+    np.testing.assert_allclose(served(repository, windows[:, :-1]), expected, atol=0.01)
 
 
 def test_future_and_past_are_those_of_the_training(model: Any, draw: Callable, tmp_path: Path) -> None:

@@ -38,23 +38,31 @@ class OffsetCalibration:
         Raises:
             InvalidArgument: shapes disagree, there is no row, or a value is not finite.
         """
-        arrays = {}
-        for name, values in (("measured", measured), ("predicted", predicted)):
-            array = np.asarray(values, dtype=np.float64)
-            if array.ndim != 2 or array.shape[1] != len(CHANNELS) or not len(array):
-                raise InvalidArgument(
-                    f"{name} has shape {array.shape}: expected (m, {len(CHANNELS)}), m above 0"
-                )
-            if not np.isfinite(array).all():
-                raise InvalidArgument(f"{name} holds values that are not finite")
-            arrays[name] = array
-        found, expected = (len(arrays[name]) for name in ("measured", "predicted"))
-        if found != expected:
-            raise InvalidArgument(f"measured has {found} rows, predicted {expected}: expected as many")
-        return cls((arrays["measured"] - arrays["predicted"]).mean(axis=0))
+        found, expected = _rows("measured", measured), _rows("predicted", predicted)
+        if len(found) != len(expected):
+            raise InvalidArgument(
+                f"measured has {len(found)} rows, predicted {len(expected)}: expected as many"
+            )
+        return cls((found - expected).mean(axis=0))
 
     @property
     def extras(self) -> dict[str, float]:
         """By the names of `CALIBRATION_EXTRAS`, for `WindowStream.push(extras=…)`."""
         names = (extra.name for extra in CALIBRATION_EXTRAS)
         return dict(zip(names, self.offsets.tolist(), strict=True))
+
+
+def _rows(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """Rows of channels, checked."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidArgument(f"{name}: expected an array of counts: {error}") from None
+    if array.ndim != 2 or array.shape[1] != len(CHANNELS) or not len(array):
+        raise InvalidArgument(f"{name} has shape {array.shape}: expected (m, {len(CHANNELS)}), m above 0")
+    finite = np.isfinite(array)
+    if not finite.all():
+        row, column = (int(index) for index in np.argwhere(~finite)[0])
+        value = array[row, column]
+        raise InvalidArgument(f"{name}[{row}, {CHANNELS[column]!r}] is {value}: expected finite counts")
+    return array

@@ -16,7 +16,12 @@ _ORTHONORMAL: Final = 1e-6
 
 def _rotation(matrix: Matrix) -> Matrix:
     array = np.array(matrix)
-    if np.abs(array @ array.T - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(array) < 0:
+    # No entry of a rotation is above 1; products of very large ones would be no numbers.
+    if (
+        np.abs(array).max() > 1 + _ORTHONORMAL
+        or np.abs(array @ array.T - np.eye(3)).max() > _ORTHONORMAL
+        or np.linalg.det(array) < 0
+    ):
         raise ValueError(f"{[list(row) for row in matrix]}: expected a rotation")
     return matrix
 

@@ -110,7 +110,8 @@ class WindowStream:
 
         Args:
             time_ns: when the sample was taken, after every earlier one. After a gap of more
-                than 50 ms the stream starts afresh, so that no window reaches across it.
+                than 50 ms (or 2.5 periods, if more) the stream starts afresh, so that no window
+                reaches across it.
             position: (3,) or (fingers, 3), m, in each sensor's own frame.
             force: likewise, N.
             extras: what is known of the extra features that are no history, such as

@@ -23,6 +23,34 @@ def _leaves(planes, exits, size, lanes):  # type: ignore[no-untyped-def]
     )
 
 
+@numba.njit(inline="always")
+def _plus_gathered(total, kind, table, exits, upper, lanes):  # type: ignore[no-untyped-def]
+    """Adds the leaves of a tree whose table holds floats."""
+    if kind == 0:
+        return add(total, gather(table, exits, 0, lanes))
+    return add(total, gather(table, exits, upper, lanes))
+
+
+@numba.njit(inline="always")
+def _plus_looked_up(total, kind, table, exits, upper, lanes):  # type: ignore[no-untyped-def]
+    """Adds the leaves of a tree with a table of any kind."""
+    if kind == 1:
+        return add(total, _leaves(table, exits, 16, lanes))
+    if kind == 2:
+        return add(total, _leaves(table, exits, 32, lanes))
+    if kind == 3:
+        return add(total, _leaves(table, exits, 48, lanes))
+    if kind == 4:
+        return add(total, _leaves(table, exits, 64, lanes))
+    if kind == 8:
+        return add(total, _leaves(table, exits, 128, lanes))
+    return _plus_gathered(total, kind, table, exits, upper, lanes)
+
+
+# Chosen before anything is compiled: a look-up that the processor lacks would not even compile.
+_plus_leaves = _plus_looked_up if can_look_up() else _plus_gathered
+
+
 @cache
 def add_leaves(lanes: int) -> int:
     """The address of the sum of one output's leaves, tree after tree, compiled.
@@ -31,10 +59,7 @@ def add_leaves(lanes: int) -> int:
     tables, the block's exits and its sums, which start as the base score, and the number of rows.
     """
     part = min(lanes, 2 * register_bytes())
-    return _add_looked_up(lanes, part) if can_look_up() else _add_gathered(lanes, part)
 
-
-def _add_looked_up(lanes: int, part: int) -> int:
     @numba.cfunc(_SIGNATURE, cache=True)
     def add_trees(count, trees, tables, exits, sums, rows):  # type: ignore[no-untyped-def]
         for first in range(0, rows, part):
@@ -42,38 +67,7 @@ def _add_looked_up(lanes: int, part: int) -> int:
             for tree in range(trees, trees + 16 * count, 16):
                 table = tables + integer_at(tree, 64)
                 places = exits + integer_at(tree + 8, 32) * lanes + first
-                kind = integer_at(tree + 12, 32)
-                if kind == 1:
-                    total = add(total, _leaves(table, places, 16, part))
-                elif kind == 2:
-                    total = add(total, _leaves(table, places, 32, part))
-                elif kind == 3:
-                    total = add(total, _leaves(table, places, 48, part))
-                elif kind == 4:
-                    total = add(total, _leaves(table, places, 64, part))
-                elif kind == 8:
-                    total = add(total, _leaves(table, places, 128, part))
-                elif kind == 0:
-                    total = add(total, gather(table, places, 0, part))
-                else:
-                    total = add(total, gather(table, places, lanes, part))
-            store(sums + 4 * first, total)
-
-    return int(add_trees.address)
-
-
-def _add_gathered(lanes: int, part: int) -> int:
-    @numba.cfunc(_SIGNATURE, cache=True)
-    def add_trees(count, trees, tables, exits, sums, rows):  # type: ignore[no-untyped-def]
-        for first in range(0, rows, part):
-            total = load_floats(sums + 4 * first, part)
-            for tree in range(trees, trees + 16 * count, 16):
-                table = tables + integer_at(tree, 64)
-                places = exits + integer_at(tree + 8, 32) * lanes + first
-                if integer_at(tree + 12, 32) == 0:
-                    total = add(total, gather(table, places, 0, part))
-                else:
-                    total = add(total, gather(table, places, lanes, part))
+                total = _plus_leaves(total, integer_at(tree + 12, 32), table, places, lanes, part)
             store(sums + 4 * first, total)
 
     return int(add_trees.address)

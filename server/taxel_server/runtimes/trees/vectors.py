@@ -88,19 +88,6 @@ def splat(_context, _value, bits, lanes):  # type: ignore[no-untyped-def]
 
 
 @intrinsic(prefer_literal=True)
-def splat_at(_context, _address, bits, lanes):  # type: ignore[no-untyped-def]
-    """The integer at an address in every lane."""
-    vector = Vector(bits.literal_value, lanes.literal_value)
-    element = ir.IntType(vector.bits)
-
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        pointer = builder.inttoptr(arguments[0], element.as_pointer())
-        return _splat(builder, builder.load(pointer, align=1, typ=element), vector.lanes)
-
-    return vector(types.intp, bits, lanes), generate
-
-
-@intrinsic(prefer_literal=True)
 def integer_at(_context, _address, bits):  # type: ignore[no-untyped-def]
     """The unsigned integer of so many bits at an address."""
     element = ir.IntType(bits.literal_value)
