@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from taxel import __version__
 from taxel_models.calibration.fit import RESAMPLES, STARTS, Fit, fit
-from taxel_models.calibration.light_contacts import ORIENTATION, LightContacts, Limits
+from taxel_models.calibration.light_contacts import ORIENTATION, LightContacts
+from taxel_models.calibration.limits import Limits
 from taxel_models.calibration.motion import ANGLES, STANDOFF
 from taxel_models.calibration.nearest import NearestElectrodes
 from taxel_models.recordings import Recording
@@ -62,6 +63,11 @@ class Calibration:
                 "rotation_deg": float(np.degrees(motion.rotation.magnitude())),
             },
             "probe": probe,
+            "contacts": {
+                "indentation_at_1n_mm": self.fit.softness,
+                "error_mm": self.fit.contact_error,
+                "position_error_mm": self.fit.position_error,
+            },
             "centre_mm": self.fit.placement.centre.tolist(),
             "components": self._components(),
             "not_identifiable": {"roll": ROLL, **dict.fromkeys(self.fit.held, HELD)},
@@ -104,8 +110,8 @@ def calibrate(
     """Estimate where the sensor is in the frame that recordings share.
 
     Args:
-        limits: forces that tell a light contact; 0.05 and 0.3 N if not given.
-        standoff: distance of the tracked point from the skin in a light touch, mm; fitted if not given.
+        limits: forces that tell a light contact; those of `Limits` if not given.
+        standoff: distance of the tracked point from the skin as it just touches, mm; fitted if not given.
 
     Raises:
         RecordingError: there are too few light contacts, or all are in one place.

@@ -1,4 +1,8 @@
-"""The placement that brings light contacts onto the skin: robust least squares from several starts."""
+"""The placement that brings contacts onto the skin.
+
+Robust least squares on their light touches finds it from several starts, and says what they determine.
+The contacts' whole courses refine it.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,9 +13,10 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from taxel.errors import RecordingError, SettingsError
+from taxel_models.calibration.courses import refine
 from taxel_models.calibration.identifiability import undetermined
 from taxel_models.calibration.light_contacts import LightContacts
-from taxel_models.calibration.motion import RIGID, STANDOFF, Placement, components_of
+from taxel_models.calibration.motion import RIGID, STANDOFF, Placement, components_of, outward
 from taxel_models.twin.geometry import height_above_skin
 
 OUTLIER_MM: Final = 1.0
@@ -54,9 +59,12 @@ class Fit:
         held: components that the contacts do not determine.
         given: components that were known beforehand.
         resampled: (draws, k), the components of bootstrap resamples; all alike where not fitted.
-        agreeing: starts that ended at this placement, of `STARTS` + 1.
-        before: (n,), signed distance of the contacts as recorded from the skin, mm.
-        after: (n,), the same once placed, less the standoff.
+        agreeing: starts that ended at the light touches' placement, of `STARTS` + 1.
+        softness: indentation under 1 N, mm.
+        contact_error: SD of the error that a contact's positions share, in each axis, mm.
+        position_error: SD of each position's own error, mm.
+        before: (n,), signed distance of the light touches as recorded from the skin, mm.
+        after: (n,), the same once placed, less the standoff and the indentation.
     """
 
     names: tuple[str, ...]
@@ -65,16 +73,18 @@ class Fit:
     given: tuple[str, ...]
     resampled: NDArray[np.float64]
     agreeing: int
+    softness: float
+    contact_error: float
+    position_error: float
     before: NDArray[np.float64]
     after: NDArray[np.float64]
 
 
 class _Problem:
-    """Residuals of some contacts as a function of the components that are free.
+    """Residuals of light touches as a function of the components that are free.
 
     Args:
         known: (k,), values of the components; NaN for those that are free.
-        rows: which contacts.
     """
 
     def __init__(
@@ -83,14 +93,12 @@ class _Problem:
         centre: NDArray[np.float64],
         radius: float,
         known: NDArray[np.float64],
-        rows: NDArray[np.int64] | slice = slice(None),
     ) -> None:
         far = [_FAR.get(name, _FAR_MM) for name in components_of(contacts)]
-        self._position = contacts.position[rows]
-        self._orientation = None if contacts.orientation is None else contacts.orientation[rows]
+        self._position, self._orientation = contacts.position, contacts.orientation
         self._centre, self._radius, self._known = centre, radius, known
         self._free = np.isnan(known)
-        self._pull = np.diag(1.0 / np.array(far)[self._free])
+        self.pulls = 1.0 / np.array(far)[self._free]
 
     def full(self, chosen: NDArray[np.float64]) -> NDArray[np.float64]:
         """All components (k,), from those that are free."""
@@ -99,22 +107,23 @@ class _Problem:
         return values
 
     def heights(self, chosen: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Signed distance of the contacts from the skin, less the standoff, mm (n,)."""
+        """Signed distance of the touches from the skin, less the standoff, mm (n,)."""
         placement = Placement(self.full(chosen), self._centre)
         placed = placement.placed(self._position, self._orientation)
         return height_above_skin(placed, self._radius) - placement.standoff
 
     def pull(self, chosen: NDArray[np.float64]) -> float:
         """How far from the recorded frame, in units of `_FAR`."""
-        return float(np.linalg.norm(self._pull @ chosen))
+        return float(np.linalg.norm(self.pulls * chosen))
 
     def _residuals(self, chosen: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.concatenate([self.heights(chosen), self._pull @ chosen])
+        return np.concatenate([self.heights(chosen), self.pulls * chosen])
 
     def _jacobian(self, chosen: NDArray[np.float64]) -> NDArray[np.float64]:
         placement = Placement(self.full(chosen), self._centre)
-        heights = placement.height_derivatives(self._position, self._orientation)
-        return np.vstack([heights[:, self._free], self._pull])
+        normal = outward(placement.placed(self._position, self._orientation))
+        heights = placement.height_derivatives(self._position, self._orientation, normal)
+        return np.vstack([heights[:, self._free], np.diag(self.pulls)])
 
     def solve(self, start: NDArray[np.float64]) -> Any:
         """scipy's result from a start (free components,)."""
@@ -136,10 +145,10 @@ def fit(contacts: LightContacts, radius: float, seed: int, standoff: float | Non
 
     Args:
         seed: of the starts and of the resamples.
-        standoff: of the tracked point in a light touch, mm, where it is known.
+        standoff: of the tracked point as it just touches, mm, where it is known.
 
     Raises:
-        RecordingError: the contacts all lie in one place, or determine nothing.
+        RecordingError: the contacts all lie in one place, determine nothing, or lead to no one placement.
         SettingsError: a standoff is given where an offset is fitted.
     """
     count = len(contacts)
@@ -167,19 +176,21 @@ def fit(contacts: LightContacts, radius: float, seed: int, standoff: float | Non
         held.append(names[loose])
         best = _Problem(contacts, centre, radius, known).solve(best.x[keep])
     problem = _Problem(contacts, centre, radius, known)
-    resampled = [
-        problem.full(_Problem(contacts, centre, radius, known, rows).solve(best.x).x)
-        for rows in resampling.integers(0, count, (RESAMPLES, count))
-    ]
+    draws = resampling.integers(0, count, (RESAMPLES, count))
+    placement = Placement(problem.full(best.x), centre)
+    refined = refine(contacts, radius, placement, np.isnan(known), problem.pulls, draws)
     return Fit(
         names=names,
-        placement=Placement(problem.full(best.x), centre),
+        placement=refined.placement,
         held=tuple(held),
         given=STANDOFF if standoff is not None else (),
-        resampled=np.stack(resampled),
+        resampled=refined.resampled,
         agreeing=agreeing,
+        softness=refined.softness,
+        contact_error=refined.contact_error,
+        position_error=refined.position_error,
         before=height_above_skin(contacts.position, radius),
-        after=problem.heights(best.x),
+        after=refined.heights,
     )
 
 

@@ -45,12 +45,8 @@ def undetermined(
 
 
 def standard_errors(jacobian: NDArray[np.float64], residuals: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of each column's component, from s² (JᵀJ)⁻¹; infinite where no residual depends on it.
-
-    The spread s is the residuals' median size as a normal distribution's, which outliers leave alone.
-    """
+    """Of each column's component, from s² (JᵀJ)⁻¹; infinite where no residual depends on it."""
     rows, columns = jacobian.shape
-    spread = 1.4826 * float(np.median(np.abs(residuals))) * np.sqrt(rows / max(rows - columns, 1))
     _, sizes, directions = np.linalg.svd(jacobian, full_matrices=False)
     tiny = rows * np.finfo(float).eps * sizes[0]
     inverse = np.where(sizes > tiny, 1.0 / np.maximum(sizes, tiny), np.inf)
@@ -58,4 +54,16 @@ def standard_errors(jacobian: NDArray[np.float64], residuals: NDArray[np.float64
     shares = np.where(np.abs(directions) > 1e-6, directions, 0.0)
     with np.errstate(invalid="ignore"):
         parts = np.nan_to_num(shares * inverse[:, None], nan=0.0, posinf=np.inf, neginf=-np.inf)
-    return np.asarray(max(spread, _LEAST_SPREAD_MM) * np.sqrt((parts**2).sum(axis=0)))
+    return np.asarray(spread(residuals, columns) * np.sqrt((parts**2).sum(axis=0)))
+
+
+def spread(residuals: NDArray[np.float64], fitted: float) -> float:
+    """The residuals' standard deviation, mm, by their median size, which outliers leave alone.
+
+    Args:
+        residuals: (n,), mm.
+        fitted: how many numbers were fitted to them.
+    """
+    rows = len(residuals)
+    raw = 1.4826 * float(np.median(np.abs(residuals))) * np.sqrt(rows / max(rows - fitted, 1.0))
+    return max(float(raw), _LEAST_SPREAD_MM)

@@ -1,8 +1,12 @@
-"""Contact cycles of recordings: where each begins, and the light touch with which it ends.
+"""Contact cycles of recordings: the course of each at light forces, and the light touch that ends it.
 
 A cycle is a stretch of rows in contact whose force reaches the light limit. Its light touch is what
 comes after the last row above the limit, until contact is lost: there the probe hardly dents the skin,
-least of all in the last row, which is the one that is taken.
+least of all in the last position, which is the one that is taken. Its course is all its positions at
+forces that dent the skin in a known way.
+
+A tracker may be slower than the rows, which then hold a position. The row in which it is new has the
+force that belongs to it.
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,14 +16,12 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.errors import RecordingError, SettingsError
+from taxel.errors import RecordingError
+from taxel_models.calibration.limits import Limits
 from taxel_models.recordings import Recording
 
-LIGHT_N: Final = 0.3
-"""A contact is light below this force (the paper)."""
-
-TOUCH_N: Final = 0.05
-"""Above this force a row is in contact."""
+HERTZ_N: Final = 1.0
+"""Up to about this force a press follows Hertz's law; the skin's core stiffens stronger ones."""
 
 FEWEST: Final = 20
 """Light contacts needed: about three for each of the components that are fitted."""
@@ -27,37 +29,29 @@ FEWEST: Final = 20
 ORIENTATION: Final = tuple(f"probe.orientation.{axis}" for axis in "xyzw")
 """Columns of the probe's orientation, a quaternion from its frame to the recorded one, if recorded."""
 
-
-@dataclass(frozen=True)
-class Limits:
-    """Forces, N, that tell contact from none and light from strong.
-
-    Raises:
-        SettingsError: they are not in order.
-    """
-
-    touch: float = TOUCH_N
-    light: float = LIGHT_N
-
-    def __post_init__(self) -> None:
-        if not 0 < self.touch < self.light:
-            raise SettingsError(f"touch {self.touch} N, light {self.light} N: expected 0 < touch < light")
+_HELD_MM: Final = 1e-6
+"""A position that differs by less from the one before is the same one, held."""
 
 
 @dataclass(frozen=True)
 class LightContacts:
-    """One row a contact cycle, in the recorded frame.
+    """n contact cycles with m positions in all, in the recorded frame.
 
     Attributes:
-        position: (n, 3), the tracked point in the light touch, mm.
+        course: (m, 3), the tracked point, one contact after the other, mm; each contact's last is its
+            light touch.
+        force: (m,), size of the force there, N.
+        starts: (n,), where in `course` each contact begins.
         first: (n, 3), the tracked point when the force first exceeded the light limit, mm.
-        orientation: (n, 4), the probe's quaternion in the light touch, x y z w; none if not recorded.
+        course_orientation: (m, 4), the probe's quaternions, x y z w; none if not recorded.
         first_orientation: (n, 4), likewise at `first`.
     """
 
-    position: NDArray[np.float64]
+    course: NDArray[np.float64]
+    force: NDArray[np.float64]
+    starts: NDArray[np.int64]
     first: NDArray[np.float64]
-    orientation: NDArray[np.float64] | None = None
+    course_orientation: NDArray[np.float64] | None = None
     first_orientation: NDArray[np.float64] | None = None
 
     @classmethod
@@ -70,28 +64,58 @@ class LightContacts:
             RecordingError: there are too few, or a quaternion is zero.
         """
         oriented = all(set(ORIENTATION) <= set(recording.covariates) for recording in recordings)
-        rows = [list(_cycles(recording, limits)) for recording in recordings]
-        count = sum(map(len, rows))
+        cycles = [list(_cycles(recording, limits)) for recording in recordings]
+        count = sum(map(len, cycles))
         if count < FEWEST:
             raise RecordingError(
                 f"{', '.join(recording.name for recording in recordings)}: {count} contact cycles end in "
                 f"a light touch (force between {limits.touch:g} and {limits.light:g} N, then none); "
                 f"expected at least {FEWEST}"
             )
-        numbered = [np.array(pairs, dtype=np.int64).reshape(-1, 2) for pairs in rows]
-        first, last = (
-            [(recording, pairs[:, end]) for recording, pairs in zip(recordings, numbered, strict=True)]
-            for end in (0, 1)
-        )
+        pairs = list(zip(recordings, cycles, strict=True))
+        first = [
+            (recording, np.array([cycle.first for cycle in found], dtype=np.int64))
+            for recording, found in pairs
+        ]
+        course = [
+            (recording, np.concatenate([np.empty(0, np.int64), *(cycle.course for cycle in found)]))
+            for recording, found in pairs
+        ]
+        lengths = [len(cycle.course) for found in cycles for cycle in found]
         return cls(
-            position=_positions(last),
+            course=_positions(course),
+            force=np.concatenate([_force(recording)[rows] for recording, rows in course]),
+            starts=np.concatenate([[0], np.cumsum(lengths[:-1], dtype=np.int64)]),
             first=_positions(first),
-            orientation=_orientations(last) if oriented else None,
+            course_orientation=_orientations(course) if oriented else None,
             first_orientation=_orientations(first) if oriented else None,
         )
 
+    @property
+    def ends(self) -> NDArray[np.int64]:
+        """(n,), where in `course` the light touches are."""
+        return np.append(self.starts[1:], len(self.course)) - 1
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """(n, 3), the tracked point in the light touch, mm."""
+        return self.course[self.ends]
+
+    @property
+    def orientation(self) -> NDArray[np.float64] | None:
+        """(n, 4), the probe's quaternion in the light touch, x y z w; none if not recorded."""
+        return None if self.course_orientation is None else self.course_orientation[self.ends]
+
     def __len__(self) -> int:
-        return len(self.position)
+        return len(self.starts)
+
+
+@dataclass(frozen=True)
+class _Cycle:
+    """Rows of a contact: the first above the light limit, and those of its course."""
+
+    first: int
+    course: NDArray[np.int64]
 
 
 _Rows = Sequence[tuple[Recording, NDArray[np.int64]]]
@@ -114,13 +138,22 @@ def _orientations(rows: _Rows) -> NDArray[np.float64]:
     return np.concatenate(parts)
 
 
-def _cycles(recording: Recording, limits: Limits) -> Iterator[tuple[int, int]]:
-    """Of each whole cycle: its first row above the light limit, and the last row of its light touch."""
-    force = np.linalg.norm(recording.samples.force, axis=1)
+def _force(recording: Recording) -> NDArray[np.float64]:
+    return np.asarray(np.linalg.norm(recording.samples.force, axis=1))
+
+
+def _cycles(recording: Recording, limits: Limits) -> Iterator[_Cycle]:
+    """Each whole cycle that ends in a light touch with a position of its own."""
+    force = _force(recording)
+    moved = np.abs(np.diff(recording.samples.position * 1e3, axis=0)).max(axis=1, initial=0.0)
+    new = np.concatenate([[True], moved > _HELD_MM])
+    new[[segment.start for segment in recording.segments]] = True
+    follows_hertz = force < max(HERTZ_N, limits.light)
     for segment in recording.segments:
         touched = np.concatenate([[False], force[segment] > limits.touch, [False]])
         edges = segment.start + np.flatnonzero(np.diff(touched.astype(np.int8)))
         for start, stop in edges.reshape(-1, 2).tolist():
             strong = start + np.flatnonzero(force[start:stop] >= limits.light)
-            if len(strong) and strong[-1] + 1 < stop < segment.stop:
-                yield int(strong[0]), stop - 1
+            course = start + np.flatnonzero((new & follows_hertz)[start:stop])
+            if len(strong) and len(course) and strong[-1] < course[-1] and stop < segment.stop:
+                yield _Cycle(int(strong[0]), course)

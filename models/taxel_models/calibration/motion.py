@@ -56,8 +56,8 @@ class Placement:
     """Values of the components, with what they refer to.
 
     Without the probe's orientation, all that light contacts can tell about the probe is the standoff:
-    how far off the skin the tracked point is, along the skin's normal (a tracked sphere's radius less
-    its indentation). With the orientation, it is the contact point's offset in the probe's frame.
+    how far off the skin the tracked point is as the probe just touches it, along the skin's normal (a
+    tracked sphere's radius). With the orientation, it is the contact point's offset in the probe's frame.
 
     Attributes:
         values: (k,) in the order of `components_of`.
@@ -75,7 +75,7 @@ class Placement:
 
     @property
     def standoff(self) -> float:
-        """Distance of the tracked point from the skin in a light touch, mm; 0 with an offset."""
+        """Distance of the tracked point from the skin as it just touches, mm; 0 with an offset."""
         return float(self.values[5]) if len(self.values) == len(RIGID + STANDOFF) else 0.0
 
     @property
@@ -92,18 +92,25 @@ class Placement:
         return self.motion.apply(points)
 
     def height_derivatives(
-        self, points: NDArray[np.float64], orientation: NDArray[np.float64] | None
+        self,
+        points: NDArray[np.float64],
+        orientation: NDArray[np.float64] | None,
+        normal: NDArray[np.float64],
     ) -> NDArray[np.float64]:
         """How the placed points' distances from the skin, less the standoff, change with each component.
 
         A small change of the rotation vector v turns by J(v) dv, with the left Jacobian of SO(3)
         (Solà, Deray and Atchuthan 2018, A micro Lie theory for state estimation in robotics, eq. 145).
 
+        Args:
+            points: (n, 3), tracked, mm.
+            orientation: (n, 4), the probe's quaternions, if recorded.
+            normal: (n, 3), of the skin where the contacts are placed.
+
         Returns:
             (n, k), mm by mm or rad.
         """
         motion = self.motion
-        normal = outward(self.placed(points, orientation))
         arms = points - self.centre
         if orientation is None:
             probe = np.full((len(points), 1), -1.0)

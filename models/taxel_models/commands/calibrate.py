@@ -8,6 +8,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from taxel.commands.frame import ERR, OUT, Json, print_json
+from taxel_models.calibration.limits import LIGHT_N, TOUCH_N, Limits
 
 _DISTANCES = ("mean", "median", "rms")
 
@@ -24,11 +25,15 @@ def calibrate(
     standoff: Annotated[
         float | None,
         typer.Option(
-            metavar="MM", help="Distance of the tracked point from the skin in a light touch, if known."
+            metavar="MM", help="Distance of the tracked point from the skin as it just touches, if known."
         ),
     ] = None,
-    light: Annotated[float, typer.Option(metavar="N", help="A contact is light below this force.")] = 0.3,
-    touch: Annotated[float, typer.Option(metavar="N", help="Below this force there is no contact.")] = 0.05,
+    light: Annotated[
+        float, typer.Option(metavar="N", help="A contact is light below this force.")
+    ] = LIGHT_N,
+    touch: Annotated[
+        float, typer.Option(metavar="N", help="Below this force there is no contact.")
+    ] = TOUCH_N,
     seed: Annotated[int, typer.Option(min=0, help="Of the optimiser's starts and of the bootstrap.")] = 0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier calibration.")] = False,
     as_json: Json = False,
@@ -40,7 +45,6 @@ def calibrate(
     from taxel.atomic import check_folder_place
     from taxel_models.calibration.calibration import calibrate as estimate
     from taxel_models.calibration.folder import RECORD, write_calibration
-    from taxel_models.calibration.light_contacts import Limits
     from taxel_models.recordings import read_recording
 
     output = output.resolve()

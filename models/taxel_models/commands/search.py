@@ -117,7 +117,7 @@ def _cluster(address: str | None) -> Iterator["Client | None"]:
     if address is None:
         yield None
         return
-    from taxel_models.search.cluster import connect
+    from taxel_models.training.cluster import connect
 
     with connect(address) as client:
         yield client

@@ -5,13 +5,14 @@ from typing import Any
 
 from distributed import CancelledError, Client, Future, KilledWorker, as_completed
 
-from taxel.errors import SettingsError, Unavailable
+from taxel.errors import Unavailable
 from taxel_models.families.family import Progress
 from taxel_models.study.cell import CellResult, compute
 from taxel_models.study.fold_data import fold_data
 from taxel_models.study.folds import Partition
 from taxel_models.study.plan import Protocol
 from taxel_models.study.run import Batch, Runner
+from taxel_models.training.cluster import connect
 
 
 def cluster_runner(address: str, patience_s: float = 20.0) -> Runner:
@@ -30,10 +31,10 @@ def cluster_runner(address: str, patience_s: float = 20.0) -> Runner:
     ) -> Iterator[CellResult]:
         if not batches:
             return
-        with _connected(address, patience_s) as client:
+        with connect(address, patience_s) as client:
             futures = _submitted(client, partitions, batches)
             progress(0.0, f"{len(futures)} cells on {len(client.nthreads())} workers")
-            for number, future in enumerate(as_completed(futures), start=1):
+            for number, future in enumerate(as_completed(futures, loop=client.loop), start=1):
                 yield _result(future, futures[future])
                 progress(number, f"finished {futures[future]}")
 
@@ -46,25 +47,6 @@ def _result(future: Future, name: str) -> CellResult:
     except (KilledWorker, CancelledError) as error:
         raise Unavailable(f"{name}: its worker or the scheduler is gone ({error}); run again") from None
     return result
-
-
-def _connected(address: str, patience_s: float) -> Client:
-    try:
-        client = Client(address, timeout=patience_s)
-    except (OSError, ValueError) as error:
-        raise Unavailable(f"no Dask scheduler answers at {address}: {error}") from None
-    threads: dict[str, int] = client.nthreads()
-    # Torch's random state belongs to a process: a second task in it would change the results.
-    several = [worker for worker, number in threads.items() if number > 1]
-    if several or not threads:
-        client.close()
-        if not threads:
-            raise Unavailable(f"the Dask scheduler at {address} has no workers")
-        raise SettingsError(
-            f"worker {several[0]} runs {threads[several[0]]} tasks at once: "
-            "start workers with `dask worker --nworkers N --nthreads 1`"
-        )
-    return client
 
 
 def _submitted(

@@ -21,7 +21,8 @@ from taxel.artifacts import folder_of, read
 from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
 from taxel.commands.frame import Json, failing_clearly, print_json
 from taxel.errors import SettingsError
-from taxel_models.calibration.light_contacts import LightContacts, Limits
+from taxel_models.calibration.light_contacts import LightContacts
+from taxel_models.calibration.limits import Limits
 from taxel_models.calibration.nearest import NearestElectrodes
 from taxel_models.recordings import Recording
 from taxel_models.shipped import shipped_repository

@@ -14,7 +14,7 @@ RADIUS = 7.0
 
 @pytest.fixture(scope="session")
 def make_contacts() -> Callable[..., LightContacts]:
-    """Light contacts that lie off the skin by a standoff, and by noise, in the sensor's frame."""
+    """Contacts of one weightless touch each, off the skin by a standoff, and by noise, in its frame."""
 
     def make(
         count: int = 60,
@@ -28,7 +28,7 @@ def make_contacts() -> Callable[..., LightContacts]:
         dice = np.random.default_rng(seed)
         places = patch(dice.uniform(*along, count), dice.uniform(-around, around, count), RADIUS)
         points = places.point + standoff * places.normal + noise * dice.standard_normal((count, 3))
-        return LightContacts(points, points)
+        return LightContacts(points, np.zeros(count), np.arange(count), points)
 
     return make
 

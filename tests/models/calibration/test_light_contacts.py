@@ -1,15 +1,17 @@
 """Contact cycles and the light touch with which they end."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from taxel.channels import CHANNELS
 from taxel.errors import RecordingError, SettingsError
-from taxel_models.calibration.light_contacts import ORIENTATION, LightContacts, Limits
+from taxel_models.calibration.light_contacts import ORIENTATION, LightContacts
+from taxel_models.calibration.limits import Limits
 from taxel_models.recordings import Recording
 
 CYCLE = [0.0, 0.1, 0.2, 0.5, 1.0, 0.4, 0.2, 0.1, 0.0]
@@ -40,6 +42,22 @@ def test_a_cycle_gives_its_start_and_its_last_light_row() -> None:
     assert contacts.orientation is None
 
 
+def test_a_course_is_every_position_with_the_force_of_the_row_in_which_it_came() -> None:
+    """Positions come every other row and are held; the force passes what Hertz's law covers."""
+    force = [0.0, 0.0, 0.1, 0.2, 0.5, 2.0, 3.0, 0.6, 0.2, 0.15, 0.12, 0.1, 0.0, 0.0] * 20
+    slow = recording(force)
+    place = slow.samples.position.copy()
+    place[1::2] = place[::2]
+    slow = replace(slow, samples=replace(slow.samples, position=place))
+    contacts = LightContacts.of([slow], Limits())
+    assert len(contacts) == 20
+    cycles = 14.0 * np.arange(20)[:, None]
+    np.testing.assert_allclose(contacts.course[:, 0], (cycles + np.array([2, 4, 8, 10])).ravel())
+    np.testing.assert_allclose(contacts.force, [0.1, 0.5, 0.2, 0.12] * 20)
+    np.testing.assert_array_equal(contacts.starts, 4 * np.arange(20))
+    np.testing.assert_allclose(contacts.position[:, 0], cycles[:, 0] + 10)
+
+
 @pytest.mark.parametrize(
     "extra",
     [
@@ -65,6 +83,7 @@ def by_hand(force: list[float], limits: Limits) -> Iterator[tuple[int, int]]:
             last_strong = row
 
 
+@settings(deadline=None)
 @given(st.lists(st.sampled_from([0.0, 0.05, 0.1, 0.29, 0.3, 1.0]), max_size=40))
 def test_cycles_are_those_of_the_definition(force: list[float]) -> None:
     whole = CYCLE * 20 + force

@@ -11,10 +11,10 @@ from distributed import LocalCluster
 from taxel.errors import ArtifactError, SettingsError, TaxelError, Unavailable
 from taxel_models.families.family import FitTask
 from taxel_models.families.registry import family, resolve
-from taxel_models.search.cluster import connect
 from taxel_models.search.objective import WORST
 from taxel_models.search.plan import SearchPlan
 from taxel_models.search.run import search
+from taxel_models.training.cluster import connect
 
 Planned = Callable[..., tuple[SearchPlan, FitTask]]
 

@@ -7,18 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from typer.testing import Result
-from typing_extensions import override
 
-from taxel.channels import CHANNELS
 from taxel.errors import SettingsError
-from taxel.scaling import Scaler
-from taxel.windows import WindowSpec
-from taxel_models.families.family import FitPart, FittedModel
+from taxel_models.families.family import FitTask
+from taxel_models.families.registry import family, resolve
 from taxel_models.recordings import Recording
 from taxel_models.study.cell import CellResult
-from taxel_models.study.fold_data import FoldData
+from taxel_models.study.fold_data import fold_data
 from taxel_models.study.plan import SWEPT, StudyPlan
 from taxel_models.study.report import describe, write_report
 from taxel_models.study.run import Study, compute_here, run_study
@@ -28,26 +24,6 @@ from taxel_models.study.sweep import sweep_temperature
 from taxel_models.study.temperature import Temperature, temperature_table
 
 Swept = tuple[Study, Store, list[CellResult]]
-
-
-class Thermometer(FittedModel):
-    """Says the temperature on every channel."""
-
-    @property
-    @override
-    def parameters(self) -> int:
-        return 0
-
-    @override
-    def predict(
-        self, windows: NDArray[np.float32], temperature: NDArray[np.float32] | None = None
-    ) -> NDArray[np.float32]:
-        told = np.zeros(len(windows), np.float32) if temperature is None else temperature
-        return np.repeat(told[:, None], len(CHANNELS), axis=1)
-
-    @override
-    def save(self, folder: Path) -> None:
-        raise NotImplementedError
 
 
 @pytest.fixture(scope="module")
@@ -64,22 +40,23 @@ def temperature(swept: Swept) -> Temperature:
     return found
 
 
-def test_each_temperature_is_told_as_the_model_was_fitted() -> None:
-    spec = WindowSpec.of(3)
-    part = FitPart(*(np.zeros((4, width), np.float32) for width in (spec.length, 21, 1, 2)))
-    data = FoldData(
-        spec,
-        *(part, part, part),
-        measured=np.full((4, 21), 1000.0),
-        scaler=Scaler.of(np.full(21, 1000.0), np.full(21, 50.0)),
-        tdc=np.array([1900.0, 1980.0, 2000.0]),
-        tdc_scaler=Scaler.of([1980.0], [40.0]),
-    )
-    found = sweep_temperature(data, Thermometer())
-    assert found.tdc == (1900.0, 1980.0, 2000.0)
-    assert found.mean_tdc == 1980.0
-    assert found.norm_mae == pytest.approx((2.0, 0.0, 0.5))
-    assert found.mae == pytest.approx((100.0, 0.0, 25.0))
+def test_each_temperature_is_told_as_the_model_was_fitted(swept: Swept, small_plan: StudyPlan) -> None:
+    """A Network B's errors in counts, from counts that are z-scored here as its training data were."""
+    data = fold_data(swept[0].partitions["strict"], 1, 0)
+    few = replace(data, tdc=data.tdc[[0, len(data.tdc) // 2, -1]])
+    kind = family("network-b")
+    task = FitTask(data.spec, data.train, data.validation, seed=0, jobs=1, with_temperature=True)
+    fitted, _ = kind.fit(task, resolve(kind, 1, small_plan.overrides["network-b"]))
+    found = sweep_temperature(few, fitted)
+    assert found.tdc == tuple(few.tdc)
+    assert found.mean_tdc == data.tdc_scaler.mean[0]
+    for tdc, mae, norm_mae in zip(found.tdc, found.mae, found.norm_mae, strict=True):
+        told = (tdc - data.tdc_scaler.mean[0]) / data.tdc_scaler.std[0]
+        z_scores = fitted.predict(data.test.windows, np.full(len(data.test), told, np.float32))
+        missed = np.abs(z_scores * data.scaler.std + data.scaler.mean - data.measured).mean(axis=0)
+        assert mae == pytest.approx(missed.mean(), rel=1e-4)
+        assert norm_mae == pytest.approx((missed / data.scaler.std).mean(), rel=1e-4)
+    assert len(set(found.norm_mae)) == 3
 
 
 def test_every_whole_count_that_occurs_is_told(swept: Swept, twin: Recording) -> None:
