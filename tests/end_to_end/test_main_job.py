@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from taxel.channels import CHANNELS
-from taxel_bench.demo.server import running_server
+from taxel_bench.server_process import running_server
 
 SMALL = ["--set", "n_estimators=5", "--set", "max_depth=3", "--set", "eta=0.5"]
 

@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from taxel_bench.demo.server import running_server
+from taxel_bench.server_process import running_server
 from taxel_models.shipped import shipped_repository
 
 ROOT = Path(__file__).resolve().parents[2]

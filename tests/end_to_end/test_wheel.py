@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SERVE_AND_PREDICT = """
 import json, sys
 import numpy as np, taxel
-from taxel_bench.demo.server import running_server
+from taxel_bench.server_process import running_server
 from taxel_models.shipped import shipped_repository
 
 repository = shipped_repository()

@@ -9,7 +9,7 @@ import pytest
 import taxel
 from taxel.errors import InvalidArgument, SettingsError
 from taxel.protocol import pack_infer_request, unpack_infer_request
-from taxel_bench.demo.server import running_server
+from taxel_bench.server_process import running_server
 from taxel_exporters.export import export
 from taxel_models.families.registry import family, resolve
 from taxel_models.training import trained as trained_models

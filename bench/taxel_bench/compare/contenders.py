@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from taxel.errors import Unavailable
 from taxel_bench.compare.peers import Peer
 from taxel_bench.compare.processes import Program, running_program
-from taxel_bench.demo.server import ADDRESS, free_port, serve_command
+from taxel_bench.server_process import ADDRESS, free_port, serve_command
 
 CHECKED_ROWS: Final = 8
 """Windows whose answers are compared before anything is timed."""

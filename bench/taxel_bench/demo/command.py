@@ -26,7 +26,7 @@ def demo(
     """Serve a shipped model and replay a recording through it as a simulator would."""
     import taxel
     from taxel_bench.demo.replay import replay
-    from taxel_bench.demo.server import running_server
+    from taxel_bench.server_process import running_server
     from taxel_models.evaluation.metrics import Errors
     from taxel_models.evaluation.table import error_table
     from taxel_models.shipped import shipped_repository

@@ -9,11 +9,11 @@ import numpy as np
 
 import taxel
 from taxel.manifest import Manifest
-from taxel_bench.demo.server import running_server
 from taxel_bench.load.clients import ready_clients
 from taxel_bench.load.plan import Plan
 from taxel_bench.load.records import Records
 from taxel_bench.load.usage import ServerUsage
+from taxel_bench.server_process import running_server
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from taxel_bench.demo.server import running_server
+from taxel_bench.server_process import running_server
 from taxel_models.shipped import shipped_repository
 
 

@@ -17,13 +17,13 @@ from typer.testing import CliRunner
 import taxel
 from taxel.commands.frame import failing_clearly, new_app
 from taxel.errors import TaxelError, Unavailable
-from taxel_bench.demo.server import running_server
 from taxel_bench.load.clients import ready_clients
 from taxel_bench.load.command import load
 from taxel_bench.load.drive import drive
 from taxel_bench.load.plan import Plan, Scenario
 from taxel_bench.load.results import Results
 from taxel_bench.load.usage import ServerUsage
+from taxel_bench.server_process import running_server
 
 SENT = {
     "single-stream": ["--queries", "70", "--clients", "2"],
