@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from taxel.channels import ELECTRODE_COLUMNS
+from taxel_models.evaluation.resampled import corrected_error
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.moments import Moments
@@ -30,7 +31,6 @@ class Score:
         strength: (21,) F of each channel's weights.
         share: of the residual's energy, trusted rows first, that it explains over all channels.
         fold_share: (folds,) share explained in each fold.
-        spread: standard deviation of the electrodes' weights, relative to their mean.
     """
 
     candidate: Candidate
@@ -38,7 +38,6 @@ class Score:
     strength: Floats
     share: float
     fold_share: Floats
-    spread: float
 
     @property
     def channels(self) -> NDArray[np.bool_]:
@@ -54,6 +53,19 @@ class Score:
         """t and one-sided p of the same test: whether another explains more than this."""
         return _t_test(other.fold_share - self.fold_share)
 
+    def unlikeness(self, scale: Floats) -> float:
+        """Standard deviation of the electrodes' weights, relative to their mean.
+
+        The other two channels have other units and other causes.
+
+        Args:
+            scale: (21,) what an error of each channel counts, 1/counts².
+        """
+        weights = self.moments.weights(scale)[ELECTRODE_COLUMNS]
+        mean = weights.mean(axis=0)
+        spread = np.sqrt(((weights - mean) ** 2).sum(axis=1).mean())
+        return float(spread / max(float(np.linalg.norm(mean)), 1e-12))
+
     @property
     def freedom(self) -> int:
         """Figures that are fitted or settled."""
@@ -67,8 +79,8 @@ class Score:
 
 def _t_test(by_fold: Floats) -> tuple[float, float]:
     folds = len(by_fold)
-    spread = by_fold.std(ddof=1) * np.sqrt(1.0 / folds + 1.0 / max(folds - 1, 1))
-    t = float(by_fold.mean() / max(spread, 1e-12))
+    # Each fold is tested on one part and fitted to the others.
+    t = float(by_fold.mean()) / max(corrected_error(by_fold, 1.0 / max(folds - 1, 1)), 1e-12)
     return t, float(stats.t.sf(t, folds - 1))
 
 
@@ -112,17 +124,12 @@ def score(candidate: Candidate, moments: Moments, scale: Floats) -> Score:
     gains = moments.gains(scale)
     energy = (moments.energy * scale).sum(axis=1)
     by_fold = np.array([energy[moments.fold == fold].sum() for fold in range(moments.folds)])
-    # The other two channels have other units and other causes.
-    weights = moments.weights(scale)[ELECTRODE_COLUMNS]
-    alike = np.linalg.norm(weights.mean(axis=0))
-    spread = np.sqrt(((weights - weights.mean(axis=0)) ** 2).sum(axis=1).mean())
     return Score(
         candidate,
         moments,
         moments.strength(scale),
         float(gains.sum() / by_fold.sum()),
         gains.sum(axis=1) / by_fold,
-        float(spread / max(float(alike), 1e-12)),
     )
 
 

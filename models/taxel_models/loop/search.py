@@ -111,11 +111,11 @@ class Search:
 
     def _run(self) -> Attribution:
         while True:
-            scores = self._scores(self._left())
+            scores = self.scores(self._left())
             if not self._alone:
                 self._alone = {one.candidate.effect: one.share for one in scores}
             p_values = self._p_values(scores)
-            chosen = self._best(scores, p_values)
+            chosen = self.best(scores, p_values)
             if chosen is None or len(self._named) == MOST_EFFECTS:
                 break
             self._name(chosen, p_values[chosen.candidate.effect])
@@ -134,7 +134,7 @@ class Search:
                 left = left - one.contribution
         return left if without is None else left + without.contribution
 
-    def _scores(self, residual: Floats) -> list[Score]:
+    def scores(self, residual: Floats) -> list[Score]:
         """The best form of each effect on a residual."""
         found = []
         left = Left(residual, self._blocks.fit, self._trust)
@@ -168,7 +168,7 @@ class Search:
             for place, one in enumerate(scores)
         }
 
-    def _best(self, scores: Sequence[Score], p_values: dict[str, float]) -> Score | None:
+    def best(self, scores: Sequence[Score], p_values: dict[str, float]) -> Score | None:
         """Of the effects that stand out and are worth most, the one that explains most or is simpler.
 
         One at least has to repeat over the folds. Which one is named is decided by what each explains
@@ -192,7 +192,7 @@ class Search:
         if not repeats:
             return None
         most = max(value for value, _ in able.values())
-        return _likeliest(one for value, one in able.values() if value >= NEARLY * most)
+        return likeliest([one for value, one in able.values() if value >= NEARLY * most], self._scale)
 
     def _worth(self, one: Score) -> Floats:
         """(21,) share of each channel's first error that it takes away in cross-validation."""
@@ -264,7 +264,7 @@ class Search:
                 shares = self._alone
             else:
                 left = self._left(without=one)
-                shares = {score.candidate.effect: score.share for score in self._scores(left)}
+                shares = {score.candidate.effect: score.share for score in self.scores(left)}
             # Where it explains nothing by itself, nothing can be said to explain as much.
             needed = CONFOUNDED * shares.get(one.name, 0.0)
             able = tuple(
@@ -281,8 +281,12 @@ class Search:
             if name in names:
                 continue
             p_value = p_values[name]
-            repeats = p_value <= LEVEL and one.t_test <= FOLD_LEVEL
-            reason = "too little to matter" if repeats else "no more than chance gives"
+            if p_value > LEVEL:
+                reason = "no more than chance gives"
+            elif one.t_test > FOLD_LEVEL:
+                reason = "stands out, but does not repeat over the folds"
+            else:
+                reason = "too little to matter"
             if any(name in other.confounded_with for other in self._named):
                 reason = "cannot be told apart from an effect that was named and explains more"
             rejected.append(
@@ -296,12 +300,15 @@ def _simplest(scores: Iterable[Score]) -> Score:
     return min(_near(scores), key=lambda one: (one.freedom, -one.share))
 
 
-def _likeliest(scores: Iterable[Score]) -> Score:
+def likeliest(scores: Sequence[Score], scale: Floats) -> Score:
     """Of different causes the one that explains most; of those that do as well, the simplest.
 
     As well means nearly as much, and not less in every fold. Between two with as many weights stands
     their evidence: what the data say for the better one, t²/2, and how alike the electrodes' weights
     are, since a common cause draws them from one distribution, and a narrow one leaves less to choose.
+
+    Args:
+        scale: (21,) what an error of each channel counts, 1/counts².
     """
     near = _near(scores)
     best = max(near, key=lambda one: one.share)
@@ -310,7 +317,7 @@ def _likeliest(scores: Iterable[Score]) -> Score:
     def doubt(one: Score) -> float:
         t = 0.0 if one is best else one.against(best)[0]
         electrodes = len(CHANNELS[ELECTRODE_COLUMNS])
-        return t**2 / 2 + electrodes * math.log(max(one.spread, 1e-3))
+        return t**2 / 2 + electrodes * math.log(max(one.unlikeness(scale), 1e-3))
 
     return min(level, key=lambda one: (one.freedom, doubt(one)))
 

@@ -1,11 +1,5 @@
-"""The corrected resampled paired t-test, and what the paper lacks beside it.
+"""The corrected resampled paired t-test of Nadeau and Bengio (2003), and what the paper lacks beside it."""
 
-Folds of one data set share training data, so that a plain paired t-test finds differences too often.
-Nadeau and Bengio (Inference for the generalization error, Machine Learning 52, 2003) widen its
-variance by the ratio of test to training windows.
-"""
-
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -16,6 +10,7 @@ from scipy import stats
 from statsmodels.stats.multitest import multipletests
 
 from taxel.errors import InvalidArgument
+from taxel_models.evaluation.resampled import corrected_error
 
 CONFIDENCE: Final = 0.95
 """Of the intervals."""
@@ -68,7 +63,7 @@ def compare(first: ArrayLike, second: ArrayLike, test_ratio: float) -> Compariso
         raise InvalidArgument(f"errors {one.shape} and {other.shape}: expected (J,) each, J > 1")
     differences = one - other
     folds, mean, deviation = len(one), float(differences.mean()), float(differences.std(ddof=1))
-    error = deviation * math.sqrt(1 / folds + test_ratio)
+    error = corrected_error(differences, test_ratio)
     reach = float(stats.t.ppf((1 + CONFIDENCE) / 2, folds - 1)) * error
     t = mean / error if error > 0 else None
     p = float(stats.t.cdf(t, folds - 1)) if t is not None else _certain(mean)

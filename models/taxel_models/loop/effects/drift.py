@@ -1,16 +1,13 @@
 """Drift: a slow function of the time since the session began."""
 
 from collections.abc import Iterable
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
 from typing_extensions import override
 
 from taxel.channels import CHANNELS
-from taxel.windows import Elapsed
-from taxel_models.loop.basis import Floats
-from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Left, past, weighted
+from taxel_models.loop.effects.effect import Candidate, Effect, Left, elapsed, weighted
 from taxel_models.loop.evidence import Evidence
 from taxel_models.loop.planting import Planting
 
@@ -47,16 +44,3 @@ class Drift(Effect):
         shape = time if planting.random.random() < 0.5 else rise
         amplitudes = planting.random.normal(1.0, 0.5, len(CHANNELS)) * planting.random.choice([-1.0, 1.0])
         planting.add((shape - shape.mean())[:, None] * amplitudes, {"amplitude": amplitudes})
-
-
-def elapsed(evidence: Evidence, edges: Floats) -> list[Driver]:
-    """The session's time in pieces between edges, s; weights make a line of straight pieces of them."""
-    return [
-        past(
-            evidence,
-            Elapsed(start_s=float(start), end_s=float(end)),
-            f"elapsed[{start:.0f}:{end:.0f}s]",
-            "s",
-        )
-        for start, end in pairwise(edges)
-    ]

@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -136,6 +137,19 @@ def past(evidence: Evidence, feature: HistoryFeature, name: str, unit: str) -> D
     """A feature of the past as a driver; its default is the settled state."""
     extra = ExtraFeature(name=name, unit=unit, default=0.0, history=feature, taken_by="effects")
     return Driver(name, evidence.history(feature), extra)
+
+
+def elapsed(evidence: Evidence, edges: Floats) -> list[Driver]:
+    """The session's time in pieces between edges, s; weights make a line of straight pieces of them."""
+    return [
+        past(
+            evidence,
+            Elapsed(start_s=float(start), end_s=float(end)),
+            f"elapsed[{start:.0f}:{end:.0f}s]",
+            "s",
+        )
+        for start, end in pairwise(edges)
+    ]
 
 
 def given(evidence: Evidence, name: str, unit: str) -> Driver:

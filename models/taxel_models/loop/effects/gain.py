@@ -7,8 +7,7 @@ import numpy as np
 from typing_extensions import override
 
 from taxel.channels import CHANNELS
-from taxel_models.loop.effects.drift import elapsed
-from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Left, weighted
+from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Left, elapsed, weighted
 from taxel_models.loop.effects.offset import ONE
 from taxel_models.loop.evidence import Evidence
 from taxel_models.loop.moments import Fitting

@@ -8,8 +8,8 @@ from typing_extensions import override
 
 from taxel.channels import CHANNELS, COUNTS_MAX, ELECTRODE_COLUMNS
 from taxel.windows import Relaxation
-from taxel_models.loop.effects.drift import PIECES, SHORTEST_S, elapsed
-from taxel_models.loop.effects.effect import Candidate, Effect, Left, given, past, weighted
+from taxel_models.loop.effects.drift import PIECES, SHORTEST_S
+from taxel_models.loop.effects.effect import Candidate, Effect, Left, elapsed, given, past, weighted
 from taxel_models.loop.evidence import Evidence
 from taxel_models.loop.moments import Fitting
 from taxel_models.loop.planting import Planting

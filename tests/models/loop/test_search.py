@@ -1,0 +1,148 @@
+"""Which cause the search names, and which it keeps."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from taxel.channels import CHANNELS
+from taxel.manifest import Manifest
+from taxel_models.loop.basis import Shared
+from taxel_models.loop.blocks import Blocks, cut
+from taxel_models.loop.closing import Plan, close_loop
+from taxel_models.loop.effects.effect import Candidate
+from taxel_models.loop.effects.registry import candidates
+from taxel_models.loop.evidence import Evidence, gather
+from taxel_models.loop.moments import Fitting, Moments
+from taxel_models.loop.planting import Planting
+from taxel_models.loop.scoring import Score, score
+from taxel_models.loop.search import FOLD_LEVEL, Search, likeliest
+from taxel_models.loop.trial import plant
+from taxel_models.recordings import Recording
+
+ROWS: Final = 2000
+SCALE: Final = np.ones(21)
+STEADY: Final = np.full(8, 0.5)
+JUMPY: Final = np.array([0.0, 1.0, 0.1, 0.9, 0.2, 0.8, 0.3, 0.7])
+
+Make = Callable[..., Recording]
+
+
+def cause(
+    name: str,
+    fold_share: NDArray[np.float64],
+    weights: NDArray[np.float64] | float = 1.0,
+    *,
+    figures: int = 1,
+) -> Score:
+    """What `figures` regressors explain of a residual that follows the first by so much a channel."""
+    random = np.random.default_rng(0)
+    features = random.normal(size=(ROWS, figures))
+    residual = features[:, :1] * np.broadcast_to(weights, 21) + 0.01 * random.normal(size=(ROWS, 21))
+    blocks = Blocks(np.repeat(np.arange(40), ROWS // 40), np.arange(40) % 8)
+    moments = Moments.of(Shared(features), residual, np.ones(ROWS), blocks, Fitting())
+    candidate = Candidate(name, "a form", Shared(features))
+    found = score(candidate, moments, SCALE)
+    return replace(found, share=float(fold_share.mean()), fold_share=fold_share)
+
+
+def test_unlikeness_is_the_electrodes_spread_over_their_mean() -> None:
+    weights = np.concatenate([[50.0, -80.0], np.linspace(1.0, 3.0, 19)])
+    electrodes = weights[2:]
+    found = cause("one", STEADY, weights).unlikeness(SCALE)
+    assert found == pytest.approx(electrodes.std() / electrodes.mean(), rel=0.01)
+
+
+def test_what_explains_clearly_more_is_likelier_than_what_is_simple() -> None:
+    simple, rich = cause("simple", STEADY), cause("rich", 1.02 * STEADY, figures=4)
+    assert likeliest([simple, rich], SCALE) is rich
+
+
+def test_of_two_that_do_as_well_the_simpler_is_likelier() -> None:
+    simple, rich = cause("simple", JUMPY), cause("rich", JUMPY[::-1] + 0.001, figures=4)
+    assert likeliest([rich, simple], SCALE) is simple
+
+
+def test_what_explains_less_in_every_fold_does_not_do_as_well() -> None:
+    simple, rich = cause("simple", JUMPY), cause("rich", JUMPY + 0.005, figures=4)
+    assert simple.share > 0.985 * rich.share
+    assert likeliest([rich, simple], SCALE) is rich
+
+
+def test_of_two_as_simple_the_one_whose_channels_are_alike_is_likelier() -> None:
+    spread = np.linspace(0.2, 1.8, 21)
+    alike, unlike = cause("alike", JUMPY), cause("unlike", JUMPY[::-1] + 0.001, spread)
+    assert likeliest([unlike, alike], SCALE) is alike
+
+
+def test_a_little_likeness_does_not_outweigh_the_data() -> None:
+    # t is about 1.5 in favour of the better one: more than what 1 % less spread is worth.
+    better = cause("better", JUMPY + 0.005 * (1 + np.linspace(-2, 2, 8)), np.linspace(0.2, 1.8, 21))
+    worse = cause("worse", JUMPY, np.linspace(0.21, 1.79, 21))
+    assert worse.unlikeness(SCALE) < better.unlikeness(SCALE)
+    assert worse.against(better)[1] > FOLD_LEVEL
+    assert likeliest([worse, better], SCALE) is better
+
+
+@pytest.fixture
+def offset(smooth: Any, make: Make, manifest: Manifest) -> Evidence:
+    """A recording with an offset of three times its noise."""
+    planting = Planting.into(make(), 2, np.full(21, 12.0))
+    plant(planting, "offset", 1.0)
+    return gather(manifest, smooth.predict, [planting.recording], measured_temperature=True)
+
+
+def unclear(one: Score) -> Score:
+    """As much of the residual, but in a few folds."""
+    return replace(one, fold_share=one.share * np.array([8.0, *np.zeros(7)]))
+
+
+def test_the_better_explanation_is_named_though_another_repeats_more_clearly(offset: Evidence) -> None:
+    search = Search(offset, cut(offset, seed=0), candidates(offset), seed=0)
+    scores = search.scores(offset.measured - offset.predicted)
+    (best,) = [one for one in scores if one.candidate.effect == "offset"]
+    (other,) = [one for one in scores if one.candidate.effect == "gain"]
+    # The same regressors under another name, of which a tenth is left.
+    weak = replace(
+        other,
+        candidate=replace(best.candidate, effect="gain", form="a tenth"),
+        moments=replace(best.moments, cross=0.3 * best.moments.cross),
+        share=0.1 * best.share,
+        fold_share=np.full(8, 0.1 * best.share),
+    )
+    certain = {"offset": 0.005, "gain": 0.005}
+    assert unclear(best).t_test > FOLD_LEVEL > weak.t_test
+    named = search.best([unclear(best), weak], certain)
+    assert named is not None
+    assert named.candidate.effect == "offset"
+    assert search.best([unclear(best)], certain) is None
+    assert search.best([best], {"offset": 0.05}) is None
+
+
+@pytest.mark.parametrize(("least_share", "kept"), [(0.003, True), (0.02, False)])
+def test_a_small_effect_stays_where_it_is_asked_for(
+    smooth: Any, make: Make, manifest: Manifest, least_share: float, kept: bool
+) -> None:
+    planting = Planting.into(make(20_000), 2, np.full(21, 12.0))
+    plant(planting, "offset", 1.0)
+    plant(planting, "hysteresis", 0.06)
+    plan = Plan(least_share=least_share)
+    findings = close_loop(manifest, smooth.predict, [planting.recording], plan).findings
+    assert findings.effects[0].name == "offset"
+    assert ("hysteresis" in {effect.name for effect in findings.effects}) == kept
+
+
+def test_places_are_those_of_the_window_that_a_lag_chose(evidence: Evidence) -> None:
+    (location,) = [one for one in candidates(evidence) if one.label == "location"]
+    search = Search(evidence, cut(evidence, seed=0), [location], seed=0)
+    late = evidence.with_windows(
+        evidence.windows[evidence.rows_before(8)], turn=evidence.turn, shift_ticks=8
+    )
+    (form,) = [one.candidate for one in search.scores(evidence.measured - evidence.predicted)]
+    assert form.again is not None
+    weights = np.ones((len(CHANNELS), form.basis.size))
+    before, after = form.basis.times(weights), form.again(late).basis.times(weights)
+    np.testing.assert_array_equal(after, before[evidence.rows_before(8)])
