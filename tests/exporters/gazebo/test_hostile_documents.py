@@ -1,5 +1,6 @@
 """Texts that are no plain YAML, or far too much of it, are refused before anything is made of them."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ import yaml
 
 from taxel_exporters.gazebo import document
 
-Refuse = Callable[[Path, str], None]
+Refusal = Callable[[Path], str]
 
 
 @pytest.fixture(params=["CSafeLoader", "SafeLoader"])
@@ -39,19 +40,21 @@ PLACES = {
         "!<tag:yaml.org,2002:python/object/apply:os.system>",
     ],
 )
-def test_no_tag_makes_an_object(model: Any, tmp_path: Path, place: str, tag: str, refuse: Refuse) -> None:
+def test_no_tag_makes_an_object(model: Any, tmp_path: Path, place: str, tag: str, refusal: Refusal) -> None:
     key = place.split(":")[0]
     text = model.text()
     assert text.count(place) == 1
     for value in (f"{tag} ['touch {tmp_path}/executed']", f"{tag} 'touch {tmp_path}/executed'"):
         path = tmp_path / "model.yaml"
         path.write_text(text.replace(place, f"{key}: {value}"))
-        refuse(path, rf"line \d+: {PLACES[place]}tag '(tag:yaml.org,2002:|!)[^']*' is refused")
+        assert re.search(
+            rf"line \d+: {PLACES[place]}tag '(tag:yaml.org,2002:|!)[^']*' is refused", refusal(path)
+        )
     assert not (tmp_path / "executed").exists()
 
 
 @pytest.mark.usefixtures("parser")
-def test_a_tag_in_the_weights_names_their_layer(model: Any, tmp_path: Path, refuse: Refuse) -> None:
+def test_a_tag_in_the_weights_names_their_layer(model: Any, tmp_path: Path, refusal: Refusal) -> None:
     """Also where the layers come later in the file than their weights."""
     model.weights("trunk_in")[1] = "HERE"
     content = yaml.dump({"weights": model.content["weights"]}) + yaml.dump(
@@ -59,7 +62,7 @@ def test_a_tag_in_the_weights_names_their_layer(model: Any, tmp_path: Path, refu
     )
     path = tmp_path / "model.yaml"
     path.write_text(content.replace("HERE", "!!python/name:os.system ''"))
-    refuse(path, "layer 'trunk_in': tag")
+    assert re.search("layer 'trunk_in': tag", refusal(path))
 
 
 BOMB = "\n".join(
@@ -86,34 +89,38 @@ TEXTS: dict[str, tuple[str, str]] = {
 
 @pytest.mark.usefixtures("parser")
 @pytest.mark.parametrize("kind", TEXTS)
-def test_hostile_documents(tmp_path: Path, kind: str, refuse: Refuse) -> None:
+def test_hostile_documents(tmp_path: Path, kind: str, refusal: Refusal) -> None:
     text, match = TEXTS[kind]
     path = tmp_path / "model.yaml"
     path.write_text(text)
-    refuse(path, match)
+    assert re.search(match, refusal(path))
 
 
 def test_values_are_limited(
-    model: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refuse: Refuse
+    model: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refusal: Refusal
 ) -> None:
     monkeypatch.setattr(document, "MAX_VALUES", 300)
-    refuse(model.write(tmp_path), r"line \d+: layer \d+ of the list: expected at most 300 values")
+    assert re.search(
+        r"line \d+: layer \d+ of the list: expected at most 300 values", refusal(model.write(tmp_path))
+    )
 
 
-def test_a_key_twice_names_the_layer(model: Any, tmp_path: Path, refuse: Refuse) -> None:
+def test_a_key_twice_names_the_layer(model: Any, tmp_path: Path, refusal: Refusal) -> None:
     path = tmp_path / "model.yaml"
     path.write_text(
         model.text().replace("activation: sigmoid", "activation: sigmoid\n      activation: relu")
     )
-    refuse(path, "layer 'warm_in': the key 'activation' stands twice")
+    assert re.search("layer 'warm_in': the key 'activation' stands twice", refusal(path))
 
 
-def test_files_that_cannot_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refuse: Refuse) -> None:
-    refuse(tmp_path / "nowhere.yaml", "No such file")
+def test_files_that_cannot_be_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refusal: Refusal
+) -> None:
+    assert re.search("No such file", refusal(tmp_path / "nowhere.yaml"))
     (tmp_path / "folder").mkdir()
-    refuse(tmp_path / "folder", "Is a directory")
+    assert re.search("Is a directory", refusal(tmp_path / "folder"))
     (tmp_path / "latin.yaml").write_bytes(b"layers: \xff\xfe")
-    refuse(tmp_path / "latin.yaml", "not YAML")
+    assert re.search("not YAML", refusal(tmp_path / "latin.yaml"))
     monkeypatch.setattr(document, "MAX_BYTES", 1 << 20)
     (tmp_path / "large.yaml").write_bytes(bytes((1 << 20) + 1))
-    refuse(tmp_path / "large.yaml", "expected at most 1 MiB")
+    assert re.search("expected at most 1 MiB", refusal(tmp_path / "large.yaml"))

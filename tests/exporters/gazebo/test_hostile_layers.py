@@ -1,5 +1,6 @@
 """Layers outside the format are refused, by name."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ import pytest
 from taxel_exporters.gazebo import layers
 
 Change = Callable[[Any], None]
-Refuse = Callable[[Path, str], None]
+Refusal = Callable[[Path], str]
 
 
 def set_layer(name: str, key: str, value: Any) -> Change:
@@ -88,27 +89,27 @@ LAYERS: dict[str, tuple[Change, str]] = {
 
 
 @pytest.mark.parametrize("damage", LAYERS)
-def test_layers_outside_the_format(model: Any, tmp_path: Path, damage: str, refuse: Refuse) -> None:
+def test_layers_outside_the_format(model: Any, tmp_path: Path, damage: str, refusal: Refusal) -> None:
     change, match = LAYERS[damage]
     change(model)
-    refuse(model.write(tmp_path), match)
+    assert re.search(match, refusal(model.write(tmp_path)))
 
 
-def test_no_input_layer(model: Any, tmp_path: Path, refuse: Refuse) -> None:
+def test_no_input_layer(model: Any, tmp_path: Path, refusal: Refusal) -> None:
     for listed in (model.content["layers"]["layers"], model.content["weights"]):
         del listed[0]
-    refuse(model.write(tmp_path), "layer 'place_pick': takes 'Input'")
+    assert re.search("layer 'place_pick': takes 'Input'", refusal(model.write(tmp_path)))
 
 
-def test_two_input_layers(model: Any, tmp_path: Path, refuse: Refuse) -> None:
+def test_two_input_layers(model: Any, tmp_path: Path, refusal: Refusal) -> None:
     model.content["layers"]["layers"].insert(1, {**model.layer("Input"), "name": "Other"})
     model.content["weights"].insert(1, [])
-    refuse(model.write(tmp_path), "layer 'Other': a second InputLayer")
+    assert re.search("layer 'Other': a second InputLayer", refusal(model.write(tmp_path)))
 
 
 @pytest.mark.parametrize(("limit", "layer"), [("MAX_PARAMETERS", "touch_pick"), ("MAX_WIDTH", "sum")])
 def test_sizes_are_limited_in_sum(
-    model: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str, layer: str, refuse: Refuse
+    model: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str, layer: str, refusal: Refusal
 ) -> None:
     monkeypatch.setattr(layers, limit, 120)
-    refuse(model.write(tmp_path), f"layer '{layer}': expected at most 120")
+    assert re.search(f"layer '{layer}': expected at most 120", refusal(model.write(tmp_path)))

@@ -1,6 +1,7 @@
 """Weights that are damaged or do not fit their layer are refused, by the layer's name."""
 
 import base64
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from taxel.errors import ArtifactError
 from taxel_exporters.gazebo.importer import import_network
 
 Change = Callable[[Any], None]
-Refuse = Callable[[Path, str], None]
+Refusal = Callable[[Path], str]
 
 
 def floats(*values: float) -> str:
@@ -81,10 +82,10 @@ WEIGHTS: dict[str, tuple[Change, str]] = {
 
 
 @pytest.mark.parametrize("damage", WEIGHTS)
-def test_damaged_weights(model: Any, tmp_path: Path, damage: str, refuse: Refuse) -> None:
+def test_damaged_weights(model: Any, tmp_path: Path, damage: str, refusal: Refusal) -> None:
     change, match = WEIGHTS[damage]
     change(model)
-    refuse(model.write(tmp_path), match)
+    assert re.search(match, refusal(model.write(tmp_path)))
 
 
 def test_weights_that_overflow(model: Any, tmp_path: Path) -> None:
