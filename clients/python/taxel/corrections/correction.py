@@ -65,7 +65,8 @@ class Correction:
 
     def _counts(self, outputs: NDArray[np.float32], windows: NDArray[np.float32]) -> NDArray[np.float64]:
         p = outputs[:, : len(CHANNELS)].astype(np.float64)
-        columns = {name: windows[:, column].astype(np.float64) for name, column in self._columns.items()}
+        wide = windows.astype(np.float64)
+        columns = {name: wide[:, column] for name, column in self._columns.items()}
         counts = p.copy()
         for term in self._terms:
             counts += term.delta(p, columns)
