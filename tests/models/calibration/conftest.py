@@ -1,12 +1,9 @@
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from taxel_models.calibration.light_contacts import LightContacts
-from taxel_models.calibration.motion import Motion
-from taxel_models.recordings import Recording
 from taxel_models.twin.geometry import patch
 
 RADIUS = 7.0
@@ -31,17 +28,3 @@ def make_contacts() -> Callable[..., LightContacts]:
         return LightContacts(points, np.zeros(count), np.arange(count), points)
 
     return make
-
-
-@pytest.fixture(scope="session")
-def moved() -> Callable[[Recording, Motion], Recording]:
-    """A recording as a misplaced tracker would have written it."""
-
-    def move(recording: Recording, motion: Motion) -> Recording:
-        samples = recording.samples
-        position = motion.apply(samples.position * 1e3) / 1e3
-        return replace(
-            recording, samples=replace(samples, position=position, force=motion.turn(samples.force))
-        )
-
-    return move

@@ -1,7 +1,6 @@
 """`taxel calibrate` from a file to a folder."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +10,10 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from taxel.commands.frame import failing_clearly
+from taxel_models.calibration.misaligned_twin import moved
 from taxel_models.calibration.motion import Motion
 from taxel_models.commands.calibrate import calibrate
-from taxel_models.recordings import Recording, read_ruppel, write_ruppel
+from taxel_models.recordings import read_ruppel, write_ruppel
 from taxel_models.twin import simulate
 from taxel_models.twin.geometry import height_above_skin
 
@@ -26,9 +26,7 @@ def app() -> typer.Typer:
 
 
 @pytest.fixture(scope="module")
-def recording(
-    moved: Callable[[Recording, Motion], Recording], tmp_path_factory: pytest.TempPathFactory
-) -> Path:
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("calibrate") / "run.csv"
     motion = Motion(Rotation.from_rotvec([0.0, 0.1, 0.1]), np.array([2.0, -3.0, 2.0]))
     write_ruppel(moved(simulate(20_000, 1), motion), path)
