@@ -12,9 +12,11 @@ from pydantic import TypeAdapter, ValidationError
 
 from taxel.channels import CHANNELS
 from taxel.corrections import (
+    CALIBRATION_AGE,
     CALIBRATION_EXTRAS,
     AppliedEffect,
     Correction,
+    Fading,
     Frame,
     Leak,
     Limit,
@@ -33,8 +35,10 @@ SPEC = WindowSpec.of(7)
 EXTRAS = (
     ExtraFeature(name="tdc", unit="counts", default=1900.0),
     ExtraFeature(name="creep", unit="N", taken_by="effects"),
+    *CALIBRATION_EXTRAS,
+    CALIBRATION_AGE,
 )
-NAMES = (*SPEC.features, "tdc", "creep")
+NAMES = (*SPEC.features, *(extra.name for extra in EXTRAS))
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 QUARTER = ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 """A quarter turn about z: x becomes y."""
@@ -73,6 +77,7 @@ def terms(rng: np.random.Generator) -> list[Term]:
         ),
         Mix(leaks=(Leak("e1", "e2", 0.1), Leak("e1", "pdc", -0.2), Leak("e9", "e1", 0.3)), rest=rest),
         Limit(slope=slope, level=level, rest=rest),
+        Fading(weights=slope, time_constant_s=0.5),
     ]
 
 
@@ -107,6 +112,9 @@ def obvious(term: Term, p: Rows, columns: dict[str, float], channel: int) -> flo
         case Limit():
             s = p[channel] - term.rest[channel]
             return -term.slope[channel] * math.copysign(max(abs(s) - term.level[channel], 0), s)
+        case Fading():
+            age = max(columns["calibration_age"], 0.0)
+            return term.weights[channel] * columns[f"calibration_{name}"] * math.exp(-age / 0.5)
         case Substitute():
             return term.value - p[channel] if term.channel == name else 0.0
 
@@ -310,6 +318,13 @@ class TestOffsetCalibration:
         np.testing.assert_allclose(found.offsets, offsets + noise.mean(axis=0), atol=1e-9)
         assert list(found.extras) == [extra.name for extra in CALIBRATION_EXTRAS]
         assert found.extras["calibration_e19"] == found.offsets[20]
+
+    def test_its_age_goes_beside_it(self) -> None:
+        found = OffsetCalibration(np.arange(21.0))
+        assert found.extras_after(1.5) == {**found.extras, "calibration_age": 1.5}
+        for seconds in (-0.1, math.nan, math.inf):
+            with pytest.raises(InvalidArgument, match="expected a finite time from 0"):
+                found.extras_after(seconds)
 
     @pytest.mark.parametrize(
         ("measured", "predicted", "message"),

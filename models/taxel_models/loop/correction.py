@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.corrections import CALIBRATION_EXTRAS, AppliedEffect, Parameter, Substitute
+from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, AppliedEffect, Parameter, Substitute
 from taxel.windows import ExtraFeature
 from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats
@@ -97,6 +97,8 @@ def _column(evidence: Evidence, extra: ExtraFeature) -> Floats:
         return evidence.history(extra.history)
     if extra in CALIBRATION_EXTRAS and evidence.calibration is not None:
         return evidence.calibration[:, CALIBRATION_EXTRAS.index(extra)]
+    if extra == CALIBRATION_AGE and evidence.calibration_age is not None:
+        return evidence.calibration_age
     name, _, kind = extra.name.partition("=")
     if kind:
         return np.asarray(evidence.covariates[name] == float(kind), dtype=np.float64)

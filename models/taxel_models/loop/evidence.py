@@ -51,6 +51,7 @@ class Evidence:
         shift_ticks: how far the windows were moved into the past.
         calibration: (n, 21) offsets that a user's own sensor would have shown at the start of the row's
             segment, counts; None where none was taken.
+        calibration_age: (n,) how long before the row that calibration ended, s; None as well.
     """
 
     manifest: Manifest
@@ -70,6 +71,7 @@ class Evidence:
     turn: Frame | None = None
     shift_ticks: int = 0
     calibration: Floats | None = None
+    calibration_age: Floats | None = None
     _history: dict[HistoryFeature, Floats] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
@@ -113,7 +115,7 @@ class Evidence:
             offsets[start:stop] = residual[start:stop][early[start:stop]].mean(axis=0)
         if early.all():
             raise RecordingError(f"no segment is longer than the {seconds:g} s of its calibration")
-        return replace(self, calibration=offsets).kept(~early)
+        return replace(self, calibration=offsets, calibration_age=since - seconds).kept(~early)
 
     def kept(self, keep: NDArray[np.bool_]) -> "Evidence":
         """Some of the rows."""
@@ -129,6 +131,7 @@ class Evidence:
             covariates={name: values[keep] for name, values in self.covariates.items()},
             rows=tuple(rows[part] for rows, part in zip(self.rows, parts, strict=True)),
             calibration=None if self.calibration is None else self.calibration[keep],
+            calibration_age=None if self.calibration_age is None else self.calibration_age[keep],
             _history={},
         )
 

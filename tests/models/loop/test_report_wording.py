@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from taxel.corrections import CALIBRATION_EXTRAS, Parameter
+from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, Parameter
 from taxel.windows import ExtraFeature, Relaxation
 from taxel_models.loop.findings import (
     Findings,
@@ -104,12 +104,12 @@ def test_what_moves_together_is_said_once() -> None:
 
 
 def test_needs_say_who_gives_what() -> None:
-    extras = [PAST, HEAT, *CALIBRATION_EXTRAS]
+    extras = [PAST, HEAT, *CALIBRATION_EXTRAS, CALIBRATION_AGE]
     assert needs(effect("offset"), extras) == "needs nothing beside the window"
     assert "window builder" in needs(effect("creep", needed=(PAST.name,)), extras)
     given_by_caller = needs(effect("temperature", needed=("tdc",)), extras)
     assert given_by_caller == "needs tdc (1900 where it is not known), which the caller gives"
-    calibrated = needs(effect("offset", needed=tuple(one.name for one in CALIBRATION_EXTRAS)), extras)
+    calibrated = needs(effect("offset", needed=tuple(one.name for one in extras[2:])), extras)
     assert "calibration" in calibrated
     assert "caller" not in calibrated
     assert "only reported" in needs(effect("fault", served=False), extras)

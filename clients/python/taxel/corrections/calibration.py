@@ -16,10 +16,13 @@ CALIBRATION_EXTRAS: Final = tuple(
 )
 """The extras that a model takes which can be calibrated; 0 stands for a sensor like the model's."""
 
+CALIBRATION_AGE: Final = ExtraFeature(name="calibration_age", unit="s", default=3600.0, taken_by="effects")
+"""How long ago the calibration ended; by default so long that what fades has faded."""
+
 
 @dataclass(frozen=True)
 class OffsetCalibration:
-    """Mean difference between a sensor and a model, taken over a few tenths of a second.
+    """Mean difference between a sensor and a model, taken over about a second.
 
     Attributes:
         offsets: (21,) measured minus predicted, counts.
@@ -50,6 +53,16 @@ class OffsetCalibration:
         """By the names of `CALIBRATION_EXTRAS`, for `WindowStream.push(extras=…)`."""
         names = (extra.name for extra in CALIBRATION_EXTRAS)
         return dict(zip(names, self.offsets.tolist(), strict=True))
+
+    def extras_after(self, seconds: float) -> dict[str, float]:
+        """`extras`, and how long ago the calibration ended, for models whose offsets fade.
+
+        Raises:
+            InvalidArgument: `seconds` is negative or not finite.
+        """
+        if not 0.0 <= seconds < np.inf:
+            raise InvalidArgument(f"{seconds} s since the calibration: expected a finite time from 0")
+        return {**self.extras, CALIBRATION_AGE.name: seconds}
 
 
 def _rows(name: str, values: ArrayLike) -> NDArray[np.float64]:

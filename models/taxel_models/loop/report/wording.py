@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-from taxel.corrections import CALIBRATION_EXTRAS, Parameter
+from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, Parameter
 from taxel.windows import ExtraFeature
 from taxel_models.loop.findings import Findings, FoundEffect, PairedTest
 
@@ -74,7 +74,7 @@ def needs(effect: FoundEffect, extras: Iterable[ExtraFeature]) -> str:
     given = [
         f"{extra.name} ({number(extra.default)} where it is not known)"
         for extra in taken
-        if extra.history is None and extra not in CALIBRATION_EXTRAS
+        if extra.history is None and extra not in (*CALIBRATION_EXTRAS, CALIBRATION_AGE)
     ]
     parts = []
     if past:

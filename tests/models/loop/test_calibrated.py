@@ -1,0 +1,74 @@
+"""Offsets of contacts, told by a calibration at the start of each."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from taxel.channels import CHANNELS
+from taxel.corrections import Correction, OffsetCalibration
+from taxel.manifest import Manifest
+from taxel.windows import WindowSpec
+from taxel_models.loop.closing import Closed, Plan, close_loop
+from taxel_models.recordings import Recording
+
+Make = Callable[..., Recording]
+
+CONTACT: Final = 500
+"""Rows from one gap to the next."""
+
+CALIBRATION_S: Final = 0.5
+
+
+def closed_with(smooth: Any, make: Make, manifest: Manifest, lasting: Any) -> Closed:
+    """The loop on contacts with offsets that last as a function of the seconds since they began."""
+    recording = make(20_000, noise=2.0)
+    rows = np.arange(len(recording))
+    offsets = np.random.default_rng(0).normal(size=(rows[-1] // CONTACT + 1, 21)) * 20.0
+    offset = offsets[rows // CONTACT] * lasting(rows % CONTACT / 100.0)[:, None]
+    apart = recording.samples.time_ns + 1_000_000_000 * (rows // CONTACT)
+    planted = replace(
+        recording,
+        samples=replace(recording.samples, time_ns=apart),
+        channels=np.clip(np.rint(recording.channels + offset), 0, 4095),
+    )
+    return close_loop(manifest, smooth.predict, [planted], Plan(calibration_s=CALIBRATION_S))
+
+
+def test_an_offset_that_stays_is_not_said_to_fade(smooth: Any, make: Make, manifest: Manifest) -> None:
+    (effect,) = closed_with(smooth, make, manifest, np.ones_like).findings.effects
+    assert effect.form == "of each contact, from a calibration"
+    assert effect.explained > 0.9
+
+
+def test_one_that_fades_is_served_with_its_age(smooth: Any, make: Make, manifest: Manifest) -> None:
+    def lasting(seconds: np.ndarray) -> np.ndarray:
+        return 0.3 + 0.7 * np.exp(-np.maximum(seconds - CALIBRATION_S, 0.0) / 1.0)
+
+    closed = closed_with(smooth, make, manifest, lasting)
+    (effect,) = closed.findings.effects
+    assert effect.form == "of each contact, from a calibration, fading with 1 s"
+    assert effect.needs[-1] == "calibration_age"
+    values = {figure.name: figure.value for figure in effect.parameters}
+    stays, fades = (
+        np.array([values[f"share that {what} {one}"] for one in CHANNELS]) for what in ("stays", "fades")
+    )
+    # Windows look 0.1 s back, so that a calibration ends that much after it does in the channels. Both
+    # shares are a little low, as all weights are shrunk by what chance gives.
+    np.testing.assert_allclose(fades / stays, 0.7 * np.exp(-0.1) / 0.3, rtol=0.1)
+    assert 0.22 < stays.mean() < 0.31
+
+    spec = WindowSpec.of(manifest.window.combination, 0)
+    extras = (*manifest.window.extras, *closed.new.extras)
+    correction = Correction(closed.new.effects, spec, extras)
+    everything = closed.served_windows(len(closed.evidence))
+    np.testing.assert_allclose(correction.apply(smooth.predict, everything), closed.after, atol=0.02)
+
+    # As a client would: a row three seconds into a contact, by what the calibration gives it.
+    row = int(np.flatnonzero(np.isclose(closed.evidence.calibration_age, 3.0, atol=0.001))[0])
+    assert closed.evidence.calibration is not None
+    given = OffsetCalibration(closed.evidence.calibration[row]).extras_after(3.0)
+    window = [*closed.evidence.windows[row], *(given[extra.name] for extra in closed.new.extras)]
+    alone = correction.apply(smooth.predict, np.array([window], dtype=np.float32))
+    np.testing.assert_allclose(alone[0], closed.after[row], atol=0.02)
