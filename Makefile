@@ -40,21 +40,21 @@ format: $(VENV)/.all
 # The shipped artifacts, made again from a seed; the same versions give the same files.
 SMALL_xgb := --set n_estimators=40 --set max_depth=7 --set eta=0.2
 SMALL_ffnn := --set neurons=[256,256,128,128] --set activations=[\"elu\",\"elu\",\"relu\",\"relu\"] \
-  --set learning_rate=0.001 --set epochs=40
+  --set learning_rate=0.001 --set epochs=12
 SMALL_transformer := --set layers=2 --set heads=4 --set embedding=48 --set hidden=96 \
-  --set learning_rate=0.001 --set epochs=30
-SMALL_network-a := --set widths=[256,256,256,256,256] --set learning_rate=0.0005 --set epochs=30
+  --set learning_rate=0.0003 --set epochs=5
+SMALL_network-a := --set widths=[256,256,256,256,256] --set learning_rate=0.0005 --set epochs=12
 SMALL_network-b := --set position_column=[192,192,64] --set force_column=[128,128,64] --set trunk=[128,128] \
-  --set learning_rate=0.0005 --set epochs=30
+  --set learning_rate=0.0005 --set epochs=12 --set milestones=[6,9]
 SHIPPED := xgb ffnn transformer network-a network-b
 
 artifacts: $(VENV)/.all
 	mkdir -p build
-	$(BIN)/taxel twin --rows 120000 --seed 1 -o build/twin.csv
+	$(BIN)/taxel twin --rows 292200 --seed 1 -o build/twin.csv
 	$(MAKE) --no-print-directory $(SHIPPED:%=artifact-%)
 
 artifact-%: $(VENV)/.all
-	$(BIN)/taxel train --model $* --inputs 1 --data build/twin.csv -o build/$* --overwrite $(SMALL_$*)
+	$(BIN)/taxel train --model $* --inputs 1 --data build/twin.csv -o build/$* --overwrite --jobs 1 $(SMALL_$*)
 	rm -rf models/repository/$*
 	$(BIN)/taxel export build/$* --repository models/repository --name $* --version 1 --description \
 	  "A small $* model of Taxel's twin, a simulated fingertip: not of a real sensor."

@@ -13,7 +13,7 @@ TOLERANCE = 0.4
 
 @pytest.mark.measured
 def test_the_twin_answers_force_as_real_fingers_do(data_folder: Path) -> None:
-    made = figures(comparable(simulate(120_000, 7)))
+    made = figures(comparable(simulate(300_000, 7)))
     real = [figures(lasa(data_folder / "lasa_contact", finger)) for finger in FINGERS]
     # Below 3 N the real recordings' own reference is pressed: there only the sign can be compared.
     for low, high in BINS_N[1:]:

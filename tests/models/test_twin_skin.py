@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taxel_models.twin.fluid import THINNEST, counts_of, log_impedance, thickness
+from taxel_models.twin.fluid import THINNEST, counts_of, log_impedance, pocketed, thickness
 from taxel_models.twin.geometry import gap_to_skin, height_above_skin, patch
 from taxel_models.twin.sensor import Sensor
 from taxel_models.twin.skin import FLUID_LIMIT_N, Skin, fluid_force, sunk_share
@@ -91,3 +91,17 @@ def test_shear_thickens_one_side_and_thins_the_other() -> None:
     assert (film[10:16] > 1.0).all()
     assert (film[:6] < 1.0).all()
     assert film[16] == pytest.approx(1.0)
+
+
+def test_the_pocket_under_the_tip_answers_late_and_never_twice_alike() -> None:
+    rows, cycle = 400, np.repeat([0, 1], 200)
+    pressed = np.tile(np.r_[np.ones(50), np.full(150, 0.8)], 2)
+    film = np.broadcast_to(pressed[:, None], (rows, 19)).copy()
+    found = pocketed(film, cycle, np.random.default_rng(0))
+    body = np.delete(found, range(6, 10), axis=1)
+    np.testing.assert_array_equal(body, np.delete(film, range(6, 10), axis=1))
+    first, second = found[:200, 6:10], found[200:, 6:10]
+    assert (np.diff(first[50:], axis=0) < 0).all()
+    assert (first[50] - first[199] > 0.3 * (1.0 - first[199])).all()
+    assert (np.abs(first[199] - second[199]) > 0.005).all()
+    assert found.min() >= THINNEST

@@ -26,6 +26,20 @@ FAST_CORNER_S: Final = 1.0 / (2.0 * np.pi * 10.0)
 RUBBING: Final = 2.4
 """pac counts (SD) of a slide of 1 mm/s under 1 N. Assumption."""
 
+SHAKING: Final = 22.0
+"""pac counts (SD) of a press of 1 N by a hand: hands tremble at 8 to 12 Hz. Fitted to the paper's errors of
+pac0; taken as white."""
+
+CARRIED_SPREAD: Final = 0.18
+"""How much the fluid's share of the load differs from contact to contact (SD). Fitted to the paper's errors
+of pdc."""
+
+
+def carried(cycle: NDArray[np.int64], dice: np.random.Generator) -> NDArray[np.float64]:
+    """What the fluid carries (n,) over what it usually does, one figure for each contact cycle (n,)."""
+    share = 1.0 + CARRIED_SPREAD * dice.standard_normal(int(cycle.max()) + 1)
+    return np.asarray(share[cycle])
+
 
 def static_counts(fluid_force_n: NDArray[np.float64], warmer_k: NDArray[np.float64]) -> NDArray[np.float64]:
     """The pressure pdc above rest (n,): the fluid's load, relaxing, and a little warmth."""
@@ -36,16 +50,20 @@ def static_counts(fluid_force_n: NDArray[np.float64], warmer_k: NDArray[np.float
 def vibration_counts(
     static: NDArray[np.float64],
     rubbing: NDArray[np.float64],
+    press: NDArray[np.float64],
     noise: np.random.Generator,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """pac0 and pac1 about rest, each (n,): pdc above 10 Hz, and rubbing where the indenter slides.
+    """pac0 and pac1 about rest, each (n,): pdc above 10 Hz, rubbing where the indenter slides, and tremor.
 
     Args:
         static: (n,), pdc above rest, counts.
         rubbing: (n,), the square root of sliding speed (mm/s) times normal force (N).
-        noise: for the rubbing, which is white in this band.
+        press: (n,), normal force, N.
+        noise: for rubbing and tremor, which are taken as white in this band.
     """
     fast = FAST_GAIN * (static - lagged(static, FAST_CORNER_S))
     half_a_row_later = 0.5 * (fast + np.append(fast[1:], fast[-1]))
-    scratch = RUBBING * rubbing[:, None] * noise.standard_normal((len(static), 2))
+    scratch = np.hypot(RUBBING * rubbing, SHAKING * press)[:, None] * noise.standard_normal(
+        (len(static), 2)
+    )
     return fast + scratch[:, 0], half_a_row_later + scratch[:, 1]

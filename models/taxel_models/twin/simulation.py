@@ -10,9 +10,9 @@ from taxel.errors import SettingsError
 from taxel_models.recordings.recording import Recording
 from taxel_models.twin.contacts import Contacts, contacts
 from taxel_models.twin.converter import NOISE, convert, electrode_noise, one_after_another
-from taxel_models.twin.fluid import counts_of, film_log_ratio, log_impedance, thickness
+from taxel_models.twin.fluid import counts_of, film_log_ratio, log_impedance, pocketed, thickness
 from taxel_models.twin.lag import PERIOD_S, lagged
-from taxel_models.twin.pressure import static_counts, vibration_counts
+from taxel_models.twin.pressure import carried, static_counts, vibration_counts
 from taxel_models.twin.sensor import Sensor
 from taxel_models.twin.skin import STROKE, Skin, dent, fluid_force, sunk_share
 from taxel_models.twin.temperature import (
@@ -56,7 +56,7 @@ def simulate(rows: int, seed: int) -> Recording:
     """
     if rows < 1 or seed < 0:
         raise SettingsError(f"rows is {rows} and seed {seed}: expected at least 1 row and a seed from 0")
-    paths, tracking, cell, texture, spread, noise = np.random.default_rng(seed).spawn(6)
+    paths, tracking, cell, texture, spread, noise, grip, pocket = np.random.default_rng(seed).spawn(8)
     sensor = Sensor.biotac_2p()
     skin = Skin.of(sensor)
     touch = contacts(rows + 1, sensor.skin_radius, paths)
@@ -69,11 +69,11 @@ def simulate(rows: int, seed: int) -> Recording:
     film = thickness(
         sensor, skin, squared, touch.places.normal, lagged(dent(sunk, indented), FLUID_LAG_S), touch.shear
     )
-    impedance = log_impedance(sensor.electrode_rest) + film_log_ratio(film)
+    impedance = log_impedance(sensor.electrode_rest) + film_log_ratio(pocketed(film, touch.cycle, pocket))
     electrodes = one_after_another(counts_of(impedance + LOG_IMPEDANCE_PER_KELVIN * warmer[:, None]))
 
-    static = static_counts(fluid_force(touch.press), warmer)
-    pac0, pac1 = vibration_counts(static, touch.rubbing, texture)
+    static = static_counts(fluid_force(touch.press) * carried(touch.cycle, grip), warmer)
+    pac0, pac1 = vibration_counts(static, touch.rubbing, touch.press, texture)
     tdc = tdc_counts(core)
 
     def read(name: str, counts: NDArray[np.float64]) -> NDArray[np.float64]:
