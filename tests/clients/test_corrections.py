@@ -15,8 +15,8 @@ from taxel.corrections import (
     CALIBRATION_AGE,
     CALIBRATION_EXTRAS,
     AppliedEffect,
+    Calibrated,
     Correction,
-    Fading,
     Frame,
     Leak,
     Limit,
@@ -77,7 +77,13 @@ def terms(rng: np.random.Generator) -> list[Term]:
         ),
         Mix(leaks=(Leak("e1", "e2", 0.1), Leak("e1", "pdc", -0.2), Leak("e9", "e1", 0.3)), rest=rest),
         Limit(slope=slope, level=level, rest=rest),
-        Fading(weights=slope, time_constant_s=0.5),
+        Calibrated(
+            stays=slope,
+            fades=level,
+            time_constant_s=0.5,
+            others=rows_of(rng.normal(size=(21, 21))),
+            limits=tuple(rng.uniform(0, 1, 21).tolist()),
+        ),
     ]
 
 
@@ -112,9 +118,16 @@ def obvious(term: Term, p: Rows, columns: dict[str, float], channel: int) -> flo
         case Limit():
             s = p[channel] - term.rest[channel]
             return -term.slope[channel] * math.copysign(max(abs(s) - term.level[channel], 0), s)
-        case Fading():
-            age = max(columns["calibration_age"], 0.0)
-            return term.weights[channel] * columns[f"calibration_{name}"] * math.exp(-age / 0.5)
+        case Calibrated():
+            share = term.stays[channel] + term.fades[channel] * math.exp(
+                -max(columns["calibration_age"], 0.0) / term.time_constant_s
+            )
+            found = {one: columns[f"calibration_{one}"] for one in CHANNELS}
+            others = sum(
+                weights[channel] * min(max(found[one], -limit), limit)
+                for one, weights, limit in zip(CHANNELS, term.others, term.limits, strict=True)
+            )
+            return share * found[name] + others
         case Substitute():
             return term.value - p[channel] if term.channel == name else 0.0
 

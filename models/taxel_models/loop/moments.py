@@ -26,11 +26,14 @@ class Fitting:
         pooled: one weight for all channels, as a cause that they share; else each its own.
         fixed: weights are 1: there is nothing to fit.
         allowed: (21, k), which weights may differ from 0; None for all.
+        ridge: (k,) by how much of its own energy each regressor is held back, where there are many and
+            they say nearly the same; their weights are not shrunk a second time. None for few.
     """
 
     pooled: bool = False
     fixed: bool = False
     allowed: NDArray[np.bool_] | None = None
+    ridge: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,7 @@ class Moments:
         """
         kept = np.ones(len(self.fold), bool) if left_out is None else self.fold != left_out
         weights = self._solved(self.regressors[kept].sum(axis=0), self.cross[kept].sum(axis=0), scale)
-        if self.fitting.fixed:
+        if self.fitting.fixed or self.fitting.ridge is not None:
             return weights
         strength = self.strength(scale, kept)
         return np.asarray(weights * np.maximum(0.0, 1.0 - 1.0 / np.maximum(strength, 1e-9))[:, None])
@@ -158,10 +161,11 @@ class Moments:
             return np.asarray(broadcast(solved, size) * allowed)
         if fitting.allowed is not None:
             gram, cross = gram * (allowed[:, :, None] & allowed[:, None, :]), cross * allowed
-        return np.asarray((np.linalg.inv(_steadied(gram)) @ cross[..., None])[..., 0])
+        ridge = RIDGE if fitting.ridge is None else fitting.ridge
+        return np.asarray((np.linalg.inv(_steadied(gram, ridge)) @ cross[..., None])[..., 0])
 
 
-def _steadied(gram: Floats, ridge: float = RIDGE) -> Floats:
+def _steadied(gram: Floats, ridge: float | Floats = RIDGE) -> Floats:
     diagonal = np.einsum("...kk->...k", gram)
     floor = diagonal.max(axis=-1, keepdims=True) * 1e-12 + 1e-12
     return np.asarray(gram + np.eye(gram.shape[-1]) * (ridge * diagonal + floor)[..., None, :])

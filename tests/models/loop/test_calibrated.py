@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from taxel.channels import CHANNELS
-from taxel.corrections import Correction, OffsetCalibration
+from taxel.corrections import Calibrated, Correction, OffsetCalibration
 from taxel.manifest import Manifest
 from taxel.windows import WindowSpec
 from taxel_models.loop.closing import Closed, Plan, close_loop
@@ -21,32 +21,40 @@ CONTACT: Final = 500
 CALIBRATION_S: Final = 0.5
 
 
-def closed_with(smooth: Any, make: Make, manifest: Manifest, lasting: Any) -> Closed:
-    """The loop on contacts with offsets that last as a function of the seconds since they began."""
+def closed_with(smooth: Any, make: Make, manifest: Manifest, offset: Any, contact: int = CONTACT) -> Closed:
+    """The loop on contacts with offsets, a function of their number and of the seconds since they began."""
     recording = make(20_000, noise=2.0)
     rows = np.arange(len(recording))
-    offsets = np.random.default_rng(0).normal(size=(rows[-1] // CONTACT + 1, 21)) * 20.0
-    offset = offsets[rows // CONTACT] * lasting(rows % CONTACT / 100.0)[:, None]
-    apart = recording.samples.time_ns + 1_000_000_000 * (rows // CONTACT)
+    apart = recording.samples.time_ns + 1_000_000_000 * (rows // contact)
+    channels = recording.channels + offset(rows // contact, rows % contact / 100.0)
     planted = replace(
         recording,
         samples=replace(recording.samples, time_ns=apart),
-        channels=np.clip(np.rint(recording.channels + offset), 0, 4095),
+        channels=np.clip(np.rint(channels), 0, 4095),
     )
     return close_loop(manifest, smooth.predict, [planted], Plan(calibration_s=CALIBRATION_S))
 
 
+def drawn(seed: int) -> np.ndarray:
+    """(contacts, 21) counts."""
+    return np.random.default_rng(seed).normal(size=(200, 21)) * 20.0
+
+
 def test_an_offset_that_stays_is_not_said_to_fade(smooth: Any, make: Make, manifest: Manifest) -> None:
-    (effect,) = closed_with(smooth, make, manifest, np.ones_like).findings.effects
+    def offset(contact: np.ndarray, seconds: np.ndarray) -> np.ndarray:
+        return drawn(0)[contact]
+
+    (effect,) = closed_with(smooth, make, manifest, offset).findings.effects
     assert effect.form == "of each contact, from a calibration"
     assert effect.explained > 0.9
 
 
 def test_one_that_fades_is_served_with_its_age(smooth: Any, make: Make, manifest: Manifest) -> None:
-    def lasting(seconds: np.ndarray) -> np.ndarray:
-        return 0.3 + 0.7 * np.exp(-np.maximum(seconds - CALIBRATION_S, 0.0) / 1.0)
+    def offset(contact: np.ndarray, seconds: np.ndarray) -> np.ndarray:
+        lasts = 0.3 + 0.7 * np.exp(-np.maximum(seconds - CALIBRATION_S, 0.0) / 1.0)
+        return drawn(0)[contact] * lasts[:, None]
 
-    closed = closed_with(smooth, make, manifest, lasting)
+    closed = closed_with(smooth, make, manifest, offset)
     (effect,) = closed.findings.effects
     assert effect.form == "of each contact, from a calibration, fading with 1 s"
     assert effect.needs[-1] == "calibration_age"
@@ -72,3 +80,29 @@ def test_one_that_fades_is_served_with_its_age(smooth: Any, make: Make, manifest
     window = [*closed.evidence.windows[row], *(given[extra.name] for extra in closed.new.extras)]
     alone = correction.apply(smooth.predict, np.array([window], dtype=np.float32))
     np.testing.assert_allclose(alone[0], closed.after[row], atol=0.02)
+
+
+def test_what_all_channels_share_is_told_by_all_of_them(
+    smooth: Any, make: Make, manifest: Manifest
+) -> None:
+    """While it is calibrated each channel errs by itself, too, and some contacts are far off."""
+    shared, own = drawn(1).mean(axis=1, keepdims=True) * 5.0, drawn(2)
+    own[::20] *= 20.0
+
+    def offset(contact: np.ndarray, seconds: np.ndarray) -> np.ndarray:
+        at_first = (seconds < CALIBRATION_S + 0.1)[:, None]
+        return shared[contact] + np.where(at_first, own[contact], 0.0)
+
+    closed = closed_with(smooth, make, manifest, offset, contact=120)
+    (effect,) = closed.findings.effects
+    assert "from a calibration of all channels" in effect.form
+    assert {figure.name.rsplit(" ", 1)[0] for figure in effect.parameters[1:]} <= {
+        "share that stays",
+        "share that fades",
+    }
+    (term,) = closed.new.effects[0].terms
+    assert isinstance(term, Calibrated)
+    # An offset that counts for other channels ends within a few usual ones.
+    usual = np.sqrt(drawn(1).mean(axis=1).var() * 25.0 + 400.0)
+    assert (np.array(term.limits) < 5.0 * usual).all()
+    assert effect.explained > 0.4

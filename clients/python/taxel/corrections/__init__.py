@@ -1,9 +1,9 @@
 """Corrected models: the effects that a base model lacks, and how they are added to its prediction."""
 
+from taxel.corrections.calibrated import Calibrated
 from taxel.corrections.calibration import CALIBRATION_AGE, CALIBRATION_EXTRAS, OffsetCalibration
 from taxel.corrections.correction import Correction
 from taxel.corrections.effect import AppliedEffect, Parameter, Term
-from taxel.corrections.fading import Fading
 from taxel.corrections.frame import Frame
 from taxel.corrections.limit import Limit
 from taxel.corrections.mix import Leak, Mix
@@ -16,8 +16,8 @@ __all__ = [
     "CALIBRATION_EXTRAS",
     "ONE",
     "AppliedEffect",
+    "Calibrated",
     "Correction",
-    "Fading",
     "Frame",
     "Leak",
     "Limit",

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field, FiniteFloat
 
-from taxel.corrections.fading import Fading
+from taxel.corrections.calibrated import Calibrated
 from taxel.corrections.frame import Frame
 from taxel.corrections.limit import Limit
 from taxel.corrections.mix import Mix
@@ -14,7 +14,7 @@ from taxel.corrections.weighted import Weighted
 from taxel.parts import ChannelName, Part
 from taxel.windows.combinations import MOST_SHIFT
 
-Term = Annotated[Weighted | Fading | Places | Mix | Limit | Substitute, Field(discriminator="kind")]
+Term = Annotated[Weighted | Calibrated | Places | Mix | Limit | Substitute, Field(discriminator="kind")]
 """Any of the terms, told apart by `kind`."""
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
 from taxel.windows.history import TICK_S
-from taxel_models.loop.basis import Floats, Own
+from taxel_models.loop.basis import Floats, Shared
 from taxel_models.loop.closing import Closed
 from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.effects.location import Location
@@ -43,7 +43,7 @@ def draw_effect(closed: Closed, partial: Partial, path: Path) -> str:
     Returns:
         A caption.
     """
-    if partial.kind == Offset.name and isinstance(partial.named.score.candidate.basis, Own):
+    if partial.kind == Offset.name and not isinstance(partial.named.score.candidate.basis, Shared):
         # An offset of each contact has no mean to speak of.
         return _against_driver(closed, partial, path)
     return _WAYS.get(partial.kind, _against_driver)(closed, partial, path)
