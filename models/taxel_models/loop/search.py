@@ -53,6 +53,11 @@ CERTAIN_CHANNEL_SHARE: Final = 0.03
 AS_GOOD: Final = 0.985
 """Of the best share: a form with fewer figures that explains so much of it is taken instead."""
 
+MUCH_SIMPLER: Final = 0.25
+CLEARLY_LESS: Final = 0.005
+"""An effect with at most so many of the best one's figures is taken in its place if what it lacks is too
+little to be named by itself, and no clear loss: a level of the t-test over folds."""
+
 NEARLY: Final = 0.9
 """Of the most that any effect is worth: among those, the share decides, which tells causes apart better."""
 
@@ -303,16 +308,16 @@ def _simplest(scores: Iterable[Score]) -> Score:
 def likeliest(scores: Sequence[Score], scale: Floats) -> Score:
     """Of different causes the one that explains most; of those that do as well, the simplest.
 
-    As well means nearly as much, and not less in every fold. Between two with as many weights stands
-    their evidence: what the data say for the better one, t²/2, and how alike the electrodes' weights
-    are, since a common cause draws them from one distribution, and a narrow one leaves less to choose.
+    As well means nearly as much, and not less in every fold; of a much simpler one less is asked.
+    Between two with as many weights stands their evidence: what the data say for the better one, t²/2,
+    and how alike the electrodes' weights are, since a common cause draws them from one distribution,
+    and a narrow one leaves less to choose.
 
     Args:
         scale: (21,) what an error of each channel counts, 1/counts².
     """
-    near = _near(scores)
-    best = max(near, key=lambda one: one.share)
-    level = [one for one in near if one is best or one.against(best)[1] > FOLD_LEVEL]
+    best = max(scores, key=lambda one: one.share)
+    level = [one for one in scores if one is best or _does_as_well(one, best)]
 
     def doubt(one: Score) -> float:
         t = 0.0 if one is best else one.against(best)[0]
@@ -320,6 +325,19 @@ def likeliest(scores: Sequence[Score], scale: Floats) -> Score:
         return t**2 / 2 + electrodes * math.log(max(one.unlikeness(scale), 1e-3))
 
     return min(level, key=lambda one: (one.freedom, doubt(one)))
+
+
+def _does_as_well(one: Score, best: Score) -> bool:
+    """Whether a cause explains nearly as much as the best, or is much simpler and leaves too little.
+
+    Bumps all over the skin, say, hold a constant in themselves, and whatever else the recording has:
+    where that is not worth naming, the constant is the cause.
+    """
+    less = one.against(best)[1]
+    if one.share >= AS_GOOD * best.share and less > FOLD_LEVEL:
+        return True
+    simpler = one.freedom <= MUCH_SIMPLER * best.freedom
+    return simpler and best.share - one.share < LEAST_SHARE and less > CLEARLY_LESS
 
 
 def _near(scores: Iterable[Score]) -> list[Score]:

@@ -19,7 +19,7 @@ from taxel_models.loop.evidence import Evidence, gather
 from taxel_models.loop.moments import Fitting, Moments
 from taxel_models.loop.planting import Planting
 from taxel_models.loop.scoring import Score, score
-from taxel_models.loop.search import FOLD_LEVEL, Search, likeliest
+from taxel_models.loop.search import CLEARLY_LESS, FOLD_LEVEL, Search, likeliest
 from taxel_models.loop.trial import plant
 from taxel_models.recordings import Recording
 
@@ -70,6 +70,17 @@ def test_what_explains_less_in_every_fold_does_not_do_as_well() -> None:
     simple, rich = cause("simple", JUMPY), cause("rich", JUMPY + 0.005, figures=4)
     assert simple.share > 0.985 * rich.share
     assert likeliest([rich, simple], SCALE) is rich
+
+
+def test_a_much_simpler_one_may_explain_a_little_less() -> None:
+    simple, more = cause("simple", JUMPY), JUMPY + np.tile([0.005, 0.025], 4)
+    rich, half = cause("rich", more, figures=4), cause("half as simple", more, figures=2)
+    assert CLEARLY_LESS < simple.against(rich)[1] < FOLD_LEVEL
+    assert likeliest([rich, simple], SCALE) is simple
+    assert likeliest([half, simple], SCALE) is half
+    too_much = cause("rich", JUMPY + np.tile([0.01, 0.05], 4), figures=4)
+    assert simple.against(too_much)[1] == pytest.approx(simple.against(rich)[1])
+    assert likeliest([too_much, simple], SCALE) is too_much
 
 
 def test_of_two_as_simple_the_one_whose_channels_are_alike_is_likelier() -> None:

@@ -54,7 +54,7 @@ class Covariate(Effect):
     """A constant of each kind, or a line in an amount; `covariate:NAME` for the column NAME."""
 
     name = "covariate"
-    equation = "delta_c = w_c,kind; or w_c (x - mean)"
+    equation = "delta_c = w_c,kind + g_c,kind (p_c - rest_c), about the mean of kinds; or w_c (x - mean)"
     source = "definition"
     signature = "the residual's mean differs between kinds, or follows the amount"
 
@@ -76,9 +76,8 @@ class Covariate(Effect):
         if len(kinds) <= MOST_KINDS and (kinds == np.rint(kinds)).all():
             drivers = [self._is(values, kind) for kind in kinds]
             yield weighted(evidence, name, "by kind", "unit", drivers, weight_unit="counts")
-            gains = weighted(
-                evidence, name, "gain by kind", "signal", drivers, centred=False, weight_unit="relative"
-            )
+            # About the mean of all kinds: a gain that they have in common is no matter of kind.
+            gains = weighted(evidence, name, "gain by kind", "signal", drivers, weight_unit="relative")
             yield gains
             if len(kinds) <= MOST_PAIRED:
                 yield _both(weighted(evidence, name, "by kind", "unit", drivers), gains)
