@@ -77,7 +77,8 @@ class Search:
         blocks: what is fitted to and what is kept for the final comparison, which is not looked at.
         effects: the candidates.
         seed: of the blocks that are turned round.
-        least_share: of the error that an effect has to take away to be named.
+        least_share: of the error that an effect has to take away to be named, over all channels or,
+            where that is more than is asked of one channel anyway, in one.
         progress: told what is being looked at.
     """
 
@@ -190,7 +191,8 @@ class Search:
                 continue
             worths = self._worth(one)
             total, most = float(worths.mean()), float(worths.max())
-            enough = CERTAIN_CHANNEL_SHARE if one.candidate.certain else LEAST_CHANNEL_SHARE
+            one_channel = CERTAIN_CHANNEL_SHARE if one.candidate.certain else LEAST_CHANNEL_SHARE
+            enough = max(one_channel, self._least_share)
             if total >= self._least_share or (most >= enough and total > 0):
                 able[one.candidate.effect] = total, one
                 repeats |= one.t_test <= FOLD_LEVEL or one.candidate.certain
