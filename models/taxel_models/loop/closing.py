@@ -13,6 +13,7 @@ from taxel_models.evaluation.metrics import Errors
 from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import FOLDS, Blocks, cut
+from taxel_models.loop.choice import LEAST_SHARE
 from taxel_models.loop.correction import NewEffects, corrected, served_windows
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.evidence import Evidence, Predict, gather
@@ -26,7 +27,7 @@ from taxel_models.loop.intervals import parameters
 from taxel_models.loop.noise import NoiseFloor
 from taxel_models.loop.remainder import remainder
 from taxel_models.loop.scoring import scale_of
-from taxel_models.loop.search import LEAST_SHARE, Search
+from taxel_models.loop.search import Search
 from taxel_models.recordings import Recording
 
 

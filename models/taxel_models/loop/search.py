@@ -5,18 +5,17 @@ explains more than any candidate does when blocks are turned round by chance, an
 then all named ones are fitted again together. At the end each is tried without the others' help.
 """
 
-import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
 from taxel_models.loop.attribution import Attribution, Named, Rejected
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks, thinned
+from taxel_models.loop.choice import FOLD_LEVEL, LEAST_SHARE, likeliest, simplest
 from taxel_models.loop.effects.effect import Candidate, Effect, Left
 from taxel_models.loop.evidence import Evidence
 from taxel_models.loop.moments import Moments
@@ -34,29 +33,15 @@ from taxel_models.loop.scoring import (
 LEVEL: Final = 0.01
 """Family-wise: how often a step may name an effect where there is none."""
 
-FOLD_LEVEL: Final = 0.025
-"""Of the t-test over folds: what a few blocks bring about may stand out and still not repeat."""
-
 DRAWS: Final = 199
 MOST_ROWS: Final = 24_000
 """That are fitted to: neighbouring rows say nearly the same."""
-
-LEAST_SHARE: Final = 0.02
-"""Of the residual's energy over all channels: less is not worth a new version."""
 
 LEAST_CHANNEL_SHARE: Final = 0.15
 """Of one channel's energy: a cause of few channels matters to them."""
 
 CERTAIN_CHANNEL_SHARE: Final = 0.03
 """Of one channel's error, for a fault that cannot be chance."""
-
-AS_GOOD: Final = 0.985
-"""Of the best share: a form with fewer figures that explains so much of it is taken instead."""
-
-MUCH_SIMPLER: Final = 0.25
-CLEARLY_LESS: Final = 0.005
-"""An effect with at most so many of the best one's figures is taken in its place if what it lacks is too
-little to be named by itself, and no clear loss: a level of the t-test over folds."""
 
 NEARLY: Final = 0.9
 """Of the most that any effect is worth: among those, the share decides, which tells causes apart better."""
@@ -149,9 +134,9 @@ class Search:
             forms = [self._score(one, residual) for one in self._forms_of(effect, left)]
             if not forms:
                 continue
-            best = _simplest(forms)
+            best = simplest(forms)
             finer = [self._score(one, residual) for one in effect.finer(self._evidence, best.candidate)]
-            found.append(_simplest([best, *finer]) if finer else best)
+            found.append(simplest([best, *finer]) if finer else best)
         return found
 
     def _forms_of(self, effect: Effect, left: Left) -> Sequence[Candidate]:
@@ -300,52 +285,6 @@ class Search:
                 Rejected(name, one.candidate.form, one.share, self._alone.get(name, 0.0), p_value, reason)
             )
         return tuple(sorted(rejected, key=lambda other: -other.alone))
-
-
-def _simplest(scores: Iterable[Score]) -> Score:
-    """The best score, or one with fewer fitted figures that explains nearly as much."""
-    return min(_near(scores), key=lambda one: (one.freedom, -one.share))
-
-
-def likeliest(scores: Sequence[Score], scale: Floats) -> Score:
-    """Of different causes the one that explains most; of those that do as well, the simplest.
-
-    As well means nearly as much, and not less in every fold; of a much simpler one less is asked.
-    Between two with as many weights stands their evidence: what the data say for the better one, t²/2,
-    and how alike the electrodes' weights are, since a common cause draws them from one distribution,
-    and a narrow one leaves less to choose.
-
-    Args:
-        scale: (21,) what an error of each channel counts, 1/counts².
-    """
-    best = max(scores, key=lambda one: one.share)
-    level = [one for one in scores if one is best or _does_as_well(one, best)]
-
-    def doubt(one: Score) -> float:
-        t = 0.0 if one is best else one.against(best)[0]
-        electrodes = len(CHANNELS[ELECTRODE_COLUMNS])
-        return t**2 / 2 + electrodes * math.log(max(one.unlikeness(scale), 1e-3))
-
-    return min(level, key=lambda one: (one.freedom, doubt(one)))
-
-
-def _does_as_well(one: Score, best: Score) -> bool:
-    """Whether a cause explains nearly as much as the best, or is much simpler and leaves too little.
-
-    Bumps all over the skin, say, hold a constant in themselves, and whatever else the recording has:
-    where that is not worth naming, the constant is the cause.
-    """
-    less = one.against(best)[1]
-    if one.share >= AS_GOOD * best.share and less > FOLD_LEVEL:
-        return True
-    simpler = one.freedom <= MUCH_SIMPLER * best.freedom
-    return simpler and best.share - one.share < LEAST_SHARE and less > CLEARLY_LESS
-
-
-def _near(scores: Iterable[Score]) -> list[Score]:
-    scores = list(scores)
-    best = max(scores, key=lambda one: one.share)
-    return [one for one in scores if one is best or one.share >= AS_GOOD * best.share > 0]
 
 
 def _silent(note: str) -> None:

@@ -13,11 +13,12 @@ from taxel.manifest import Manifest
 from taxel.parts import Part
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import cut
+from taxel_models.loop.choice import LEAST_SHARE
 from taxel_models.loop.closing import Closed, Plan, close_loop
 from taxel_models.loop.effects.registry import NAMES, candidates, effect_named
 from taxel_models.loop.evidence import Evidence, Predict, gather
 from taxel_models.loop.planting import Planting
-from taxel_models.loop.search import LEAST_SHARE, Search
+from taxel_models.loop.search import Search
 from taxel_models.loop.unknown import UNKNOWN
 from taxel_models.recordings import Recording
 from taxel_models.twin import simulate

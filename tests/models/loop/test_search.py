@@ -12,6 +12,7 @@ from taxel.channels import CHANNELS
 from taxel.manifest import Manifest
 from taxel_models.loop.basis import Shared
 from taxel_models.loop.blocks import Blocks, cut
+from taxel_models.loop.choice import CLEARLY_LESS, FOLD_LEVEL, likeliest
 from taxel_models.loop.closing import Plan, close_loop
 from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.effects.registry import candidates
@@ -19,7 +20,7 @@ from taxel_models.loop.evidence import Evidence, gather
 from taxel_models.loop.moments import Fitting, Moments
 from taxel_models.loop.planting import Planting
 from taxel_models.loop.scoring import Score, score
-from taxel_models.loop.search import CLEARLY_LESS, FOLD_LEVEL, Search, likeliest
+from taxel_models.loop.search import Search
 from taxel_models.loop.trial import plant
 from taxel_models.recordings import Recording
 

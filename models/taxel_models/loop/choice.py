@@ -1,0 +1,69 @@
+"""Which of several scores is taken: a form of one effect, or one of several causes."""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.scoring import Score
+
+FOLD_LEVEL: Final = 0.025
+"""Of the t-test over folds: what a few blocks bring about may stand out and still not repeat."""
+
+LEAST_SHARE: Final = 0.02
+"""Of the residual's energy over all channels: less is not worth a new version."""
+
+AS_GOOD: Final = 0.985
+"""Of the best share: a form with fewer figures that explains so much of it is taken instead."""
+
+MUCH_SIMPLER: Final = 0.25
+CLEARLY_LESS: Final = 0.005
+"""An effect with at most so many of the best one's figures is taken in its place if what it lacks is too
+little to be named by itself, and no clear loss: a level of the t-test over folds."""
+
+
+def simplest(scores: Iterable[Score]) -> Score:
+    """The best score, or one with fewer fitted figures that explains nearly as much."""
+    return min(_near(scores), key=lambda one: (one.freedom, -one.share))
+
+
+def likeliest(scores: Sequence[Score], scale: Floats) -> Score:
+    """Of different causes the one that explains most; of those that do as well, the simplest.
+
+    As well means nearly as much, and not less in every fold; of a much simpler one less is asked.
+    Between two with as many weights stands their evidence: what the data say for the better one, t²/2,
+    and how alike the electrodes' weights are, since a common cause draws them from one distribution,
+    and a narrow one leaves less to choose.
+
+    Args:
+        scale: (21,) what an error of each channel counts, 1/counts².
+    """
+    best = max(scores, key=lambda one: one.share)
+    level = [one for one in scores if one is best or _does_as_well(one, best)]
+
+    def doubt(one: Score) -> float:
+        t = 0.0 if one is best else one.against(best)[0]
+        electrodes = len(CHANNELS[ELECTRODE_COLUMNS])
+        return t**2 / 2 + electrodes * math.log(max(one.unlikeness(scale), 1e-3))
+
+    return min(level, key=lambda one: (one.freedom, doubt(one)))
+
+
+def _does_as_well(one: Score, best: Score) -> bool:
+    """Whether a cause explains nearly as much as the best, or is much simpler and leaves too little.
+
+    Bumps all over the skin, say, hold a constant in themselves, and whatever else the recording has:
+    where that is not worth naming, the constant is the cause.
+    """
+    less = one.against(best)[1]
+    if one.share >= AS_GOOD * best.share and less > FOLD_LEVEL:
+        return True
+    simpler = one.freedom <= MUCH_SIMPLER * best.freedom
+    return simpler and best.share - one.share < LEAST_SHARE and less > CLEARLY_LESS
+
+
+def _near(scores: Iterable[Score]) -> list[Score]:
+    scores = list(scores)
+    best = max(scores, key=lambda one: one.share)
+    return [one for one in scores if one is best or one.share >= AS_GOOD * best.share > 0]
