@@ -1,7 +1,7 @@
 """Which of several scores is taken: a form of one effect, or one of several causes."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
@@ -23,9 +23,11 @@ CLEARLY_LESS: Final = 0.005
 little to be named by itself, and no clear loss: a level of the t-test over folds."""
 
 
-def simplest(scores: Iterable[Score]) -> Score:
+def simplest(scores: Sequence[Score]) -> Score:
     """The best score, or one with fewer fitted figures that explains nearly as much."""
-    return min(_near(scores), key=lambda one: (one.freedom, -one.share))
+    best = max(scores, key=lambda one: one.share)
+    near = [one for one in scores if one is best or one.share >= AS_GOOD * best.share > 0]
+    return min(near, key=lambda one: (one.freedom, -one.share))
 
 
 def likeliest(scores: Sequence[Score], scale: Floats) -> Score:
@@ -61,9 +63,3 @@ def _does_as_well(one: Score, best: Score) -> bool:
         return True
     simpler = one.freedom <= MUCH_SIMPLER * best.freedom
     return simpler and best.share - one.share < LEAST_SHARE and less > CLEARLY_LESS
-
-
-def _near(scores: Iterable[Score]) -> list[Score]:
-    scores = list(scores)
-    best = max(scores, key=lambda one: one.share)
-    return [one for one in scores if one is best or one.share >= AS_GOOD * best.share > 0]

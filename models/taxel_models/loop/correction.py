@@ -95,10 +95,11 @@ def served_windows(first: Evidence, attribution: Attribution, new: NewEffects, r
 def _column(evidence: Evidence, extra: ExtraFeature) -> Floats:
     if extra.history is not None:
         return evidence.history(extra.history)
-    if extra in CALIBRATION_EXTRAS and evidence.calibration is not None:
-        return evidence.calibration[:, CALIBRATION_EXTRAS.index(extra)]
-    if extra == CALIBRATION_AGE and evidence.calibration_age is not None:
-        return evidence.calibration_age
+    if evidence.calibration is not None:
+        if extra in CALIBRATION_EXTRAS:
+            return evidence.calibration.offsets[:, CALIBRATION_EXTRAS.index(extra)]
+        if extra == CALIBRATION_AGE:
+            return evidence.calibration.age_s
     name, _, kind = extra.name.partition("=")
     if kind:
         return np.asarray(evidence.covariates[name] == float(kind), dtype=np.float64)

@@ -28,6 +28,23 @@ Predict = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 
 @dataclass(frozen=True)
+class TakenCalibration:
+    """What a user's own sensor would have shown at the start of each row's segment.
+
+    Attributes:
+        offsets: (n, 21) measured less predicted, counts.
+        age_s: (n,) how long before the row it ended.
+    """
+
+    offsets: Floats
+    age_s: Floats
+
+    def kept(self, keep: NDArray[np.bool_]) -> "TakenCalibration":
+        """Of some of the rows."""
+        return TakenCalibration(self.offsets[keep], self.age_s[keep])
+
+
+@dataclass(frozen=True)
 class Evidence:
     """Rows of recordings, each a window's time T, in order.
 
@@ -49,9 +66,7 @@ class Evidence:
         rows: for each recording, which of its ticks the rows are.
         turn: how the windows were turned before they were predicted.
         shift_ticks: how far the windows were moved into the past.
-        calibration: (n, 21) offsets that a user's own sensor would have shown at the start of the row's
-            segment, counts; None where none was taken.
-        calibration_age: (n,) how long before the row that calibration ended, s; None as well.
+        calibration: taken at the start of each segment; None where none was.
     """
 
     manifest: Manifest
@@ -70,8 +85,7 @@ class Evidence:
     rows: tuple[NDArray[np.int64], ...]
     turn: Frame | None = None
     shift_ticks: int = 0
-    calibration: Floats | None = None
-    calibration_age: Floats | None = None
+    calibration: TakenCalibration | None = None
     _history: dict[HistoryFeature, Floats] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
@@ -115,7 +129,7 @@ class Evidence:
             offsets[start:stop] = residual[start:stop][early[start:stop]].mean(axis=0)
         if early.all():
             raise RecordingError(f"no segment is longer than the {seconds:g} s of its calibration")
-        return replace(self, calibration=offsets, calibration_age=since - seconds).kept(~early)
+        return replace(self, calibration=TakenCalibration(offsets, since - seconds)).kept(~early)
 
     def kept(self, keep: NDArray[np.bool_]) -> "Evidence":
         """Some of the rows."""
@@ -130,8 +144,7 @@ class Evidence:
             force=self.force[keep],
             covariates={name: values[keep] for name, values in self.covariates.items()},
             rows=tuple(rows[part] for rows, part in zip(self.rows, parts, strict=True)),
-            calibration=None if self.calibration is None else self.calibration[keep],
-            calibration_age=None if self.calibration_age is None else self.calibration_age[keep],
+            calibration=None if self.calibration is None else self.calibration.kept(keep),
             _history={},
         )
 

@@ -74,9 +74,10 @@ def test_one_that_fades_is_served_with_its_age(smooth: Any, make: Make, manifest
     np.testing.assert_allclose(correction.apply(smooth.predict, everything), closed.after, atol=0.02)
 
     # As a client would: a row three seconds into a contact, by what the calibration gives it.
-    row = int(np.flatnonzero(np.isclose(closed.evidence.calibration_age, 3.0, atol=0.001))[0])
-    assert closed.evidence.calibration is not None
-    given = OffsetCalibration(closed.evidence.calibration[row]).extras_after(3.0)
+    taken = closed.evidence.calibration
+    assert taken is not None
+    row = int(np.flatnonzero(np.isclose(taken.age_s, 3.0, atol=0.001))[0])
+    given = OffsetCalibration(taken.offsets[row]).extras_after(3.0)
     window = [*closed.evidence.windows[row], *(given[extra.name] for extra in closed.new.extras)]
     alone = correction.apply(smooth.predict, np.array([window], dtype=np.float32))
     np.testing.assert_allclose(alone[0], closed.after[row], atol=0.02)

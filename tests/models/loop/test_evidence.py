@@ -100,11 +100,10 @@ def test_a_calibration_is_of_each_segments_first_seconds(evidence: Evidence) -> 
     found = shifted.calibrated(0.5)
     assert len(found) == len(evidence) - 5 * 50
     assert found.calibration is not None
-    assert found.calibration_age is not None
-    np.testing.assert_allclose(found.calibration, offsets[found.segment], atol=1e-9)
+    np.testing.assert_allclose(found.calibration.offsets, offsets[found.segment], atol=1e-9)
     began = evidence.time_s[segment * 2000] + 0.5
     kept = np.isin(evidence.time_s, found.time_s)
-    np.testing.assert_allclose(found.calibration_age, (evidence.time_s - began)[kept], atol=1e-6)
+    np.testing.assert_allclose(found.calibration.age_s, (evidence.time_s - began)[kept], atol=1e-6)
     with pytest.raises(RecordingError, match="no segment is longer than the 30 s"):
         shifted.calibrated(30.0)
 

@@ -2,101 +2,25 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
 from taxel.manifest import Manifest
-from taxel_models.loop.basis import Shared
-from taxel_models.loop.blocks import Blocks, cut
-from taxel_models.loop.choice import CLEARLY_LESS, FOLD_LEVEL, likeliest
+from taxel_models.loop.blocks import cut
+from taxel_models.loop.choice import FOLD_LEVEL
 from taxel_models.loop.closing import Plan, close_loop
-from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.evidence import Evidence, gather
-from taxel_models.loop.moments import Fitting, Moments
 from taxel_models.loop.planting import Planting
-from taxel_models.loop.scoring import Score, score
+from taxel_models.loop.scoring import Score
 from taxel_models.loop.search import Search
 from taxel_models.loop.trial import plant
 from taxel_models.recordings import Recording
 
-ROWS: Final = 2000
-SCALE: Final = np.ones(21)
-STEADY: Final = np.full(8, 0.5)
-JUMPY: Final = np.array([0.0, 1.0, 0.1, 0.9, 0.2, 0.8, 0.3, 0.7])
-
 Make = Callable[..., Recording]
-
-
-def cause(
-    name: str,
-    fold_share: NDArray[np.float64],
-    weights: NDArray[np.float64] | float = 1.0,
-    *,
-    figures: int = 1,
-) -> Score:
-    """What `figures` regressors explain of a residual that follows the first by so much a channel."""
-    random = np.random.default_rng(0)
-    features = random.normal(size=(ROWS, figures))
-    residual = features[:, :1] * np.broadcast_to(weights, 21) + 0.01 * random.normal(size=(ROWS, 21))
-    blocks = Blocks(np.repeat(np.arange(40), ROWS // 40), np.arange(40) % 8)
-    moments = Moments.of(Shared(features), residual, np.ones(ROWS), blocks, Fitting())
-    candidate = Candidate(name, "a form", Shared(features))
-    found = score(candidate, moments, SCALE)
-    return replace(found, share=float(fold_share.mean()), fold_share=fold_share)
-
-
-def test_unlikeness_is_the_electrodes_spread_over_their_mean() -> None:
-    weights = np.concatenate([[50.0, -80.0], np.linspace(1.0, 3.0, 19)])
-    electrodes = weights[2:]
-    found = cause("one", STEADY, weights).unlikeness(SCALE)
-    assert found == pytest.approx(electrodes.std() / electrodes.mean(), rel=0.01)
-
-
-def test_what_explains_clearly_more_is_likelier_than_what_is_simple() -> None:
-    simple, rich = cause("simple", STEADY), cause("rich", 1.02 * STEADY, figures=4)
-    assert likeliest([simple, rich], SCALE) is rich
-
-
-def test_of_two_that_do_as_well_the_simpler_is_likelier() -> None:
-    simple, rich = cause("simple", JUMPY), cause("rich", JUMPY[::-1] + 0.001, figures=4)
-    assert likeliest([rich, simple], SCALE) is simple
-
-
-def test_what_explains_less_in_every_fold_does_not_do_as_well() -> None:
-    simple, rich = cause("simple", JUMPY), cause("rich", JUMPY + 0.005, figures=4)
-    assert simple.share > 0.985 * rich.share
-    assert likeliest([rich, simple], SCALE) is rich
-
-
-def test_a_much_simpler_one_may_explain_a_little_less() -> None:
-    simple, more = cause("simple", JUMPY), JUMPY + np.tile([0.005, 0.025], 4)
-    rich, half = cause("rich", more, figures=4), cause("half as simple", more, figures=2)
-    assert CLEARLY_LESS < simple.against(rich)[1] < FOLD_LEVEL
-    assert likeliest([rich, simple], SCALE) is simple
-    assert likeliest([half, simple], SCALE) is half
-    too_much = cause("rich", JUMPY + np.tile([0.01, 0.05], 4), figures=4)
-    assert simple.against(too_much)[1] == pytest.approx(simple.against(rich)[1])
-    assert likeliest([too_much, simple], SCALE) is too_much
-
-
-def test_of_two_as_simple_the_one_whose_channels_are_alike_is_likelier() -> None:
-    spread = np.linspace(0.2, 1.8, 21)
-    alike, unlike = cause("alike", JUMPY), cause("unlike", JUMPY[::-1] + 0.001, spread)
-    assert likeliest([unlike, alike], SCALE) is alike
-
-
-def test_a_little_likeness_does_not_outweigh_the_data() -> None:
-    # t is about 1.5 in favour of the better one: more than what 1 % less spread is worth.
-    better = cause("better", JUMPY + 0.005 * (1 + np.linspace(-2, 2, 8)), np.linspace(0.2, 1.8, 21))
-    worse = cause("worse", JUMPY, np.linspace(0.21, 1.79, 21))
-    assert worse.unlikeness(SCALE) < better.unlikeness(SCALE)
-    assert worse.against(better)[1] > FOLD_LEVEL
-    assert likeliest([worse, better], SCALE) is better
 
 
 @pytest.fixture

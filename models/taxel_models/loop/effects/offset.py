@@ -4,13 +4,14 @@ from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from typing_extensions import override
 
 from taxel.channels import CHANNELS
 from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, Calibrated, Weighted
-from taxel_models.loop.basis import Floats, Joined, Own, Shared
+from taxel_models.loop.basis import Basis, Floats, Joined, Own, Shared
 from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Left, Online, weighted
-from taxel_models.loop.evidence import Evidence
+from taxel_models.loop.evidence import Evidence, TakenCalibration
 from taxel_models.loop.moments import Fitting
 from taxel_models.loop.planting import Planting
 
@@ -57,15 +58,19 @@ class Offset(Effect):
             weight_unit="counts",
         )
 
-        if evidence.calibration is not None and evidence.calibration_age is not None:
-            offsets, age = evidence.calibration, evidence.calibration_age
-            limits = USUAL * np.median(np.abs(offsets[left.fit]), axis=0) / MEDIAN_OF_SD
-            yield self._staying(offsets)
-            many = len(np.unique(evidence.segment[left.fit])) >= ENOUGH_CONTACTS
+        if evidence.calibration is not None:
+            yield from self._calibrated(evidence.calibration, evidence.segment, left.fit)
+
+    def _calibrated(
+        self, taken: TakenCalibration, segment: NDArray[np.int64], fit: NDArray[np.bool_]
+    ) -> Iterable[Candidate]:
+        yield self._staying(taken.offsets)
+        for time_constant_s in FADING_S:
+            yield self._fading(taken, time_constant_s, None)
+        if len(np.unique(segment[fit])) >= ENOUGH_CONTACTS:
+            limits = USUAL * np.median(np.abs(taken.offsets[fit]), axis=0) / MEDIAN_OF_SD
             for time_constant_s in FADING_S:
-                yield self._fading(offsets, age, time_constant_s)
-                if many:
-                    yield self._together(offsets, age, time_constant_s, limits)
+                yield self._fading(taken, time_constant_s, limits)
 
     def _staying(self, offsets: Floats) -> Candidate:
         names = tuple(extra.name for extra in CALIBRATION_EXTRAS)
@@ -89,31 +94,26 @@ class Offset(Effect):
             again=lambda _: self._staying(offsets),
         )
 
-    def _fading(self, offsets: Floats, age: Floats, time_constant_s: float) -> Candidate:
-        nothing = np.zeros(len(CHANNELS))
+    def _fading(self, taken: TakenCalibration, time_constant_s: float, limits: Floats | None) -> Candidate:
+        """What fades, and with limits what the other channels' offsets tell within them."""
+        faded = taken.offsets * np.exp(-taken.age_s / time_constant_s)[:, None]
+        own = Own(np.stack([taken.offsets, faded], axis=2).astype(np.float32))
+        told_by, fitting = "", Fitting()
+        basis: Basis = own
+        if limits is not None:
+            told_by = " of all channels"
+            basis = Joined(own, Shared(np.clip(taken.offsets, -limits, limits)))
+            fitting = Fitting(ridge=np.array([OWN_RIDGE] * 2 + [OTHERS_RIDGE] * len(CHANNELS)))
         return Candidate(
             self.name,
-            f"of each contact, from a calibration, fading with {time_constant_s:g} s",
-            _own(offsets, age, time_constant_s),
+            f"of each contact, from a calibration{told_by}, fading with {time_constant_s:g} s",
+            basis,
+            fitting=fitting,
             weight_names=("share that stays", "share that fades"),
             weight_unit="relative",
             settled={"time constant of fading": (time_constant_s, "s")},
-            online=lambda weights: _calibrated(weights, time_constant_s, nothing),
-            again=lambda _: self._fading(offsets, age, time_constant_s),
-        )
-
-    def _together(self, offsets: Floats, age: Floats, time_constant_s: float, limits: Floats) -> Candidate:
-        others = Shared(np.clip(offsets, -limits, limits))
-        return Candidate(
-            self.name,
-            f"of each contact, from a calibration of all channels, fading with {time_constant_s:g} s",
-            Joined(_own(offsets, age, time_constant_s), others),
-            fitting=Fitting(ridge=np.array([OWN_RIDGE] * 2 + [OTHERS_RIDGE] * len(CHANNELS))),
-            weight_names=("share that stays", "share that fades"),
-            weight_unit="relative",
-            settled={"time constant of fading": (time_constant_s, "s")},
-            online=lambda weights: _calibrated(weights, time_constant_s, limits),
-            again=lambda _: self._together(offsets, age, time_constant_s, limits),
+            online=lambda weights: _fading_online(weights, time_constant_s, limits),
+            again=lambda _: self._fading(taken, time_constant_s, limits),
         )
 
     @override
@@ -122,20 +122,14 @@ class Offset(Effect):
         planting.add(np.broadcast_to(values, planting.recording.channels.shape), {"offset": values})
 
 
-def _own(offsets: Floats, age: Floats, time_constant_s: float) -> Own:
-    """Each channel's own offset, and the same fading."""
-    faded = offsets * np.exp(-age / time_constant_s)[:, None]
-    return Own(np.stack([offsets, faded], axis=2).astype(np.float32))
-
-
-def _calibrated(weights: Floats, time_constant_s: float, limits: Floats) -> Online:
-    """Of weights (21, 2), or (21, 23) where other channels' offsets count."""
-    others = weights[:, 2:].T if weights.shape[1] > 2 else np.zeros((len(CHANNELS),) * 2)
+def _fading_online(weights: Floats, time_constant_s: float, limits: Floats | None) -> Online:
+    """Of weights (21, 2), or (21, 23) where other channels' offsets count within limits."""
+    others = np.zeros((len(CHANNELS), len(CHANNELS))) if limits is None else weights[:, 2:].T
     term = Calibrated(
         stays=tuple(weights[:, 0].tolist()),
         fades=tuple(weights[:, 1].tolist()),
         time_constant_s=time_constant_s,
         others=tuple(tuple(row) for row in others.tolist()),
-        limits=tuple(limits.tolist()),
+        limits=(0.0,) * len(CHANNELS) if limits is None else tuple(limits.tolist()),
     )
     return Online((term,), (*CALIBRATION_EXTRAS, CALIBRATION_AGE))
