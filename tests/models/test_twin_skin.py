@@ -94,10 +94,10 @@ def test_shear_thickens_one_side_and_thins_the_other() -> None:
 
 
 def test_the_pocket_under_the_tip_answers_late_and_never_twice_alike() -> None:
-    rows, cycle = 400, np.repeat([0, 1], 200)
+    rows, reach = 400, np.repeat([1.1, 0.8], 200)
     pressed = np.tile(np.r_[np.ones(50), np.full(150, 0.8)], 2)
     film = np.broadcast_to(pressed[:, None], (rows, 19)).copy()
-    found = pocketed(film, cycle, np.random.default_rng(0))
+    found = pocketed(film, reach)
     body = np.delete(found, range(6, 10), axis=1)
     np.testing.assert_array_equal(body, np.delete(film, range(6, 10), axis=1))
     first, second = found[:200, 6:10], found[200:, 6:10]

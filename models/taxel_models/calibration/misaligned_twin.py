@@ -20,8 +20,10 @@ from taxel_models.calibration.limits import TOUCH_N
 from taxel_models.calibration.motion import Motion
 from taxel_models.recordings import Recording
 from taxel_models.twin import simulate
+from taxel_models.twin.lag import PERIOD_S
+from taxel_models.twin.temperature import RECORDED_S
 
-PAPER_ROWS: Final = 292_200
+PAPER_ROWS: Final = round(RECORDED_S / PERIOD_S)
 """As long as the data set of Ruppel et al. 2018."""
 
 PLANTED_MM: Final = 5.0

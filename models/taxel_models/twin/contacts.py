@@ -69,6 +69,11 @@ class Contacts:
     rubbing: NDArray[np.float64]
     cycle: NDArray[np.int64]
 
+    def uneven(self, spread: float, dice: np.random.Generator) -> NDArray[np.float64]:
+        """A factor (n,) about 1 with this SD, one figure for each contact cycle."""
+        factors = 1.0 + spread * dice.standard_normal(int(self.cycle.max()) + 1)
+        return np.asarray(factors[self.cycle])
+
 
 @dataclass(frozen=True)
 class _Pace:

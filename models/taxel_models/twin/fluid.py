@@ -88,20 +88,16 @@ def thickness(
     return np.asarray(np.maximum(1.0 + (bulge + slide - thinning) / skin.fluid, THINNEST))
 
 
-def pocketed(
-    film: NDArray[np.float64], cycle: NDArray[np.int64], dice: np.random.Generator
-) -> NDArray[np.float64]:
+def pocketed(film: NDArray[np.float64], reach: NDArray[np.float64]) -> NDArray[np.float64]:
     """The film (n, 19) with the pocket under the tip, which fills and drains late and never twice alike.
 
     Args:
         film: its thickness over the untouched one, (n, 19), as if it were alike everywhere.
-        cycle: (n,), number of the contact cycle.
-        dice: for what differs between contacts.
+        reach: (n,), how far it changes over what is usual, alike during one contact.
     """
-    reach = 1.0 + POCKET_SPREAD * dice.standard_normal(int(cycle.max()) + 1)
     changed = film.copy()
     for number in _ROW["tip"]:
-        over = np.maximum(1.0 + reach[cycle] * (film[:, number - 1] - 1.0), THINNEST)
+        over = np.maximum(1.0 + reach * (film[:, number - 1] - 1.0), THINNEST)
         changed[:, number - 1] = over + POCKET_SHARE * (lagged(over, POCKET_S) - over)
     return changed
 

@@ -35,12 +35,6 @@ CARRIED_SPREAD: Final = 0.18
 of pdc."""
 
 
-def carried(cycle: NDArray[np.int64], dice: np.random.Generator) -> NDArray[np.float64]:
-    """What the fluid carries (n,) over what it usually does, one figure for each contact cycle (n,)."""
-    share = 1.0 + CARRIED_SPREAD * dice.standard_normal(int(cycle.max()) + 1)
-    return np.asarray(share[cycle])
-
-
 def static_counts(fluid_force_n: NDArray[np.float64], warmer_k: NDArray[np.float64]) -> NDArray[np.float64]:
     """The pressure pdc above rest (n,): the fluid's load, relaxing, and a little warmth."""
     load = COUNTS_PER_N * fluid_force_n

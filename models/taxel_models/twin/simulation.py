@@ -10,9 +10,16 @@ from taxel.errors import SettingsError
 from taxel_models.recordings.recording import Recording
 from taxel_models.twin.contacts import Contacts, contacts
 from taxel_models.twin.converter import NOISE, convert, electrode_noise, one_after_another
-from taxel_models.twin.fluid import counts_of, film_log_ratio, log_impedance, pocketed, thickness
+from taxel_models.twin.fluid import (
+    POCKET_SPREAD,
+    counts_of,
+    film_log_ratio,
+    log_impedance,
+    pocketed,
+    thickness,
+)
 from taxel_models.twin.lag import PERIOD_S, lagged
-from taxel_models.twin.pressure import carried, static_counts, vibration_counts
+from taxel_models.twin.pressure import CARRIED_SPREAD, static_counts, vibration_counts
 from taxel_models.twin.sensor import Sensor
 from taxel_models.twin.skin import STROKE, Skin, dent, fluid_force, sunk_share
 from taxel_models.twin.temperature import (
@@ -69,10 +76,12 @@ def simulate(rows: int, seed: int) -> Recording:
     film = thickness(
         sensor, skin, squared, touch.places.normal, lagged(dent(sunk, indented), FLUID_LAG_S), touch.shear
     )
-    impedance = log_impedance(sensor.electrode_rest) + film_log_ratio(pocketed(film, touch.cycle, pocket))
+    film = pocketed(film, touch.uneven(POCKET_SPREAD, pocket))
+    impedance = log_impedance(sensor.electrode_rest) + film_log_ratio(film)
     electrodes = one_after_another(counts_of(impedance + LOG_IMPEDANCE_PER_KELVIN * warmer[:, None]))
 
-    static = static_counts(fluid_force(touch.press) * carried(touch.cycle, grip), warmer)
+    load = fluid_force(touch.press) * touch.uneven(CARRIED_SPREAD, grip)
+    static = static_counts(load, warmer)
     pac0, pac1 = vibration_counts(static, touch.rubbing, touch.press, texture)
     tdc = tdc_counts(core)
 
