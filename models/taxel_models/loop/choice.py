@@ -22,6 +22,12 @@ CLEARLY_LESS: Final = 0.005
 """An effect with at most so many of the best one's figures is taken in its place if what it lacks is too
 little to be named by itself, and no clear loss: a level of the t-test over folds."""
 
+CONFOUNDED: Final = 0.8
+"""Of an effect's share: another that explains so much in its place cannot be told from it."""
+
+CONTAINED: Final = 0.5
+"""The same of a much simpler one, which the effect may hold in itself beside something else."""
+
 
 def simplest(scores: Sequence[Score]) -> Score:
     """The best score, or one with fewer fitted figures that explains nearly as much."""
@@ -50,6 +56,19 @@ def likeliest(scores: Sequence[Score], scale: Floats) -> Score:
         return t**2 / 2 + electrodes * math.log(max(one.unlikeness(scale), 1e-3))
 
     return min(level, key=lambda one: (one.freedom, doubt(one)))
+
+
+def could_stand_for(one: Score, other: Score) -> bool:
+    """Whether another effect explains so much in a named one's place that the data do not tell them apart.
+
+    A constant of each material, say, holds a drift in itself if materials were recorded in turn: it
+    explains more, since materials differ as well, and the drift is no less likely for that.
+    """
+    # Where an effect explains nothing by itself, nothing can be said to explain as much.
+    if one.candidate.certain or one.share <= 0:
+        return False
+    contained = other.freedom <= MUCH_SIMPLER * one.freedom and other.repeats <= FOLD_LEVEL
+    return other.share >= (CONTAINED if contained else CONFOUNDED) * one.share
 
 
 def _does_as_well(one: Score, best: Score) -> bool:

@@ -206,7 +206,7 @@ def _one(
         explained=explained,
         conditional=one.conditional,
         p_value=one.p_value,
-        t_test=one.score.t_test,
+        t_test=one.score.repeats,
         parameters=tuple(figures),
         confounded_with=one.confounded_with,
         needs=tuple(needs),

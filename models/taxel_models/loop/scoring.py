@@ -31,6 +31,7 @@ class Score:
         strength: (21,) F of each channel's weights.
         share: of the residual's energy, trusted rows first, that it explains over all channels.
         fold_share: (folds,) share explained in each fold.
+        channel_share: (folds, 21) likewise, of each channel's own energy.
     """
 
     candidate: Candidate
@@ -38,6 +39,7 @@ class Score:
     strength: Floats
     share: float
     fold_share: Floats
+    channel_share: Floats
 
     @property
     def channels(self) -> NDArray[np.bool_]:
@@ -48,6 +50,20 @@ class Score:
     def t_test(self) -> float:
         """One-sided p of the corrected resampled t-test over the folds (Nadeau and Bengio 2003)."""
         return _t_test(self.fold_share)[1]
+
+    @property
+    def repeats(self) -> float:
+        """The same p where channels count by what the other folds say that it explains in them.
+
+        What changes a few channels would be lost among the others' noise. No fold has a say in what
+        counts in it, so that chance alone is as likely below 0 as above.
+        """
+        by_fold = np.empty_like(self.fold_share)
+        for fold in range(len(by_fold)):
+            others = np.delete(self.channel_share, fold, axis=0).mean(axis=0)
+            counts = np.maximum(others, 0.0)
+            by_fold[fold] = counts @ self.channel_share[fold] / max(float(counts.sum()), 1e-12)
+        return _t_test(by_fold)[1]
 
     def against(self, other: "Score") -> tuple[float, float]:
         """t and one-sided p of the same test: whether another explains more than this."""
@@ -65,6 +81,14 @@ class Score:
         mean = weights.mean(axis=0)
         spread = np.sqrt(((weights - mean) ** 2).sum(axis=1).mean())
         return float(spread / max(float(np.linalg.norm(mean)), 1e-12))
+
+    def contradicts(self, scale: Floats) -> bool:
+        """Whether its weights are not as its cause would have them: too unlike.
+
+        Args:
+            scale: (21,) what an error of each channel counts, 1/counts².
+        """
+        return self.candidate.alike is not None and self.unlikeness(scale) > self.candidate.alike
 
     @property
     def freedom(self) -> int:
@@ -122,14 +146,15 @@ def _mean(values: Floats) -> float:
 def score(candidate: Candidate, moments: Moments, scale: Floats) -> Score:
     """Cross-validate one candidate."""
     gains = moments.gains(scale)
-    energy = (moments.energy * scale).sum(axis=1)
-    by_fold = np.array([energy[moments.fold == fold].sum() for fold in range(moments.folds)])
+    energy = moments.energy * scale
+    by_fold = np.array([energy[moments.fold == fold].sum(axis=0) for fold in range(moments.folds)])
     return Score(
         candidate,
         moments,
         moments.strength(scale),
         float(gains.sum() / by_fold.sum()),
-        gains.sum(axis=1) / by_fold,
+        gains.sum(axis=1) / by_fold.sum(axis=1),
+        gains / np.maximum(by_fold, 1e-12),
     )
 
 

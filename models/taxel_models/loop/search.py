@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from taxel_models.loop.attribution import Attribution, Named, Rejected
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks, thinned
-from taxel_models.loop.choice import FOLD_LEVEL, LEAST_SHARE, likeliest, simplest
+from taxel_models.loop.choice import FOLD_LEVEL, LEAST_SHARE, could_stand_for, likeliest, simplest
 from taxel_models.loop.effects.effect import Candidate, Effect, Left
 from taxel_models.loop.evidence import Evidence
 from taxel_models.loop.moments import Moments
@@ -33,6 +33,9 @@ from taxel_models.loop.scoring import (
 LEVEL: Final = 0.01
 """Family-wise: how often a step may name an effect where there is none."""
 
+CONTENDER_LEVEL: Final = 0.05
+"""Family-wise, for the other causes of what stands out at `LEVEL`: one may explain it better."""
+
 DRAWS: Final = 199
 MOST_ROWS: Final = 24_000
 """That are fitted to: neighbouring rows say nearly the same."""
@@ -48,9 +51,6 @@ NEARLY: Final = 0.9
 
 MOST_EFFECTS: Final = 8
 REFITS: Final = 3
-CONFOUNDED: Final = 0.8
-"""Of an effect's gain: another that explains so much in its place cannot be told from it."""
-
 Progress = Callable[[str], None]
 
 
@@ -88,7 +88,7 @@ class Search:
         self._trust = trust_of(evidence.measured - evidence.predicted, evidence.pressed, blocks.fit)
         self._absolute = absolute_of(evidence.measured - evidence.predicted, blocks.fit)
         self._named: list[Named] = []
-        self._alone: dict[str, float] = {}
+        self._alone: list[Score] = []
         self._tried: set[tuple[str, str]] = set()
         """Forms that were named once: none is named again, so that the search ends."""
         self._forms: dict[str, tuple[Candidate, ...]] = {}
@@ -103,8 +103,7 @@ class Search:
     def _run(self) -> Attribution:
         while True:
             scores = self.scores(self._left())
-            if not self._alone:
-                self._alone = {one.candidate.effect: one.share for one in scores}
+            self._alone = self._alone or scores
             p_values = self._p_values(scores)
             chosen = self.best(scores, p_values)
             if chosen is None or len(self._named) == MOST_EFFECTS:
@@ -162,29 +161,34 @@ class Search:
     def best(self, scores: Sequence[Score], p_values: dict[str, float]) -> Score | None:
         """Of the effects that stand out and are worth most, the one that explains most or is simpler.
 
-        One at least has to repeat over the folds. Which one is named is decided by what each explains
-        on held-out blocks: a test that the better explanation passes less clearly is no reason to
-        prefer the worse.
+        One at least has to stand out clearly and to repeat over the folds: that something is there is
+        decided so. What it is, is decided by what each explains on held-out blocks: a test that the
+        better explanation passes less clearly is no reason to prefer the worse. Nothing else stands in
+        the way of a certain one.
         """
         moved = {one.name for one in self._named if one.score.candidate.moves}
-        able: dict[str, tuple[float, Score]] = {}
-        repeats = False
+        able: list[tuple[float, Score]] = []
+        clear = False
         for one in scores:
-            stands_out = p_values[one.candidate.effect] <= LEVEL or one.candidate.certain
-            tried = (one.candidate.effect, one.candidate.form) in self._tried
-            if not stands_out or tried or one.candidate.effect in moved:
+            p_value, candidate = p_values[one.candidate.effect], one.candidate
+            tried = (candidate.effect, candidate.form) in self._tried
+            if tried or candidate.effect in moved or one.contradicts(self._scale):
+                continue
+            if not (candidate.certain or _contends(one, p_value)):
                 continue
             worths = self._worth(one)
             total, most = float(worths.mean()), float(worths.max())
-            one_channel = CERTAIN_CHANNEL_SHARE if one.candidate.certain else LEAST_CHANNEL_SHARE
+            one_channel = CERTAIN_CHANNEL_SHARE if candidate.certain else LEAST_CHANNEL_SHARE
             enough = max(one_channel, self._least_share)
             if total >= self._least_share or (most >= enough and total > 0):
-                able[one.candidate.effect] = total, one
-                repeats |= one.t_test <= FOLD_LEVEL or one.candidate.certain
-        if not repeats:
+                if candidate.certain:
+                    return one
+                able.append((total, one))
+                clear |= p_value <= LEVEL and one.repeats <= FOLD_LEVEL
+        if not clear:
             return None
-        most = max(value for value, _ in able.values())
-        return likeliest([one for value, one in able.values() if value >= NEARLY * most], self._scale)
+        most = max(value for value, _ in able)
+        return likeliest([one for value, one in able if value >= NEARLY * most], self._scale)
 
     def _worth(self, one: Score) -> Floats:
         """(21,) share of each channel's first error that it takes away in cross-validation."""
@@ -251,22 +255,21 @@ class Search:
         names = {one.name for one in self._named}
         for place, one in enumerate(self._named):
             self._progress(f"what could stand for {one.name}")
-            if one.score.candidate.moves:
-                # Its own forms are relative to the inputs as they were before they were put right.
-                shares = self._alone
-            else:
-                left = self._left(without=one)
-                shares = {score.candidate.effect: score.share for score in self.scores(left)}
-            # Where it explains nothing by itself, nothing can be said to explain as much.
-            needed = CONFOUNDED * shares.get(one.name, 0.0)
+            # Forms of one that moves the inputs are relative to what they were before.
+            moves = one.score.candidate.moves
+            scores = self._alone if moves else self.scores(self._left(without=one))
+            own = next((other for other in scores if other.candidate.effect == one.name), None)
             able = tuple(
-                name for name, share in shares.items() if name not in names and share >= needed > 0
+                other.candidate.effect
+                for other in scores
+                if own is not None and other.candidate.effect not in names and could_stand_for(own, other)
             )
             conditional = self._conditional(one)[0]
             self._named[place] = replace(one, confounded_with=able, conditional=conditional)
 
     def _rejected(self, scores: Sequence[Score], p_values: dict[str, float]) -> tuple[Rejected, ...]:
         names = {one.name for one in self._named}
+        alone = {one.candidate.effect: one.share for one in self._alone}
         rejected = []
         for one in scores:
             name = one.candidate.effect
@@ -275,16 +278,20 @@ class Search:
             p_value = p_values[name]
             if p_value > LEVEL:
                 reason = "no more than chance gives"
-            elif one.t_test > FOLD_LEVEL:
+            elif one.repeats > FOLD_LEVEL:
                 reason = "stands out, but does not repeat over the folds"
             else:
                 reason = "too little to matter"
             if any(name in other.confounded_with for other in self._named):
                 reason = "cannot be told apart from an effect that was named and explains more"
             rejected.append(
-                Rejected(name, one.candidate.form, one.share, self._alone.get(name, 0.0), p_value, reason)
+                Rejected(name, one.candidate.form, one.share, alone.get(name, 0.0), p_value, reason)
             )
         return tuple(sorted(rejected, key=lambda other: -other.alone))
+
+
+def _contends(one: Score, p_value: float) -> bool:
+    return p_value <= LEVEL or (p_value <= CONTENDER_LEVEL and one.repeats <= FOLD_LEVEL)
 
 
 def _silent(note: str) -> None:

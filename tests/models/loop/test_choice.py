@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 
 from taxel_models.loop.basis import Shared
 from taxel_models.loop.blocks import Blocks
-from taxel_models.loop.choice import CLEARLY_LESS, FOLD_LEVEL, likeliest
+from taxel_models.loop.choice import (
+    CLEARLY_LESS,
+    CONFOUNDED,
+    CONTAINED,
+    FOLD_LEVEL,
+    could_stand_for,
+    likeliest,
+)
 from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.moments import Fitting, Moments
 from taxel_models.loop.scoring import Score, score
@@ -35,7 +42,10 @@ def cause(
     moments = Moments.of(Shared(features), residual, np.ones(ROWS), blocks, Fitting())
     candidate = Candidate(name, "a form", Shared(features))
     found = score(candidate, moments, SCALE)
-    return replace(found, share=float(fold_share.mean()), fold_share=fold_share)
+    channel_share = np.repeat(fold_share[:, None], 21, axis=1)
+    return replace(
+        found, share=float(fold_share.mean()), fold_share=fold_share, channel_share=channel_share
+    )
 
 
 def test_unlikeness_is_the_electrodes_spread_over_their_mean() -> None:
@@ -85,3 +95,27 @@ def test_a_little_likeness_does_not_outweigh_the_data() -> None:
     assert worse.unlikeness(SCALE) < better.unlikeness(SCALE)
     assert worse.against(better)[1] > FOLD_LEVEL
     assert likeliest([worse, better], SCALE) is better
+
+
+@pytest.mark.parametrize(("figures", "least"), [(2, CONFOUNDED), (5, CONTAINED)])
+def test_a_much_simpler_cause_may_stand_in_a_richer_ones_place_with_less(
+    figures: int, least: float
+) -> None:
+    rich = cause("rich", STEADY, figures=figures)
+    assert could_stand_for(rich, cause("simple", (least + 0.01) * STEADY))
+    assert not could_stand_for(rich, cause("simple", (least - 0.01) * STEADY))
+
+
+def test_what_does_not_repeat_has_to_explain_as_much() -> None:
+    rich, jumpy = cause("rich", JUMPY, figures=5), np.array([4.0, *np.zeros(7)])
+    assert could_stand_for(rich, cause("simple", 0.6 * JUMPY))
+    assert not could_stand_for(rich, cause("simple", 0.6 * jumpy))
+    assert could_stand_for(rich, cause("simple", jumpy))
+
+
+def test_nothing_stands_in_the_place_of_what_is_certain_or_explains_nothing() -> None:
+    one, other = cause("one", STEADY), cause("other", STEADY)
+    certain = replace(one, candidate=replace(one.candidate, certain=True))
+    assert could_stand_for(one, other)
+    assert not could_stand_for(certain, other)
+    assert not could_stand_for(cause("nothing", 0.0 * STEADY), other)

@@ -1,5 +1,6 @@
 """Scores against their definitions."""
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -50,6 +51,30 @@ def test_the_resampled_t_test_is_the_plain_one_with_a_wider_spread() -> None:
     corrected = statistic * np.sqrt((1 / 5) / (1 / 5 + 1 / 4))
     assert one.t_test == pytest.approx(float(stats.t.sf(corrected, 4)))
     assert 0.0 < one.t_test < 0.05
+
+
+def test_what_one_channel_shows_in_every_fold_repeats() -> None:
+    shares = np.random.default_rng(0).normal(0.0, 0.05, (8, 21))
+    among_noise = replace(scored(moments_of(0, 0.25)), channel_share=shares, fold_share=shares.mean(axis=1))
+    assert among_noise.repeats > 0.1
+    shares[:, 3] += 0.2
+    shown = replace(among_noise, channel_share=shares, fold_share=shares.mean(axis=1))
+    # By itself it is clear, among twenty channels of noise it is less so.
+    assert shown.repeats < 0.01 < shown.t_test
+
+
+def test_noise_repeats_about_as_seldom_as_the_test_says() -> None:
+    found = np.array([scored(moments_of(seed, 0.0)).repeats for seed in range(200)])
+    assert (found < 0.025).mean() <= 0.05
+
+
+def test_weights_contradict_a_cause_that_would_have_them_alike() -> None:
+    one = scored(moments_of(0, 2.0))
+    assert one.unlikeness(np.ones(21)) > 1.0
+    assert not one.contradicts(np.ones(21))
+    for alike, contradicts in ((0.35, True), (100.0, False)):
+        other = replace(one, candidate=replace(one.candidate, alike=alike))
+        assert other.contradicts(np.ones(21)) == contradicts
 
 
 def test_shares_are_of_the_residuals_energy() -> None:

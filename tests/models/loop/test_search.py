@@ -16,7 +16,7 @@ from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.evidence import Evidence, gather
 from taxel_models.loop.planting import Planting
 from taxel_models.loop.scoring import Score
-from taxel_models.loop.search import Search
+from taxel_models.loop.search import CONTENDER_LEVEL, Search
 from taxel_models.loop.trial import plant
 from taxel_models.recordings import Recording
 
@@ -33,7 +33,9 @@ def offset(smooth: Any, make: Make, manifest: Manifest) -> Evidence:
 
 def unclear(one: Score) -> Score:
     """As much of the residual, but in a few folds."""
-    return replace(one, fold_share=one.share * np.array([8.0, *np.zeros(7)]))
+    folds = np.array([8.0, *np.zeros(7)])
+    by_channel = one.channel_share.mean(axis=0)
+    return replace(one, fold_share=one.share * folds, channel_share=folds[:, None] * by_channel)
 
 
 def test_the_better_explanation_is_named_though_another_repeats_more_clearly(offset: Evidence) -> None:
@@ -48,14 +50,51 @@ def test_the_better_explanation_is_named_though_another_repeats_more_clearly(off
         moments=replace(best.moments, cross=0.3 * best.moments.cross),
         share=0.1 * best.share,
         fold_share=np.full(8, 0.1 * best.share),
+        channel_share=np.full((8, 21), 0.1 * best.share),
     )
-    certain = {"offset": 0.005, "gain": 0.005}
-    assert unclear(best).t_test > FOLD_LEVEL > weak.t_test
-    named = search.best([unclear(best), weak], certain)
+    sure = {"offset": 0.005, "gain": 0.005}
+    assert unclear(best).repeats > FOLD_LEVEL > weak.repeats
+    named = search.best([unclear(best), weak], sure)
     assert named is not None
     assert named.candidate.effect == "offset"
-    assert search.best([unclear(best)], certain) is None
-    assert search.best([best], {"offset": 0.05}) is None
+    assert search.best([unclear(best)], sure) is None
+    assert search.best([best], {"offset": CONTENDER_LEVEL}) is None
+    # Once the other stands out, less is asked of what explains more, but not nothing.
+    for p_value, taken in ((CONTENDER_LEVEL, "offset"), (2 * CONTENDER_LEVEL, "gain")):
+        named = search.best([best, weak], {"offset": p_value, "gain": 0.005})
+        assert named is not None
+        assert named.candidate.effect == taken
+
+
+def test_a_certain_cause_is_named_before_one_that_explains_more(
+    smooth: Any, make: Make, manifest: Manifest
+) -> None:
+    planting = Planting.into(make(), 2, np.full(21, 12.0))
+    plant(planting, "offset", 2.0)
+    counts = planting.recording.channels.copy()
+    counts[:, 7] = 2000.0
+    planting.replace_channels(replace(planting.recording, channels=counts))
+    seen = gather(manifest, smooth.predict, [planting.recording], measured_temperature=True)
+    search = Search(seen, cut(seen, seed=0), candidates(seen), seed=0)
+    scores = search.scores(seen.measured - seen.predicted)
+    (fault,) = [one for one in scores if one.candidate.effect == "fault"]
+    assert fault.share < 0.5 * max(one.share for one in scores)
+    named = search.best(scores, {one.candidate.effect: 0.005 for one in scores})
+    assert named is fault
+    found = {one.name: one for one in search.run().named}
+    assert found["fault"].channels == (CHANNELS[7],)
+    assert found["fault"].confounded_with == ()
+    assert "offset" in found
+
+
+def test_a_form_whose_weights_contradict_its_cause_is_not_named(offset: Evidence) -> None:
+    search = Search(offset, cut(offset, seed=0), candidates(offset), seed=0)
+    scores = search.scores(offset.measured - offset.predicted)
+    (best,) = [one for one in scores if one.candidate.effect == "offset"]
+    sure = {"offset": 0.005}
+    for alike, named in ((100.0, True), (0.01, False)):
+        one = replace(best, candidate=replace(best.candidate, alike=alike))
+        assert (search.best([one], sure) is one) == named
 
 
 @pytest.mark.parametrize(("least_share", "kept"), [(0.003, True), (0.02, False)])

@@ -46,6 +46,7 @@ class Candidate:
         weight_unit: of all weights.
         settled: the figures that make this form, such as a time constant, with their units.
         online: its online form for weights (21, k).
+        alike: how far its electrodes' weights may differ, SD over mean; None where they may be anything.
         certain: its signature cannot come about by chance, so that no test is needed.
         moved: puts right what the model is given, so that predictions are made anew; None for forms
             that are added to the prediction.
@@ -60,6 +61,7 @@ class Candidate:
     weight_unit: str = ""
     settled: Mapping[str, tuple[float, str]] = field(default_factory=dict)
     online: Callable[[Floats], Online] = lambda _: Online()
+    alike: float | None = None
     certain: bool = False
     moved: Callable[[Evidence], Evidence] | None = None
     again: "Callable[[Evidence], Candidate] | None" = None

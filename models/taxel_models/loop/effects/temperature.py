@@ -18,6 +18,9 @@ TDC: Final = "tdc"
 COOLING_S: Final = 8.0
 """How long a contact takes to cool the core. Assumption: seconds, as the twin has it."""
 
+ALIKE: Final = 0.35
+"""SD over mean of the electrodes' slopes: they share the fluid. On LASA's idle finger 0.04."""
+
 LEAST_COUNTS: Final = 2.0
 """Less spread of tdc than this is its own noise."""
 
@@ -60,6 +63,7 @@ class Temperature(Effect):
                 [driver],
                 weight_names=("slope",),
                 weight_unit="ln Z per tdc count; counts per tdc count for pac0 and pdc",
+                alike=ALIKE,
             )
         else:
             yield weighted(
