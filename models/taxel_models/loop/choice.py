@@ -53,7 +53,9 @@ def likeliest(scores: Sequence[Score], scale: Floats) -> Score:
     def doubt(one: Score) -> float:
         t = 0.0 if one is best else one.against(best)[0]
         electrodes = len(CHANNELS[ELECTRODE_COLUMNS])
-        return t**2 / 2 + electrodes * math.log(max(one.unlikeness(scale), 1e-3))
+        # How unlike they are is one figure more where the cause does not say it (Schwarz 1978).
+        open_ended = math.log(electrodes) / 2 if one.candidate.alike is None else 0.0
+        return t**2 / 2 + electrodes * math.log(max(one.unlikeness(scale), 1e-3)) + open_ended
 
     return min(level, key=lambda one: (one.freedom, doubt(one)))
 

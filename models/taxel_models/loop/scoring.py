@@ -56,8 +56,11 @@ class Score:
         """The same p where channels count by what the other folds say that it explains in them.
 
         What changes a few channels would be lost among the others' noise. No fold has a say in what
-        counts in it, so that chance alone is as likely below 0 as above.
+        counts in it, so that chance alone is as likely below 0 as above. A cause with the same figures
+        for all channels has to show in all.
         """
+        if self.candidate.fitting.pooled or self.candidate.moves:
+            return self.t_test
         by_fold = np.empty_like(self.fold_share)
         for fold in range(len(by_fold)):
             others = np.delete(self.channel_share, fold, axis=0).mean(axis=0)

@@ -43,8 +43,8 @@ MOST_ROWS: Final = 24_000
 LEAST_CHANNEL_SHARE: Final = 0.15
 """Of one channel's energy: a cause of few channels matters to them."""
 
-CERTAIN_CHANNEL_SHARE: Final = 0.03
-"""Of one channel's error, for a fault that cannot be chance."""
+CERTAIN_CHANNEL_SHARE: Final = 0.01
+"""Of one channel's error, for a fault that cannot be chance: it is there, however little it changes."""
 
 NEARLY: Final = 0.9
 """Of the most that any effect is worth: among those, the share decides, which tells causes apart better."""
@@ -178,8 +178,8 @@ class Search:
                 continue
             worths = self._worth(one)
             total, most = float(worths.mean()), float(worths.max())
-            one_channel = CERTAIN_CHANNEL_SHARE if candidate.certain else LEAST_CHANNEL_SHARE
-            enough = max(one_channel, self._least_share)
+            least = max(LEAST_CHANNEL_SHARE, self._least_share)
+            enough = CERTAIN_CHANNEL_SHARE if candidate.certain else least
             if total >= self._least_share or (most >= enough and total > 0):
                 if candidate.certain:
                     return one

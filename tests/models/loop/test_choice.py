@@ -88,6 +88,14 @@ def test_of_two_as_simple_the_one_whose_channels_are_alike_is_likelier() -> None
     assert likeliest([unlike, alike], SCALE) is alike
 
 
+def test_of_two_as_alike_the_one_whose_cause_says_so_is_likelier() -> None:
+    says = cause("says", JUMPY, np.linspace(0.80, 1.20, 21))
+    free = cause("free", JUMPY[::-1] + 0.001, np.linspace(0.81, 1.19, 21))
+    assert likeliest([free, says], SCALE) is free
+    says = replace(says, candidate=replace(says.candidate, alike=0.35))
+    assert likeliest([free, says], SCALE) is says
+
+
 def test_a_little_likeness_does_not_outweigh_the_data() -> None:
     # t is about 1.5 in favour of the better one: more than what 1 % less spread is worth.
     better = cause("better", JUMPY + 0.005 * (1 + np.linspace(-2, 2, 8)), np.linspace(0.2, 1.8, 21))

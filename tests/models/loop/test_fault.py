@@ -95,3 +95,15 @@ def test_a_level_inside_the_range_where_a_channel_saturates_is_not_broken() -> N
     through = np.arange(ROWS) % 997 == 300
     measured = np.where(through[:, None], measured, np.minimum(measured, level))
     assert found((measured, predicted)) == []
+
+
+def test_where_noise_never_rests_a_channel_that_does_is_broken() -> None:
+    random = np.random.default_rng(6)
+    predicted = np.tile(1000.0 + 50.0 * np.sin(np.arange(ROWS) / 90.0)[:, None], (1, len(CHANNELS)))
+    measured = np.rint(predicted + 4.0 * random.normal(size=predicted.shape))
+    assert found((measured, predicted)) == []
+    # At the value that it has, without a jump, while nothing else moves far.
+    measured[2_000:2_070, E5] = np.rint(predicted[2_000, E5])
+    (broken,) = found((measured, predicted))
+    assert (broken.channel, broken.kind) == (E5, "intermittent")
+    np.testing.assert_array_equal(np.flatnonzero(broken.rows), np.arange(2_000, 2_070))

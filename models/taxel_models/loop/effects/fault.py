@@ -134,9 +134,14 @@ def frozen_channels(measured: Floats, predicted: Floats, segment: NDArray[np.int
     runs = [Runs.of(measured[:, channel], segment) for channel in channels]
     usual = float(np.median([one.patience for one in runs]))
     still = _usual_residual(measured - predicted, predicted)
+    # Where noise keeps most channels from repeating themselves for long, one that does is broken.
+    calm = np.median([one.long.any() for one in runs]) > 0
     found = []
     for channel, one in zip(channels, runs, strict=True):
-        rows = one.suspect(predicted[:, channel], FAR * still[channel], usual)
+        if calm:
+            rows = one.suspect(predicted[:, channel], FAR * still[channel], usual)
+        else:
+            rows = np.repeat(one.long, one.lengths)
         if not rows.any():
             continue
         values, counts = np.unique(measured[rows, channel], return_counts=True)
