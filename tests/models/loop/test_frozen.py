@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.effects.fault import Frozen, frozen_channels
+from taxel_models.loop.frozen import Frozen, frozen_channels
 
 ROWS: Final = 7_000
 E5: Final = CHANNELS.index("e5")
