@@ -70,9 +70,10 @@ def frozen_channels(measured: Floats, predicted: Floats, segment: NDArray[np.int
     found = []
     for channel, one in zip(channels, runs, strict=True):
         if calm:
-            rows = one.suspect(predicted[:, channel], FAR * still[channel], usual)
+            broken = one.suspect(predicted[:, channel], FAR * still[channel], usual)
         else:
-            rows = np.repeat(one.long, one.lengths)
+            broken = one.long & one.endless(usual).any()
+        rows = np.repeat(broken, one.lengths)
         if not rows.any():
             continue
         values, counts = np.unique(measured[rows, channel], return_counts=True)
@@ -151,20 +152,27 @@ class Runs:
         excess = self.lengths[self.long & (self.jumps | ~self.at_end)] - SHORTEST_RUN
         return max(by_repeats, float(excess.mean())) if len(excess) else by_repeats
 
+    def endless(self, usual: float) -> NDArray[np.bool_]:
+        """(runs,) longer than chance explains by how long runs last here; a broken channel sets no measure.
+
+        Args:
+            usual: patience of the other channels.
+        """
+        patience = float(np.clip(self.patience, usual, MOST_PATIENCE * usual))
+        return np.asarray(self.lengths >= SHORTEST_RUN + self._needed(patience))
+
     def suspect(self, predicted: Floats, far: float, usual: float) -> NDArray[np.bool_]:
-        """(n,) rows in long runs, if the channel jumps to those in which it did not do what it had to.
+        """(runs,) long ones, if the channel jumps to those in which it did not do what it had to.
 
         Args:
             predicted: (n,) counts.
             far: counts; where the prediction scatters more, the channel ought to have followed.
             usual: patience of the other channels.
         """
-        patience = np.clip(self.patience, usual, MOST_PATIENCE * usual)
-        endless = self.lengths >= SHORTEST_RUN + self._needed(float(patience))
         mean = self._mean(predicted)
         around = predicted - np.repeat(mean, self.lengths)
         lags = self.long & (np.sqrt(self._mean(around**2)) > far)
-        wrong = lags | (self.long & endless)
+        wrong = lags | (self.long & self.endless(usual))
         # A level where the channel is cut off: reached in usual steps, and the prediction is beyond it.
         beyond = self._mean(predicted > np.repeat(self.values, self.lengths))
         one_sided = np.abs(beyond - 0.5) > ONE_SIDED - 0.5
@@ -176,7 +184,7 @@ class Runs:
         # What is neither tells only where no other does, and then not by its length.
         broken = wrong & abrupt if by_jump > by_level else lags & ~smooth & (by_jump == by_level == 0)
         at_one_of = np.isin(self.values, self.values[broken])
-        return np.repeat(self.long & broken.any() & (~smooth | at_one_of), self.lengths)
+        return np.asarray(self.long & broken.any() & (~smooth | at_one_of))
 
     def _mean(self, rows: Floats | NDArray[np.bool_]) -> Floats:
         """(runs,) mean over each run's rows."""

@@ -102,6 +102,10 @@ def test_where_noise_never_rests_a_channel_that_does_is_broken() -> None:
     predicted = np.tile(1000.0 + 50.0 * np.sin(np.arange(ROWS) / 90.0)[:, None], (1, len(CHANNELS)))
     measured = np.rint(predicted + 4.0 * random.normal(size=predicted.shape))
     assert found((measured, predicted)) == []
+    # A little patience is due.
+    measured[5_000:5_027, E5] = measured[5_000, E5]
+    assert found((measured, predicted)) == []
+    measured[5_000:5_027, E5] += np.arange(27)
     # At the value that it has, without a jump, while nothing else moves far.
     measured[2_000:2_070, E5] = np.rint(predicted[2_000, E5])
     (broken,) = found((measured, predicted))
