@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.channels import CHANNELS
+from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
 from taxel.corrections import Frame, Substitute
 from taxel.errors import RecordingError
 from taxel.manifest import Manifest
@@ -22,6 +22,7 @@ TOUCH_N: Final = 0.1
 """Less force than this counts as free air: ten times the force sensor's noise of the published rig."""
 
 _REST_ROWS: Final = 50
+_RAW_COUNTS: Final = 500.0
 _ITERATIONS: Final = 6
 
 Predict = Callable[[NDArray[np.float32]], NDArray[np.float32]]
@@ -98,11 +99,8 @@ class Evidence:
 
     @cached_property
     def rest(self) -> Floats:
-        """(21,) what the model gives in free air, or where it is pressed least if it always is, counts."""
-        free = self.pressed < TOUCH_N
-        if free.sum() < _REST_ROWS:
-            free = self.pressed <= np.quantile(self.pressed, 0.02)
-        return np.asarray(np.median(self.base[free], axis=0))
+        """(21,) what the model gives at rest, counts; see `resting`."""
+        return resting(self.pressed, self.base)
 
     @cached_property
     def signal(self) -> Floats:
@@ -112,7 +110,7 @@ class Evidence:
     @cached_property
     def raw_counts(self) -> bool:
         """Whether electrodes read impedance: tared magnitudes rest near 0 and stand for none."""
-        return bool(np.median(self.rest[2:]) > 500.0)
+        return are_raw(self.rest)
 
     def calibrated(self, seconds: float) -> "Evidence":
         """The rows after the first seconds of each segment, with the offsets found in those.
@@ -179,6 +177,24 @@ class Evidence:
             ]
             self._history[feature] = np.concatenate(parts)
         return self._history[feature]
+
+
+def resting(pressed: Floats, counts: Floats) -> Floats:
+    """(21,) the median of counts (n, 21) in free air.
+
+    A finger that is never in free air shows its rest where it is pressed least (n,), N; but where its
+    channels are tared, they rest at 0, however hard it is pressed.
+    """
+    free = pressed < TOUCH_N
+    if free.sum() >= _REST_ROWS:
+        return np.asarray(np.median(counts[free], axis=0))
+    least = np.median(counts[pressed <= np.quantile(pressed, 0.02)], axis=0)
+    return np.asarray(least if are_raw(least) else np.zeros_like(least))
+
+
+def are_raw(rest: Floats) -> bool:
+    """Whether resting counts (21,) are the converter's, and not differences from such."""
+    return bool(np.median(rest[ELECTRODE_COLUMNS]) > _RAW_COUNTS)
 
 
 def gather(

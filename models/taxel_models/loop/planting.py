@@ -11,7 +11,7 @@ from taxel.channels import COUNTS_MAX
 from taxel.errors import SettingsError
 from taxel.windows import HistoryFeature, history_columns
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.evidence import TOUCH_N
+from taxel_models.loop.evidence import resting
 from taxel_models.recordings import Recording
 
 USUAL_RESIDUAL: Final = 0.1
@@ -57,9 +57,8 @@ class Planting:
 
     @cached_property
     def rest(self) -> Floats:
-        """(21,) counts in free air, or where it is pressed least."""
-        free = self.pressed <= max(TOUCH_N, float(np.quantile(self.pressed, 0.02)))
-        return np.asarray(np.median(self.recording.channels[free], axis=0))
+        """(21,) counts at rest; see `resting`."""
+        return resting(self.pressed, self.recording.channels)
 
     @property
     def signal(self) -> Floats:

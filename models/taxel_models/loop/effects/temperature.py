@@ -10,7 +10,7 @@ from taxel.channels import CHANNELS, COUNTS_MAX, ELECTRODE_COLUMNS
 from taxel.windows import Relaxation
 from taxel_models.loop.effects.drift import PIECES, SHORTEST_S
 from taxel_models.loop.effects.effect import Candidate, Effect, Left, elapsed, given, past, weighted
-from taxel_models.loop.evidence import Evidence
+from taxel_models.loop.evidence import Evidence, are_raw
 from taxel_models.loop.moments import Fitting
 from taxel_models.loop.planting import Planting
 
@@ -102,7 +102,7 @@ class Temperature(Effect):
         warmer = planting.recording.auxiliary[TDC] - planting.recording.auxiliary[TDC].mean()
         slopes = planting.random.normal(1.0, 0.2, len(CHANNELS)) * planting.random.choice([-1.0, 1.0])
         counts = planting.recording.channels
-        raw = np.median(planting.rest[ELECTRODE_COLUMNS]) > 500.0
+        raw = are_raw(planting.rest)
         steepness = counts * (1.0 - counts / COUNTS_MAX) if raw else np.ones_like(counts)
         steepness[:, :2] = 0.0
         planting.add(warmer[:, None] * steepness * slopes, {"slope": slopes})
