@@ -6,13 +6,16 @@ from typing import Final
 
 from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.scoring import Score
+from taxel_models.loop.scoring import Score, difference_test
 
 FOLD_LEVEL: Final = 0.025
 """Of the t-test over folds: what a few blocks bring about may stand out and still not repeat."""
 
 LEAST_SHARE: Final = 0.02
 """Of the residual's energy over all channels: less is not worth a new version."""
+
+NEARLY: Final = 0.9
+"""Of the most that any effect is worth: among those, the share decides, which tells causes apart better."""
 
 AS_GOOD: Final = 0.985
 """Of the best share: a form with fewer figures that explains so much of it is taken instead."""
@@ -21,6 +24,13 @@ MUCH_SIMPLER: Final = 0.25
 CLEARLY_LESS: Final = 0.005
 """An effect with at most so many of the best one's figures is taken in its place if what it lacks is too
 little to be named by itself, and no clear loss: a level of the t-test over folds."""
+
+LEAST_CHANNEL_SHARE: Final = 0.15
+"""Of one channel's energy: a cause of few channels matters to them."""
+
+FEW: Final = 1 / 3
+MUCH_BETTER: Final = 1.5
+"""A cause of at most so many of the channels that explains so many times as much in them goes first."""
 
 CONFOUNDED: Final = 0.8
 """Of an effect's share: another that explains so much in its place cannot be told from it."""
@@ -34,6 +44,20 @@ def simplest(scores: Sequence[Score]) -> Score:
     best = max(scores, key=lambda one: one.share)
     near = [one for one in scores if one is best or one.share >= AS_GOOD * best.share > 0]
     return min(near, key=lambda one: (one.freedom, -one.share))
+
+
+def worth_most(able: Sequence[tuple[float, Score]]) -> list[Score]:
+    """Of scores and what they are worth over all channels, those that are worth nearly the most.
+
+    And much simpler ones that explain more than the one that is: what bumps all over the skin, say,
+    make of a turned frame is worth a little more in mean absolute error, and is no better explained.
+    """
+    most, top = max(able, key=lambda one: one[0])
+    return [
+        one
+        for value, one in able
+        if value >= NEARLY * most or (one.share > top.share and one.freedom <= MUCH_SIMPLER * top.freedom)
+    ]
 
 
 def likeliest(scores: Sequence[Score], scale: Floats) -> Score:
@@ -58,6 +82,26 @@ def likeliest(scores: Sequence[Score], scale: Floats) -> Score:
         return t**2 / 2 + electrodes * math.log(max(one.unlikeness(scale), 1e-3)) + open_ended
 
     return min(level, key=lambda one: (one.freedom, doubt(one)))
+
+
+def more_specific(chosen: Score, others: Sequence[tuple[Score, Floats]]) -> Score:
+    """A cause of a few channels that explains far more in them than the chosen one, or else that one.
+
+    What changes all channels, and has figures enough, takes up a part of it; what is left then looks
+    like anything. The other way round nothing is lost.
+
+    Args:
+        others: with what each is worth by channel, (21,).
+    """
+    specific = []
+    for one, worth in others:
+        few = worth >= LEAST_CHANNEL_SHARE
+        if one is chosen or one.freedom > chosen.freedom or not 0 < few.mean() <= FEW:
+            continue
+        own, its = (each.channel_share[:, few].mean(axis=1) for each in (one, chosen))
+        if own.mean() >= MUCH_BETTER * its.mean() and difference_test(own - its)[1] <= FOLD_LEVEL:
+            specific.append((float(worth[few].sum()), one))
+    return max(specific, key=lambda found: found[0])[1] if specific else chosen
 
 
 def could_stand_for(one: Score, other: Score) -> bool:

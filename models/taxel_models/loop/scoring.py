@@ -49,7 +49,7 @@ class Score:
     @property
     def t_test(self) -> float:
         """One-sided p of the corrected resampled t-test over the folds (Nadeau and Bengio 2003)."""
-        return _t_test(self.fold_share)[1]
+        return difference_test(self.fold_share)[1]
 
     @property
     def repeats(self) -> float:
@@ -66,11 +66,11 @@ class Score:
             others = np.delete(self.channel_share, fold, axis=0).mean(axis=0)
             counts = np.maximum(others, 0.0)
             by_fold[fold] = counts @ self.channel_share[fold] / max(float(counts.sum()), 1e-12)
-        return _t_test(by_fold)[1]
+        return difference_test(by_fold)[1]
 
     def against(self, other: "Score") -> tuple[float, float]:
         """t and one-sided p of the same test: whether another explains more than this."""
-        return _t_test(other.fold_share - self.fold_share)
+        return difference_test(other.fold_share - self.fold_share)
 
     def unlikeness(self, scale: Floats) -> float:
         """Standard deviation of the electrodes' weights, relative to their mean.
@@ -104,7 +104,8 @@ class Score:
         return size + len(self.candidate.settled)
 
 
-def _t_test(by_fold: Floats) -> tuple[float, float]:
+def difference_test(by_fold: Floats) -> tuple[float, float]:
+    """t and one-sided p of the corrected resampled t-test: whether the mean over folds is above 0."""
     folds = len(by_fold)
     # Each fold is tested on one part and fitted to the others.
     t = float(by_fold.mean()) / max(corrected_error(by_fold, 1.0 / max(folds - 1, 1)), 1e-12)

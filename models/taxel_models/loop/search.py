@@ -15,7 +15,16 @@ from threadpoolctl import threadpool_limits
 from taxel_models.loop.attribution import Attribution, Named, Rejected
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks, thinned
-from taxel_models.loop.choice import FOLD_LEVEL, LEAST_SHARE, could_stand_for, likeliest, simplest
+from taxel_models.loop.choice import (
+    FOLD_LEVEL,
+    LEAST_CHANNEL_SHARE,
+    LEAST_SHARE,
+    could_stand_for,
+    likeliest,
+    more_specific,
+    simplest,
+    worth_most,
+)
 from taxel_models.loop.effects.effect import Candidate, Effect, Left
 from taxel_models.loop.evidence import Evidence
 from taxel_models.loop.moments import Moments
@@ -40,14 +49,8 @@ DRAWS: Final = 199
 MOST_ROWS: Final = 24_000
 """That are fitted to: neighbouring rows say nearly the same."""
 
-LEAST_CHANNEL_SHARE: Final = 0.15
-"""Of one channel's energy: a cause of few channels matters to them."""
-
 CERTAIN_CHANNEL_SHARE: Final = 0.01
 """Of one channel's error, for a fault that cannot be chance: it is there, however little it changes."""
-
-NEARLY: Final = 0.9
-"""Of the most that any effect is worth: among those, the share decides, which tells causes apart better."""
 
 MOST_EFFECTS: Final = 8
 REFITS: Final = 3
@@ -168,7 +171,7 @@ class Search:
         """
         moved = {one.name for one in self._named if one.score.candidate.moves}
         able: list[tuple[float, Score]] = []
-        clear = False
+        clear: list[tuple[Score, Floats]] = []
         for one in scores:
             p_value, candidate = p_values[one.candidate.effect], one.candidate
             tried = (candidate.effect, candidate.form) in self._tried
@@ -184,11 +187,11 @@ class Search:
                 if candidate.certain:
                     return one
                 able.append((total, one))
-                clear |= p_value <= LEVEL and one.repeats <= FOLD_LEVEL
+                if p_value <= LEVEL and one.repeats <= FOLD_LEVEL:
+                    clear.append((one, worths))
         if not clear:
             return None
-        most = max(value for value, _ in able)
-        return likeliest([one for value, one in able if value >= NEARLY * most], self._scale)
+        return more_specific(likeliest(worth_most(able), self._scale), clear)
 
     def _worth(self, one: Score) -> Floats:
         """(21,) share of each channel's first error that it takes away in cross-validation."""

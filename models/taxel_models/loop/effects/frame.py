@@ -2,9 +2,11 @@
 
 from collections.abc import Iterable
 from functools import partial
+from itertools import product
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
@@ -24,8 +26,13 @@ FIT_ROWS: Final = 3_000
 TEST_ROWS: Final = 8_000
 """A motion common to all channels needs no more rows than these."""
 
-STEPS: Final = 5
+STEPS: Final = 8
 """Gauss-Newton steps."""
+
+LESSER_DEG: Final = (25.0, 50.0)
+BEST_STARTS: Final = 2
+SCANNED: Final = 12
+"""Of the rows every twelfth tells from which turn a fit begins."""
 
 MOST_DEG: Final = 45.0
 LIGHT_DEG: Final = 15.0
@@ -97,28 +104,66 @@ def _fitted(evidence: Evidence, left: Left, kind: str) -> Floats:
     """(3,) the rotation vector, rad, or shift, m, that explains most of what is left in the fit part."""
     fit = np.flatnonzero(left.fit)
     rows = fit[np.linspace(0, len(fit) - 1, min(len(fit), FIT_ROWS)).astype(np.int64)]
-    target, still = left.residual[rows], evidence.predicted[rows]
-    counted = np.sqrt(left.trust[rows, None] / np.maximum((target**2).mean(axis=0), 1e-9))
-    step = STEP_M if kind == "shift" else STEP_RAD
+    every, few = (_Misfit(evidence, left, kind, some) for some in (rows, rows[::SCANNED]))
+    if kind == "shift":
+        return _gauss_newton(every, np.zeros(3), STEP_M)[0]
+    order = np.argsort([few.of(few.change(turn)) for turn in TURNS])
+    near = [_gauss_newton(few, TURNS[place], STEP_RAD) for place in order[:BEST_STARTS]]
+    return _gauss_newton(every, min(near, key=lambda one: one[1])[0], STEP_RAD)[0]
 
-    def changed(vector: Floats) -> Floats:
-        turned = turn_of(kind, vector).turn(evidence.windows[rows], evidence.manifest.spec)
-        return np.asarray((predict_all(evidence.predict, turned) - still) * counted)
 
-    vector, change = np.zeros(3), np.zeros_like(still)
+def _great_turns() -> Floats:
+    """(k, 3) rotation vectors, rad: none, quarter and half turns, and lesser ones about many axes."""
+    corners = np.array([axis for axis in product((-1.0, 0.0, 1.0), repeat=3) if any(axis)])
+    axes = corners / np.linalg.norm(corners, axis=1, keepdims=True)
+    lesser = np.radians(LESSER_DEG)[:, None, None] * axes
+    return np.concatenate([Rotation.create_group("O").as_rotvec(), lesser.reshape(-1, 3)])
+
+
+TURNS: Final = _great_turns()
+"""From which fits begin: where the model is not smooth, small steps do not lead far."""
+
+
+class _Misfit:
+    """How much of a residual a motion leaves at some rows, trusted rows and small channels first."""
+
+    def __init__(self, evidence: Evidence, left: Left, kind: str, rows: NDArray[np.int64]) -> None:
+        self._evidence, self._kind = evidence, kind
+        self._windows, self._still = evidence.windows[rows], evidence.predicted[rows]
+        target = left.residual[rows]
+        self._counted = np.sqrt(left.trust[rows, None] / np.maximum((target**2).mean(axis=0), 1e-9))
+        self.target = target * self._counted
+
+    def change(self, vector: Floats) -> Floats:
+        """(n, 21) what a motion changes, as the target is counted."""
+        turned = turn_of(self._kind, vector).turn(self._windows, self._evidence.manifest.spec)
+        changed = predict_all(self._evidence.predict, turned) - self._still
+        return np.asarray(changed * self._counted)
+
+    def of(self, change: Floats) -> float:
+        """What is left beside a change."""
+        return float(((self.target - change) ** 2).sum())
+
+
+def _gauss_newton(misfit: _Misfit, vector: Floats, step: float) -> tuple[Floats, float]:
+    """The best motion (3,) downhill from one, by differences over a step, and its misfit."""
+    change = misfit.change(vector)
+    least = misfit.of(change)
     for _ in range(STEPS):
         slopes = np.stack(
-            [((changed(vector + axis) - change) / step).ravel() for axis in np.eye(3) * step], axis=1
+            [((misfit.change(vector + axis) - change) / step).ravel() for axis in np.eye(3) * step], axis=1
         )
-        towards = np.linalg.lstsq(slopes, (target * counted - change).ravel(), rcond=None)[0]
-        further = vector + towards
-        tried = changed(further)
-        if ((target * counted - tried) ** 2).sum() >= ((target * counted - change) ** 2).sum():
+        towards = np.linalg.lstsq(slopes, (misfit.target - change).ravel(), rcond=None)[0]
+        for shorter in (1.0, 0.5, 0.25):
+            tried = misfit.change(vector + shorter * towards)
+            if misfit.of(tried) < least:
+                break
+        else:
             break
-        vector, change = further, tried
-        if np.linalg.norm(towards) < 0.1 * step:
+        vector, change, least = vector + shorter * towards, tried, misfit.of(tried)
+        if np.linalg.norm(shorter * towards) < 0.1 * step:
             break
-    return vector
+    return vector, least
 
 
 def _settled(kind: str, vector: Floats) -> dict[str, tuple[float, str]]:
