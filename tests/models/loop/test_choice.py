@@ -16,6 +16,8 @@ from taxel_models.loop.choice import (
     FOLD_LEVEL,
     could_stand_for,
     likeliest,
+    more_specific,
+    worth_most,
 )
 from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.moments import Fitting, Moments
@@ -127,3 +129,30 @@ def test_nothing_stands_in_the_place_of_what_is_certain_or_explains_nothing() ->
     assert could_stand_for(one, other)
     assert not could_stand_for(certain, other)
     assert not could_stand_for(cause("nothing", 0.0 * STEADY), other)
+
+
+def shown_in(channels: list[int], share: float, **cause_of: float) -> tuple[Score, NDArray[np.float64]]:
+    """A cause that explains so much of some channels in every fold, and what it is worth by channel."""
+    worth = np.zeros(21)
+    worth[channels] = share
+    one = cause("few", STEADY * share * len(channels) / 21, figures=int(cause_of.get("figures", 1)))
+    steady = np.repeat(worth[None, :], 8, axis=0) + 0.01 * np.sin(np.arange(8))[:, None]
+    return replace(one, channel_share=steady), worth
+
+
+def test_a_cause_of_few_channels_that_explains_far_more_in_them_goes_first() -> None:
+    (broad, wide), (few, worth) = shown_in(list(range(21)), 0.3, figures=4), shown_in([3, 4], 0.7)
+    assert more_specific(broad, [(broad, wide), (few, worth)]) is few
+    # Not where it explains little more, where it is of many channels, or where it has more figures.
+    for other in (shown_in([3, 4], 0.4), shown_in(list(range(10)), 0.7), shown_in([3], 0.7, figures=5)):
+        assert more_specific(broad, [(broad, wide), other]) is broad
+    jumpy = replace(few, channel_share=few.channel_share * np.array([4.0, *np.zeros(7)])[:, None])
+    assert more_specific(broad, [(jumpy, worth)]) is broad
+
+
+def test_a_much_simpler_one_that_explains_more_competes_though_it_is_worth_less() -> None:
+    rich, simple = cause("rich", STEADY, figures=4), cause("simple", 1.01 * STEADY)
+    less = cause("less", 0.99 * STEADY)
+    assert worth_most([(0.3, rich), (0.2, simple), (0.2, less), (0.28, less)]) == [rich, simple, less]
+    half = cause("half as simple", 1.01 * STEADY, figures=2)
+    assert worth_most([(0.3, rich), (0.2, half)]) == [rich]

@@ -1,11 +1,12 @@
 """Each effect, planted alone, is named first, measured, and removed by the form that is served."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from taxel.channels import CHANNELS
 from taxel.corrections import Correction
@@ -142,6 +143,21 @@ def test_its_interval_holds_what_was_planted(smooth: Any, make: Make, manifest: 
         )
     ]
     assert np.mean(inside) >= 0.8
+
+
+@pytest.mark.parametrize("turn_deg", [[0.0, 0.0, 90.0], [0.0, 180.0, 0.0], [40.0, -30.0, 0.0]])
+def test_a_sensor_that_was_mounted_the_other_way_round_is_found(
+    smooth: Any, make: Make, manifest: Manifest, turn_deg: list[float]
+) -> None:
+    recording = make(12_000).ticks()
+    turn = Rotation.from_rotvec(np.radians(turn_deg))
+    samples = replace(recording.samples, force=turn.apply(recording.samples.force))
+    closed = close_loop(manifest, smooth.predict, [replace(recording, samples=samples)], Plan())
+    first = closed.findings.effects[0]
+    assert (first.name, first.form) == ("frame", "forces turned")
+    found = {one.name: one.value for one in first.parameters}
+    back = turn * Rotation.from_rotvec(np.radians([found["x"], found["y"], found["z"]]))
+    assert np.degrees(back.magnitude()) < 3.0
 
 
 @pytest.mark.parametrize("seed", [3, 4, 5])

@@ -12,7 +12,7 @@ from taxel.corrections import AppliedEffect, Correction, Frame, Limit, Mix, Subs
 from taxel.errors import RecordingError
 from taxel.manifest import Manifest
 from taxel.windows import Relaxation, history_columns
-from taxel_models.loop.evidence import Evidence, base_counts, gather, predict_all
+from taxel_models.loop.evidence import Evidence, are_raw, base_counts, gather, predict_all, resting
 from taxel_models.recordings import Recording
 
 
@@ -161,3 +161,20 @@ def test_windows_may_be_turned_and_predicted_anew(evidence: Evidence) -> None:
     assert np.abs(found.predicted - evidence.predicted).max() > 20
     back = found.with_windows(evidence.windows, turn=None, shift_ticks=0)
     np.testing.assert_array_equal(back.predicted, evidence.predicted)
+
+
+def test_rest_is_free_air_or_where_it_is_pressed_least_or_0_for_tared_channels() -> None:
+    random = np.random.default_rng(0)
+    pressed = random.uniform(3.0, 15.0, 5_000)
+    raw = 2_800.0 - 30.0 * pressed[:, None] + random.normal(size=(5_000, 21))
+    tared = 2.0 * pressed[:, None] + random.normal(size=(5_000, 21))
+    np.testing.assert_allclose(resting(pressed, raw), 2_800.0 - 30.0 * 3.1, atol=5.0)
+    np.testing.assert_array_equal(resting(pressed, tared), 0.0)
+    assert are_raw(resting(pressed, raw))
+    assert not are_raw(resting(pressed, tared))
+    # Some free air tells it for either, and what the channels drifted to since they were tared.
+    free = pressed.copy()
+    free[:200] = 0.0
+    for counts in (raw, tared):
+        counts[:200] += 1.0
+        np.testing.assert_array_equal(resting(free, counts), np.median(counts[:200], axis=0))
