@@ -46,6 +46,16 @@ def simplest(scores: Sequence[Score]) -> Score:
     return min(near, key=lambda one: (one.freedom, -one.share))
 
 
+def steadiest(scores: Sequence[Score]) -> Score:
+    """The simplest of the best forms, of those that repeat over the folds if it does not itself.
+
+    A form with many figures may explain most on the whole and yet not everywhere.
+    """
+    best = simplest(scores)
+    steady = [one for one in scores if one.repeats <= FOLD_LEVEL]
+    return best if best.repeats <= FOLD_LEVEL or not steady else simplest(steady)
+
+
 def worth_most(able: Sequence[tuple[float, Score]]) -> list[Score]:
     """Of scores and what they are worth over all channels, those that are worth nearly the most.
 

@@ -20,8 +20,8 @@ class FoundEffect(Part):
             those before it, mean over the channels, noise included.
         conditional: share of the fit part's that comes back when it alone is taken out again.
         p_value: how often chance lets any of all candidates stand out as much, by turning blocks round.
-        t_test: one-sided p of the corrected resampled t-test over the cross-validation's folds, channels
-            counted by what the effect explains in them; see `Score.repeats`.
+        t_test: one-sided p of the corrected resampled t-test over the cross-validation's folds, over all
+            channels or those where the effect shows; see `Score.repeats`.
         parameters: what was fitted.
         confounded_with: effects that explain at least 80 % as much in its place, or half as much if they
             are much simpler.

@@ -53,11 +53,11 @@ class Score:
 
     @property
     def repeats(self) -> float:
-        """The same p where channels count by what the other folds say that it explains in them.
+        """The same p, or where it is less, that where channels count by what the other folds say.
 
         What changes a few channels would be lost among the others' noise. No fold has a say in what
         counts in it, so that chance alone is as likely below 0 as above. A cause with the same figures
-        for all channels has to show in all.
+        for all channels has to show in all alike.
         """
         if self.candidate.fitting.pooled or self.candidate.moves:
             return self.t_test
@@ -66,7 +66,7 @@ class Score:
             others = np.delete(self.channel_share, fold, axis=0).mean(axis=0)
             counts = np.maximum(others, 0.0)
             by_fold[fold] = counts @ self.channel_share[fold] / max(float(counts.sum()), 1e-12)
-        return difference_test(by_fold)[1]
+        return min(self.t_test, difference_test(by_fold)[1])
 
     def against(self, other: "Score") -> tuple[float, float]:
         """t and one-sided p of the same test: whether another explains more than this."""

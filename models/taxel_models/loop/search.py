@@ -23,6 +23,7 @@ from taxel_models.loop.choice import (
     likeliest,
     more_specific,
     simplest,
+    steadiest,
     worth_most,
 )
 from taxel_models.loop.effects.effect import Candidate, Effect, Left
@@ -138,7 +139,7 @@ class Search:
                 continue
             best = simplest(forms)
             finer = [self._score(one, residual) for one in effect.finer(self._evidence, best.candidate)]
-            found.append(simplest([best, *finer]) if finer else best)
+            found.append(simplest([best, *finer]) if finer else steadiest(forms))
         return found
 
     def _forms_of(self, effect: Effect, left: Left) -> Sequence[Candidate]:

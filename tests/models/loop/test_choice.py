@@ -17,6 +17,7 @@ from taxel_models.loop.choice import (
     could_stand_for,
     likeliest,
     more_specific,
+    steadiest,
     worth_most,
 )
 from taxel_models.loop.effects.effect import Candidate
@@ -156,3 +157,15 @@ def test_a_much_simpler_one_that_explains_more_competes_though_it_is_worth_less(
     assert worth_most([(0.3, rich), (0.2, simple), (0.2, less), (0.28, less)]) == [rich, simple, less]
     half = cause("half as simple", 1.01 * STEADY, figures=2)
     assert worth_most([(0.3, rich), (0.2, half)]) == [rich]
+
+
+def test_of_an_effects_forms_one_that_repeats_is_taken_before_one_that_does_not() -> None:
+    once = np.array([4.0, *np.zeros(7)])
+    rich, plain, poor = cause("rich", once), cause("plain", 0.4 * STEADY), cause("poor", 0.3 * STEADY)
+    assert rich.share > plain.share > poor.share
+    assert rich.repeats > FOLD_LEVEL > plain.repeats
+    assert steadiest([rich, poor, plain]) is plain
+    steady = cause("steady", 1.1 * STEADY)
+    assert steadiest([plain, steady, poor]) is steady
+    # Where none repeats, the best stays the best.
+    assert steadiest([rich, cause("worse", 0.5 * once)]) is rich
