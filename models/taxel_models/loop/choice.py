@@ -47,13 +47,15 @@ def simplest(scores: Sequence[Score]) -> Score:
 
 
 def steadiest(scores: Sequence[Score]) -> Score:
-    """The simplest of the best forms, of those that repeat over the folds if it does not itself.
+    """The simplest of the best forms; if it does not repeat over the folds, a much simpler one that does.
 
     A form with many figures may explain most on the whole and yet not everywhere.
     """
     best = simplest(scores)
-    steady = [one for one in scores if one.repeats <= FOLD_LEVEL]
-    return best if best.repeats <= FOLD_LEVEL or not steady else simplest(steady)
+    plain = [
+        one for one in scores if one.repeats <= FOLD_LEVEL and one.freedom <= MUCH_SIMPLER * best.freedom
+    ]
+    return best if best.repeats <= FOLD_LEVEL or not plain else simplest(plain)
 
 
 def worth_most(able: Sequence[tuple[float, Score]]) -> list[Score]:

@@ -17,6 +17,9 @@ FORCE_BINS: Final = 8
 MOST_TRUST: Final = 4.0
 """A bin of rows counts at most so much more, or less, than the mean."""
 
+LEANS: Final = 4.0
+"""Of two tests one has to pass; the other's p may be so many times as much."""
+
 HUBER: Final = 2.0
 """Times its bin's root mean square: beyond, a row's residual counts in proportion, not squared."""
 
@@ -53,11 +56,11 @@ class Score:
 
     @property
     def repeats(self) -> float:
-        """The same p, or where it is less, that where channels count by what the other folds say.
+        """The same p, or that where channels count by what the other folds say; the greater by a quarter.
 
         What changes a few channels would be lost among the others' noise. No fold has a say in what
-        counts in it, so that chance alone is as likely below 0 as above. A cause with the same figures
-        for all channels has to show in all alike.
+        counts in it, so that chance alone is as likely below 0 as above. Either may tell, if the other
+        leans the same way. A cause with the same figures for all channels has to show in all alike.
         """
         if self.candidate.fitting.pooled or self.candidate.moves:
             return self.t_test
@@ -66,7 +69,8 @@ class Score:
             others = np.delete(self.channel_share, fold, axis=0).mean(axis=0)
             counts = np.maximum(others, 0.0)
             by_fold[fold] = counts @ self.channel_share[fold] / max(float(counts.sum()), 1e-12)
-        return min(self.t_test, difference_test(by_fold)[1])
+        less, greater = sorted((self.t_test, difference_test(by_fold)[1]))
+        return max(less, greater / LEANS)
 
     def against(self, other: "Score") -> tuple[float, float]:
         """t and one-sided p of the same test: whether another explains more than this."""

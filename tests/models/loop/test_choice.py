@@ -159,13 +159,14 @@ def test_a_much_simpler_one_that_explains_more_competes_though_it_is_worth_less(
     assert worth_most([(0.3, rich), (0.2, half)]) == [rich]
 
 
-def test_of_an_effects_forms_one_that_repeats_is_taken_before_one_that_does_not() -> None:
+def test_of_an_effects_forms_a_plain_one_that_repeats_is_taken_before_a_rich_one_that_does_not() -> None:
     once = np.array([4.0, *np.zeros(7)])
-    rich, plain, poor = cause("rich", once), cause("plain", 0.4 * STEADY), cause("poor", 0.3 * STEADY)
+    rich, half = cause("rich", once, figures=4), cause("half", 0.45 * STEADY, figures=2)
+    plain, poor = cause("plain", 0.4 * STEADY), cause("poor", 0.3 * STEADY)
     assert rich.share > plain.share > poor.share
     assert rich.repeats > FOLD_LEVEL > plain.repeats
-    assert steadiest([rich, poor, plain]) is plain
-    steady = cause("steady", 1.1 * STEADY)
+    assert steadiest([rich, half, poor, plain]) is plain
+    steady = cause("steady", 1.1 * STEADY, figures=4)
     assert steadiest([plain, steady, poor]) is steady
     # Where none repeats, the best stays the best.
     assert steadiest([rich, cause("worse", 0.5 * once)]) is rich
