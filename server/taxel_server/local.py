@@ -63,10 +63,8 @@ class LocalPredictor(Predictor):
 
     @override
     def predict(self, windows: NDArray[Any], *, timeout: float | None = None) -> NDArray[np.float32]:
-        if self._source.closed:
-            self._source.check_open()
-        outputs = self._evaluate(self.checked(windows))
-        return outputs[:, : len(CHANNELS)] if outputs.shape[1] > len(CHANNELS) else outputs
+        self._source.check_open()
+        return self._evaluate(self.checked(windows))[:, : len(CHANNELS)]
 
     @override
     def predict_with_spread(

@@ -38,7 +38,6 @@ class Predictor(ABC):
 
     def __init__(self, manifest: Manifest) -> None:
         self.manifest = manifest
-        self._layout = manifest.window
 
     @property
     def window(self) -> WindowSpec:
@@ -53,7 +52,7 @@ class Predictor(ABC):
         Raises:
             InvalidArgument: wrong shape or datatype, no rows, or a value that is not finite.
         """
-        layout = self._layout
+        layout = self.manifest.window
         if layout.extras:
             windows = _with_extras(np.asarray(windows), layout)
         return check_windows(windows, layout.features)

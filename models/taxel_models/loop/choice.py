@@ -21,9 +21,11 @@ AS_GOOD: Final = 0.985
 """Of the best share: a form with fewer figures that explains so much of it is taken instead."""
 
 MUCH_SIMPLER: Final = 0.25
+"""Of another's figures: of an effect with no more, less is asked."""
+
 CLEARLY_LESS: Final = 0.005
-"""An effect with at most so many of the best one's figures is taken in its place if what it lacks is too
-little to be named by itself, and no clear loss: a level of the t-test over folds."""
+"""Of the t-test over folds: a much simpler effect is taken in the best one's place if what it lacks is too
+little to be named by itself, and no clear loss."""
 
 LEAST_CHANNEL_SHARE: Final = 0.15
 """Of one channel's energy: a cause of few channels matters to them."""
@@ -52,9 +54,7 @@ def steadiest(scores: Sequence[Score]) -> Score:
     A form with many figures may explain most on the whole and yet not everywhere.
     """
     best = simplest(scores)
-    plain = [
-        one for one in scores if one.repeats <= FOLD_LEVEL and one.freedom <= MUCH_SIMPLER * best.freedom
-    ]
+    plain = [one for one in scores if one.repeats <= FOLD_LEVEL and _much_simpler(one, best)]
     return best if best.repeats <= FOLD_LEVEL or not plain else simplest(plain)
 
 
@@ -68,7 +68,7 @@ def worth_most(able: Sequence[tuple[float, Score]]) -> list[Score]:
     return [
         one
         for value, one in able
-        if value >= NEARLY * most or (one.share > top.share and one.freedom <= MUCH_SIMPLER * top.freedom)
+        if value >= NEARLY * most or (one.share > top.share and _much_simpler(one, top))
     ]
 
 
@@ -125,7 +125,7 @@ def could_stand_for(one: Score, other: Score) -> bool:
     # Where an effect explains nothing by itself, nothing can be said to explain as much.
     if one.candidate.certain or one.share <= 0:
         return False
-    contained = other.freedom <= MUCH_SIMPLER * one.freedom and other.repeats <= FOLD_LEVEL
+    contained = _much_simpler(other, one) and other.repeats <= FOLD_LEVEL
     return other.share >= (CONTAINED if contained else CONFOUNDED) * one.share
 
 
@@ -138,5 +138,9 @@ def _does_as_well(one: Score, best: Score) -> bool:
     less = one.against(best)[1]
     if one.share >= AS_GOOD * best.share and less > FOLD_LEVEL:
         return True
-    simpler = one.freedom <= MUCH_SIMPLER * best.freedom
-    return simpler and best.share - one.share < LEAST_SHARE and less > CLEARLY_LESS
+    too_little = best.share - one.share < LEAST_SHARE and less > CLEARLY_LESS
+    return _much_simpler(one, best) and too_little
+
+
+def _much_simpler(one: Score, other: Score) -> bool:
+    return one.freedom <= MUCH_SIMPLER * other.freedom

@@ -18,7 +18,7 @@ BY_CHANCE: Final = 1e-3
 
 FAR: Final = 3.0
 """Times the usual residual: a prediction that scatters so much during a run was not followed. What a model
-makes of a resting channel stays below (twice at most in the slide recordings)."""
+makes of a resting channel stays below."""
 
 MOST_PATIENCE: Final = 3.0
 """Times the usual length of runs: a channel that repeats itself for longer is not merely a calm one."""

@@ -93,6 +93,7 @@ class Search:
         self._absolute = absolute_of(evidence.measured - evidence.predicted, blocks.fit)
         self._named: list[Named] = []
         self._alone: list[Score] = []
+        """On the first residual, before anything was named."""
         self._tried: set[tuple[str, str]] = set()
         """Forms that were named once: none is named again, so that the search ends."""
         self._forms: dict[str, tuple[Candidate, ...]] = {}
@@ -284,6 +285,8 @@ class Search:
                 reason = "no more than chance gives"
             elif one.repeats > FOLD_LEVEL:
                 reason = "stands out, but does not repeat over the folds"
+            elif one.contradicts(self._scale):
+                reason = "stands out, but its weights differ more than its cause allows"
             else:
                 reason = "too little to matter"
             if any(name in other.confounded_with for other in self._named):

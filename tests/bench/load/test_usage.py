@@ -29,6 +29,6 @@ def test_a_process_that_listens_here_is_found() -> None:
     assert cpu_seconds(f"tcp/127.0.0.1:{port}") is None
 
 
-@pytest.mark.parametrize("endpoint", ["unixsock-stream//tmp/taxel.sock", "serial//dev/ttyS0#baudrate=9600"])
+@pytest.mark.parametrize("endpoint", ["unixsock-stream/taxel.sock", "serial/ttyS0#baudrate=9600"])
 def test_endpoints_without_a_port_tell_no_process(endpoint: str) -> None:
     assert cpu_seconds(endpoint) is None

@@ -132,11 +132,11 @@ def test_nothing_stands_in_the_place_of_what_is_certain_or_explains_nothing() ->
     assert not could_stand_for(cause("nothing", 0.0 * STEADY), other)
 
 
-def shown_in(channels: list[int], share: float, **cause_of: float) -> tuple[Score, NDArray[np.float64]]:
+def shown_in(channels: list[int], share: float, *, figures: int = 1) -> tuple[Score, NDArray[np.float64]]:
     """A cause that explains so much of some channels in every fold, and what it is worth by channel."""
     worth = np.zeros(21)
     worth[channels] = share
-    one = cause("few", STEADY * share * len(channels) / 21, figures=int(cause_of.get("figures", 1)))
+    one = cause("few", STEADY * share * len(channels) / 21, figures=figures)
     steady = np.repeat(worth[None, :], 8, axis=0) + 0.01 * np.sin(np.arange(8))[:, None]
     return replace(one, channel_share=steady), worth
 

@@ -97,6 +97,20 @@ def test_a_form_whose_weights_contradict_its_cause_is_not_named(offset: Evidence
         assert (search.best([one], sure) is one) == named
 
 
+def test_why_a_contradiction_was_not_named_is_said(smooth: Any, make: Make, manifest: Manifest) -> None:
+    planting = Planting.into(make(12_000), 2, np.full(21, 12.0))
+    clock = planting.time_s - planting.time_s.mean()
+    planting.begin("drift", 2.0)
+    planting.add(clock[:, None] * np.linspace(-1.0, 3.0, 21), {"amplitude": np.ones(21)})
+    # The twin's tdc rises with the clock, so that a temperature would explain it as well.
+    findings = close_loop(
+        manifest, smooth.predict, [planting.recording], Plan(exclude=("drift", "gain"))
+    ).findings
+    assert "temperature" not in {effect.name for effect in findings.effects}
+    (temperature,) = [one for one in findings.rejected if one.name == "temperature"]
+    assert temperature.reason == "stands out, but its weights differ more than its cause allows"
+
+
 @pytest.mark.parametrize(("least_share", "kept"), [(0.003, True), (0.02, False)])
 def test_a_small_effect_stays_where_it_is_asked_for(
     smooth: Any, make: Make, manifest: Manifest, least_share: float, kept: bool
