@@ -7,7 +7,7 @@ it any more. Ranks and bins are stored less 2**(bits - 1), as signed integers.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import Final, NamedTuple, Self
 
 import numba
 import numpy as np
@@ -15,6 +15,11 @@ from numpy.typing import NDArray
 
 from taxel_server.runtimes.trees.in_order import InOrder
 from taxel_server.runtimes.trees.plans import array_at
+from taxel_server.runtimes.trees.vectors import load_floats, not_above, select, splat, store
+from taxel_server.runtimes.trees.words import elements, floats_at, plus
+
+ROWS: Final = 8
+"""Rows that are ranked, and go through a group of trees, at once."""
 
 
 @dataclass(frozen=True)
@@ -104,14 +109,51 @@ def ranking_at(plan, entry):  # type: ignore[no-untyped-def]
     )
 
 
+class RankScratch(NamedTuple):
+    """What ranking some rows writes to: their values of a feature, and their places among its cuts."""
+
+    x: NDArray[np.float32]
+    places: NDArray[np.int64]
+
+    @classmethod
+    def make(cls) -> Self:
+        """Memory for ROWS rows."""
+        return cls(np.zeros(ROWS, dtype=np.float32), np.zeros(ROWS, dtype=np.int64))
+
+
+@numba.njit(cache=True)
+def rank_scratch_at(memory, entry):  # type: ignore[no-untyped-def]
+    """The RankScratch that begins at an entry of a scratch's plan."""
+    return RankScratch(array_at(memory, entry, np.float32), array_at(memory, entry + 1, np.int64))
+
+
 @numba.njit(cache=True, nogil=True)
-def rank(x, cuts, default_left, highest):  # type: ignore[no-untyped-def]
-    """How many of the cuts are <= x; 0 or `highest` for a missing value."""
-    if np.isnan(x):
-        return 0 if default_left else highest
-    low, length = 0, cuts.size
+def _find_places(cuts, scratch):  # type: ignore[no-untyped-def]
+    """How many of the cuts are <= x, for ROWS rows in step; 0 for a missing value."""
+    start, length = cuts.ctypes.data, cuts.size
+    x, low = load_floats(scratch.x.ctypes.data, ROWS), splat(0, 64, ROWS)
     while length > 1:
         half = length >> 1
-        low = low + half if cuts[low + half - 1] <= x else low
+        reached = not_above(floats_at(elements(start + 4 * (half - 1), low, 4)), x)
+        low = plus(low, select(reached, splat(half, 64, ROWS), splat(0, 64, ROWS)))
         length -= half
-    return low + (1 if length and cuts[low] <= x else 0)
+    reached = not_above(floats_at(elements(start, low, 4)), x)
+    store(scratch.places.ctypes.data, plus(low, select(reached, splat(1, 64, ROWS), splat(0, 64, ROWS))))
+
+
+@numba.njit(cache=True, nogil=True)
+def rank_rows(ranking, scales, windows, first, rows, highest, bias, size, scratch, ranks):  # type: ignore[no-untyped-def]
+    """Ranks [row][column] of at most ROWS rows, less the bias; 0 or `highest` for a missing value."""
+    for column in range(ranking.feature.size):
+        feature = ranking.feature[column]
+        for row in range(rows):
+            x = windows[first + row, feature]
+            if scales.applied:
+                x = (x - scales.input_mean[feature]) / scales.input_std[feature]
+            scratch.x[row] = x
+        _find_places(ranking.cuts[ranking.start[column] : ranking.start[column + 1]], scratch)
+        for row in range(rows):
+            place = scratch.places[row]
+            if np.isnan(scratch.x[row]) and not ranking.default_left[column]:
+                place = highest
+            ranks[row * size + column] = place - bias

@@ -61,6 +61,15 @@ class Forest:
         """Number of nodes, leaves included."""
         return len(self.left)
 
+    @property
+    def rounds(self) -> NDArray[np.int64]:
+        """(trees,) The place of each tree among those of its output."""
+        order = np.argsort(self.outputs, kind="stable")
+        ordered = self.outputs[order]
+        rounds = np.empty(self.trees, dtype=np.int64)
+        rounds[order] = np.arange(self.trees) - np.searchsorted(ordered, ordered)
+        return rounds
+
     def in_preorder(self) -> Self:
         """The same forest with its nodes in preorder, and without those that no row can reach.
 

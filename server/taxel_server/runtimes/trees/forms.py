@@ -2,20 +2,23 @@
 
 import logging
 import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final, Protocol, Self
+from typing import Final, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel_server.runtimes.trees.columns import ROWS, Columns
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
+from taxel_server.runtimes.trees.linked_form import LinkedKernel
 from taxel_server.runtimes.trees.plans import Scratch
 from taxel_server.runtimes.trees.rows_form import RowsForm, RowsKernel
 from taxel_server.runtimes.trees.rows_layout import MOST_LEAVES
 from taxel_server.runtimes.trees.scales import Scales
-from taxel_server.runtimes.trees.trees_evaluation import TILE
 from taxel_server.runtimes.trees.trees_form import TreesKernel
+from taxel_server.runtimes.trees.twigs_form import TwigsKernel
 from taxel_server.runtimes.trees.walk import walk
 
 BLOCKS: Final = (64, 256)
@@ -23,7 +26,7 @@ BLOCKS: Final = (64, 256)
 
 _LOG: Final = logging.getLogger(__name__)
 
-_REPEATS: Final = 5
+_REPEATS: Final = 7
 
 
 class Kernel(Protocol):
@@ -36,8 +39,7 @@ class Kernel(Protocol):
         """Fills `result` (n, outputs) with what the forest says of `windows` (n, features)."""
 
 
-@dataclass(frozen=True)
-class Step:
+class Step(NamedTuple):
     """One evaluation: the number of the kernel, and the rows [first, stop)."""
 
     kernel: int
@@ -62,19 +64,37 @@ class WalkKernel:
         result[:] = walk(self._forest, self._scales, windows)
 
 
+@dataclass(frozen=True)
+class Timed:
+    """A kernel and what it takes: seconds for one row, and for as many as it takes at once."""
+
+    kernel: Kernel
+    size: int
+    one: float
+    whole: float
+
+    def seconds(self, rows: int) -> float:
+        """What so many rows take: between one row and a block, in proportion."""
+        blocks, rest = divmod(rows, self.size)
+        each = (self.whole - self.one) / max(self.size - 1, 1)
+        return blocks * self.whole + (self.one + each * (rest - 1) if rest else 0.0)
+
+
 class Forms:
     """A forest in every form that fits it, and the choice among them.
 
     Attributes:
-        kernels: the form for few rows, then those for blocks of BLOCKS rows, unless a tree is too
-            large for them.
+        kernels: the forms.
     """
 
-    def __init__(self, kernels: tuple[Kernel, ...], one_row: float, seconds: tuple[float, ...]) -> None:
-        """What one row costs in the first kernel; then what TILE rows do, and one block in each other."""
-        self.kernels = kernels
-        self._one_row = one_row
-        self._seconds = seconds
+    def __init__(self, timed: Sequence[Timed]) -> None:
+        """Chooses the cheapest kernel for every number of rows up to a long block's."""
+        self.kernels = [each.kernel for each in timed]
+        cheapest = [
+            min(range(len(timed)), key=lambda kernel: timed[kernel].seconds(rows))
+            for rows in range(BLOCKS[-1] + 1)
+        ]
+        self._few = [[Step(kernel, 0, rows)] for rows, kernel in enumerate(cheapest)]
 
     @classmethod
     def of(cls, forest: Forest, scales: Scales) -> Self:
@@ -82,48 +102,40 @@ class Forms:
 
         A form whose bits are not those of the plain walk on this processor is not used.
         """
-        index = InOrder.of(forest)
-        kernels: list[Kernel] = [TreesKernel(forest, index, scales)]
-        sizes = [TILE]
-        if index.leaves.max(initial=0) <= MOST_LEAVES[2]:
-            form = RowsForm.of(forest, index)
-            kernels += [RowsKernel(form, lanes, scales) for lanes in BLOCKS]
-            sizes += BLOCKS
-        windows = _sample(forest, max(sizes))
+        windows = _sample(forest, BLOCKS[-1])
         expected = walk(forest, scales, windows)
-        agree = [
-            _agrees(kernel, windows[:size], expected) for kernel, size in zip(kernels, sizes, strict=True)
+        kernels = [
+            (kernel, size)
+            for kernel, size in _kernels(forest, scales)
+            if _agrees(kernel, windows[:size], expected)
         ]
-        if not agree[0]:
-            kernels[0] = WalkKernel(forest, scales)
-        if not all(agree[1:]):
-            kernels = kernels[:1]
-        timed = zip(kernels, sizes, strict=False)
-        seconds = tuple(_seconds(kernel, windows[:size], expected.shape[1]) for kernel, size in timed)
-        return cls(tuple(kernels), _seconds(kernels[0], windows[:1], expected.shape[1]), seconds)
+        return cls(_timed(kernels or [(WalkKernel(forest, scales), 1)], windows, expected.shape[1]))
 
     def steps(self, rows: int) -> list[Step]:
         """The cheapest way to evaluate so many rows."""
-        if len(self.kernels) == 1:
-            return [Step(0, 0, rows)]
-        short, long = BLOCKS
-        whole = rows // long * long
-        steps = [Step(2, 0, whole)] if whole else []
-        rest = rows - whole
-        if rest:
-            costs = (
-                self._of_few(rest),
-                -(-rest // short) * self._seconds[1],
-                self._seconds[2],
-            )
-            steps.append(Step(costs.index(min(costs)), whole, rows))
-        return steps
+        if rows <= BLOCKS[-1]:
+            return self._few[rows] if rows else []
+        rest = rows % BLOCKS[-1]
+        whole, last = self._few[-1][0].kernel, self._few[rest][0].kernel
+        if whole == last or not rest:
+            return [Step(whole, 0, rows)]
+        return [Step(whole, 0, rows - rest), Step(last, rows - rest, rows)]
 
-    def _of_few(self, rows: int) -> float:
-        """What so many rows cost in the first kernel: between one row and a tile, in proportion."""
-        tiles, rest = divmod(rows, TILE)
-        each = (self._seconds[0] - self._one_row) / (TILE - 1)
-        return tiles * self._seconds[0] + (self._one_row + each * (rest - 1) if rest else 0.0)
+
+def _kernels(forest: Forest, scales: Scales) -> Iterator[tuple[Kernel, int]]:
+    """Every kernel that fits the forest, and how many rows it takes at once."""
+    index = InOrder.of(forest)
+    columns = Columns.of(index, 8, np.arange(forest.trees))
+    if TwigsKernel.fits(index, columns):
+        yield TwigsKernel(forest, index, columns, scales), ROWS
+    if TreesKernel.fits(index, columns):
+        yield TreesKernel(forest, index, columns, scales), ROWS
+    else:
+        yield LinkedKernel(forest, index, scales), ROWS
+    if index.leaves.max(initial=0) <= MOST_LEAVES[2]:
+        form = RowsForm.of(forest, index)
+        for lanes in BLOCKS:
+            yield RowsKernel(form, lanes, scales), lanes
 
 
 def _sample(forest: Forest, rows: int) -> NDArray[np.float32]:
@@ -146,13 +158,20 @@ def _agrees(kernel: Kernel, windows: NDArray[np.float32], expected: NDArray[np.f
     return agrees
 
 
-def _seconds(kernel: Kernel, windows: NDArray[np.float32], outputs: int) -> float:
-    """The least time of some evaluations."""
-    scratch = kernel.scratch()
-    result = np.empty((len(windows), outputs), dtype=np.float32)
-    times = []
+def _timed(
+    kernels: Sequence[tuple[Kernel, int]], windows: NDArray[np.float32], outputs: int
+) -> list[Timed]:
+    """The least times of some evaluations, in turn: a moment's disturbance must not decide for good."""
+    scratches = [kernel.scratch() for kernel, _ in kernels]
+    least = np.full((len(kernels), 2), np.inf)
     for _ in range(_REPEATS):
-        start = time.perf_counter()
-        kernel.evaluate(windows, result, scratch)
-        times.append(time.perf_counter() - start)
-    return min(times)
+        for place, (kernel, size) in enumerate(kernels):
+            for which, rows in enumerate((1, size)):
+                result = np.empty((rows, outputs), dtype=np.float32)
+                start = time.perf_counter()
+                kernel.evaluate(windows[:rows], result, scratches[place])
+                least[place, which] = min(least[place, which], time.perf_counter() - start)
+    return [
+        Timed(kernel, size, one, whole)
+        for (kernel, size), (one, whole) in zip(kernels, least.tolist(), strict=True)
+    ]

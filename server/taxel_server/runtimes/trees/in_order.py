@@ -36,7 +36,10 @@ class InOrder:
         node_start: (trees,) int64, place of each tree's first inner node.
         leaf_start: (trees,) int64, place of each tree's first leaf.
         first: (inner nodes,) int32, first leaf of the left subtree, counted within the tree.
+        last: (inner nodes,) int32, last leaf of the right subtree, counted likewise.
         depth: (inner nodes,) int32, 0 for a tree's root.
+        place: (inner nodes,) int32, which of 2**depth a node is, from left to right, were its level full;
+            below level 30 it means nothing.
         feature: (inner nodes,) int32.
         default_left: (inner nodes,) bool.
         threshold: (inner nodes,) float32.
@@ -47,7 +50,9 @@ class InOrder:
     node_start: NDArray[np.int64]
     leaf_start: NDArray[np.int64]
     first: NDArray[np.int32]
+    last: NDArray[np.int32]
     depth: NDArray[np.int32]
+    place: NDArray[np.int32]
     feature: NDArray[np.int32]
     default_left: NDArray[np.bool_]
     threshold: NDArray[np.float32]
@@ -64,7 +69,9 @@ class InOrder:
             node_start=np.cumsum(leaves - 1) - (leaves - 1),
             leaf_start=np.cumsum(leaves) - leaves,
             first=np.empty(inner, dtype=np.int32),
+            last=np.empty(inner, dtype=np.int32),
             depth=np.empty(inner, dtype=np.int32),
+            place=np.empty(inner, dtype=np.int32),
             feature=np.empty(inner, dtype=np.int32),
             default_left=np.empty(inner, dtype=np.bool_),
             threshold=np.empty(inner, dtype=np.float32),
@@ -79,7 +86,9 @@ class InOrder:
             index.node_start,
             index.leaf_start,
             index.first,
+            index.last,
             index.depth,
+            index.place,
             source,
             index.value,
         )
@@ -90,10 +99,12 @@ class InOrder:
 
 
 @numba.njit(cache=True, nogil=True)
-def _renumber(roots, left, right, value, node_start, leaf_start, first, depth, source, leaf_value):  # type: ignore[no-untyped-def]
+def _renumber(  # type: ignore[no-untyped-def]
+    roots, left, right, value, node_start, leaf_start, first, last, depth, place, source, leaf_value
+):
     leaves = np.empty(left.size, dtype=np.int32)
     lowest = np.empty(left.size, dtype=np.int32)
-    level = np.empty(left.size, dtype=np.int32)
+    level, across = np.empty(left.size, dtype=np.int32), np.empty(left.size, dtype=np.int32)
     for tree in range(roots.size - 1):
         root = roots[tree]
         for node in range(roots[tree + 1] - 1, root - 1, -1):
@@ -101,7 +112,7 @@ def _renumber(roots, left, right, value, node_start, leaf_start, first, depth, s
                 leaves[node] = 1
             else:
                 leaves[node] = leaves[root + left[node]] + leaves[root + right[node]]
-        lowest[root], level[root] = 0, 0
+        lowest[root], level[root], across[root] = 0, 0, 0
         for node in range(root, roots[tree + 1]):
             if left[node] == LEAF:
                 leaf_value[leaf_start[tree] + lowest[node]] = value[node]
@@ -110,6 +121,8 @@ def _renumber(roots, left, right, value, node_start, leaf_start, first, depth, s
             lowest[low] = lowest[node]
             lowest[high] = lowest[node] + leaves[low]
             level[low] = level[high] = level[node] + 1
-            place = node_start[tree] + lowest[high] - 1
-            first[place], depth[place] = lowest[node], level[node]
-            source[place] = node
+            across[low], across[high] = 2 * across[node], 2 * across[node] + 1
+            inner = node_start[tree] + lowest[high] - 1
+            first[inner], last[inner] = lowest[node], lowest[node] + leaves[node] - 1
+            depth[inner], place[inner] = level[node], across[node]
+            source[inner] = node

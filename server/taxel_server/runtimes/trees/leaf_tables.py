@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from taxel_server.runtimes.trees.in_order import InOrder
 from taxel_server.runtimes.trees.lookups import can_look_up
+from taxel_server.runtimes.trees.rows_layout import LeafNumbers
 
 LEAVES: Final = np.dtype([("table", "<i8"), ("exits", "<i4"), ("kind", "<i4")])
 """Of a tree: its leaf table's first byte, its exits' place, and the table's kind.
@@ -21,30 +22,29 @@ _ALIGNMENT: Final = 64
 
 def write_leaf_tables(
     index: InOrder,
-    numbers: NDArray[np.int32],
+    numbers: LeafNumbers,
     order: NDArray[np.int64],
-    small: NDArray[np.bool_],
     leaves: NDArray[np.void],
 ) -> NDArray[np.uint8]:
     """Writes the leaf tables by leaf number, and their place and kind into `leaves`."""
-    counts = index.leaves[order]
+    counts = numbers.count[order]
     sixteens = -(-counts // 16)
     kinds = (
         np.select([sixteens <= 4, sixteens <= 8], [sixteens, 8], 0)
         if can_look_up()
         else np.zeros_like(counts)
     )
-    leaves["kind"] = np.where(small, kinds, -1)
+    leaves["kind"] = np.where(numbers.small[order], kinds, -1)
     sizes = np.where(leaves["kind"] > 0, 64 * leaves["kind"], 4 * counts)
     sizes = -(-sizes // _ALIGNMENT) * _ALIGNMENT
     leaves["table"] = np.cumsum(sizes) - sizes
     tables = np.zeros(int(sizes.sum()), dtype=np.uint8)
     _write_tables(
         index.leaf_start[order],
-        counts,
+        index.leaves[order],
         leaves["table"].copy(),
         leaves["kind"].copy(),
-        numbers,
+        numbers.number,
         index.value.view(np.uint8),
         tables,
     )

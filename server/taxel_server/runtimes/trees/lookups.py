@@ -9,9 +9,10 @@ from typing import Final
 from llvmlite import ir
 from numba.core import types
 from numba.core.registry import cpu_target
+from numba.core.types.containers import UniTuple
 from numba.extending import intrinsic
 
-from taxel_server.runtimes.trees.vectors import FloatVector, join, lane_numbers, llvm_type, take
+from taxel_server.runtimes.trees.vectors import FloatVector, Vector, join, lane_numbers, llvm_type, take
 
 _BYTE: Final = ir.IntType(8)
 _BYTES_IN_A_SHUFFLE: Final = 16
@@ -56,6 +57,45 @@ def assembled_lane(lanes: int) -> list[int]:
         half, entry = divmod(rest, 4)
         places.append(width * register + 16 * half + 4 * part + entry)
     return places
+
+
+@intrinsic(prefer_literal=True)
+def interleave(_context, _address, distance, lanes):  # type: ignore[no-untyped-def]
+    """Eight rows of bytes in memory, so far apart, as vectors in which a lane's eight bytes stand together.
+
+    The lanes come in the order of `interleaved_lane`.
+    """
+    vector = Vector(8, lanes.literal_value)
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        rows = [
+            _load_bytes(builder, arguments[0], row * distance.literal_value, vector.lanes)
+            for row in range(8)
+        ]
+        pairs = [_unpack(builder, rows[row], rows[row + 1], 1) for row in range(0, 8, 2)]
+        fours = [
+            [
+                part
+                for half in (0, 1)
+                for part in _unpack(builder, pairs[pair][half], pairs[pair + 1][half], 2)
+            ]
+            for pair in (0, 2)
+        ]
+        eights = [
+            part
+            for quarter in range(4)
+            for part in _unpack(builder, fours[0][quarter], fours[1][quarter], 4)
+        ]
+        return context.make_tuple(builder, signature.return_type, eights)
+
+    return UniTuple(vector, 8)(types.intp, distance, lanes), generate
+
+
+def interleaved_lane(lanes: int) -> list[int]:
+    """The lane at each place of what `interleave` gives for so many; sorting would take more shuffles."""
+    return [
+        16 * piece + 2 * part + lane for part in range(8) for piece in range(lanes // 16) for lane in (0, 1)
+    ]
 
 
 @intrinsic(prefer_literal=True)

@@ -17,12 +17,12 @@ from taxel_server.runtimes.trees.leaf_tables import LEAVES, write_leaf_tables
 from taxel_server.runtimes.trees.lookups import assembled_lane
 from taxel_server.runtimes.trees.plans import Scratch, array_at, pack, together
 from taxel_server.runtimes.trees.rows_as_bits import find_exits, memory_words
-from taxel_server.runtimes.trees.rows_layout import GROUP, MOST_LEAVES, RowsLayout, leaf_numbers
+from taxel_server.runtimes.trees.rows_layout import GROUP, LeafNumbers, RowsLayout, split_sets
 from taxel_server.runtimes.trees.scales import Scales, scales_at
 
 _GROUP: Final = GROUP.itemsize
 
-_MOST_NARROW_COMPARISONS: Final = 2**16
+_MOST_NARROW_COMPARISONS: Final = 2**16 - 1
 
 
 class _Part(NamedTuple):
@@ -31,6 +31,8 @@ class _Part(NamedTuple):
     group_start: NDArray[np.int64]
     groups: int
     records: int
+    full: int
+    sets: int
     traversal: int
 
 
@@ -38,6 +40,7 @@ class _Sums(NamedTuple):
     """The leaves of all trees, output by output."""
 
     start: NDArray[np.int64]
+    table_start: NDArray[np.int64]
     leaves: int
     tables: int
     addition: int
@@ -61,7 +64,7 @@ class RowsForm:
         columns: the comparisons that its nodes make.
         narrow: the trees whose leaf numbers take a byte.
         wide: the others.
-        most_leaves: leaves of the largest tree.
+        most_numbers: leaf numbers of the largest tree.
         leaves: (trees,) LEAVES, output by output, in the forest's order within each.
         start: (outputs + 1,) int64, each output's first entry in `leaves`.
         tables: (bytes,) uint8, all leaf tables.
@@ -72,7 +75,7 @@ class RowsForm:
     columns: Columns
     narrow: RowsLayout
     wide: RowsLayout
-    most_leaves: int
+    most_numbers: int
     leaves: NDArray[np.void]
     start: NDArray[np.int64]
     tables: NDArray[np.uint8]
@@ -83,8 +86,8 @@ class RowsForm:
     def of(cls, forest: Forest, index: InOrder) -> Self:
         """Lays a forest out."""
         columns = Columns.of(index, 16, np.arange(forest.trees))
-        numbers = leaf_numbers(index)
-        small = (index.leaves <= MOST_LEAVES[1]) & (len(columns.cuts) <= _MOST_NARROW_COMPARISONS)
+        numbers = LeafNumbers.of(index, len(columns.cuts) <= _MOST_NARROW_COMPARISONS)
+        small = numbers.small
         order = np.argsort(forest.outputs, kind="stable")
         start = np.searchsorted(forest.outputs[order], np.arange(len(forest.base_score) + 1))
         # Exits of two bytes take the room of two trees.
@@ -95,24 +98,14 @@ class RowsForm:
         most = int(places.max(initial=0)) + 2
         leaves = np.empty(forest.trees, dtype=LEAVES)
         leaves["exits"] = places[order]
-        tables = write_leaf_tables(index, numbers, order, small[order], leaves)
+        tables = write_leaf_tables(index, numbers, order, leaves)
         narrow, wide = (
-            RowsLayout.of(
-                index,
-                numbers,
-                columns,
-                size,
-                np.flatnonzero(chosen),
-                forest.outputs,
-                places,
-                most,
-                len(start) - 1,
-            )
-            for size, chosen in ((1, small), (2, ~small))
+            RowsLayout.of(index, numbers, columns, size, forest.outputs, places, most, len(start) - 1)
+            for size in (1, 2)
         )
         tables, *records = together(tables, narrow.records, wide.records)
         narrow, wide = replace(narrow, records=records[0]), replace(wide, records=records[1])
-        largest = int(index.leaves.max(initial=1))
+        largest = int(numbers.count.max(initial=1))
         return cls(columns, narrow, wide, largest, leaves, start, tables, most + 2, forest.base_score)
 
 
@@ -122,20 +115,25 @@ class RowsKernel:
     def __init__(self, form: RowsForm, lanes: int, scales: Scales) -> None:
         self.lanes = lanes
         self._form = form
-        self._kept = scales
+        layouts = (form.narrow, form.wide)
+        sets = [split_sets(layout.full) for layout in layouts]
+        self._kept = (scales, sets)
         self._parts = [
             _Part(
                 layout.start,
                 layout.groups.ctypes.data,
                 layout.records.ctypes.data,
+                2**layout.full - 1,
+                each.ctypes.data,
                 find_exits(layout.size, lanes) if len(layout.groups) else 0,
             )
-            for layout in (form.narrow, form.wide)
+            for layout, each in zip(layouts, sets, strict=True)
         ]
         lane = np.empty(lanes, dtype=np.int64)
         lane[assembled_lane(lanes)] = np.arange(lanes)
         self._sums = _Sums(
             form.start,
+            np.append(form.leaves["table"], form.tables.nbytes)[form.start],
             form.leaves.ctypes.data,
             form.tables.ctypes.data,
             add_leaves(lanes),
@@ -149,8 +147,9 @@ class RowsKernel:
         return Scratch(
             _Scratch(
                 np.empty(self.lanes, dtype=np.float32),
-                np.empty(len(self._form.columns.cuts) * self.lanes // 64, dtype=np.int64),
-                np.zeros(memory_words(self._form.most_leaves), dtype=np.int64),
+                # The last comparison is never made: no row goes right.
+                np.zeros((len(self._form.columns.cuts) + 1) * self.lanes // 64, dtype=np.int64),
+                np.zeros(memory_words(self._form.most_numbers), dtype=np.int64),
                 np.empty(self._form.places * self.lanes, dtype=np.uint8),
                 np.empty(self.lanes, dtype=np.float32),
             )
@@ -164,7 +163,12 @@ class RowsKernel:
 @numba.njit(cache=True)
 def _part_at(plan, entry):  # type: ignore[no-untyped-def]
     return _Part(
-        array_at(plan, entry, np.int64), plan[entry + 1, 0], plan[entry + 2, 0], plan[entry + 3, 0]
+        array_at(plan, entry, np.int64),
+        plan[entry + 1, 0],
+        plan[entry + 2, 0],
+        plan[entry + 3, 0],
+        plan[entry + 4, 0],
+        plan[entry + 5, 0],
     )
 
 
@@ -172,11 +176,12 @@ def _part_at(plan, entry):  # type: ignore[no-untyped-def]
 def _sums_at(plan, entry):  # type: ignore[no-untyped-def]
     return _Sums(
         array_at(plan, entry, np.int64),
-        plan[entry + 1, 0],
+        array_at(plan, entry + 1, np.int64),
         plan[entry + 2, 0],
         plan[entry + 3, 0],
-        array_at(plan, entry + 4, np.float32),
-        array_at(plan, entry + 5, np.int64),
+        plan[entry + 4, 0],
+        array_at(plan, entry + 5, np.float32),
+        array_at(plan, entry + 6, np.int64),
     )
 
 
@@ -192,28 +197,31 @@ def _scratch_at(plan):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _find_exits(part, output, scratch):  # type: ignore[no-untyped-def]
-    """Writes the exits of one output's trees."""
+def _find_exits(part, output, sums, scratch):  # type: ignore[no-untyped-def]
+    """Writes the exits of one output's trees, and asks for their leaf tables."""
     first, stop = part.group_start[output], part.group_start[output + 1]
     if first < stop:
         groups = part.groups + first * _GROUP
         comparisons, memory = scratch.comparisons.ctypes.data, scratch.memory.ctypes.data
-        exits = scratch.exits.ctypes.data
-        call(part.traversal, (stop - first, groups, part.records, comparisons, memory, exits))
+        exits, tables = scratch.exits.ctypes.data, sums.tables + sums.table_start[output]
+        # Long blocks spend so long on a table that the processor fetches the next one by itself.
+        bytes_ = sums.table_start[output + 1] - sums.table_start[output] if sums.lane.size == 64 else 0
+        given = (stop - first, groups, part.records, part.full, part.sets, comparisons, memory)
+        call(part.traversal, (*given, exits, tables, bytes_ // (stop - first)))
 
 
 @numba.njit(cache=True, nogil=True)
 def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
-    ranking, narrow, wide = ranking_at(plan, 0), _part_at(plan, 4), _part_at(plan, 8)
-    sums, scales, scratch = _sums_at(plan, 12), scales_at(plan, 18), _scratch_at(memory)
+    ranking, narrow, wide = ranking_at(plan, 0), _part_at(plan, 4), _part_at(plan, 10)
+    sums, scales, scratch = _sums_at(plan, 16), scales_at(plan, 23), _scratch_at(memory)
     lanes = sums.lane.size
     exits, totals = scratch.exits.ctypes.data, scratch.sums.ctypes.data
     for first in range(0, windows.shape[0], lanes):
         rows = min(lanes, windows.shape[0] - first)
         compare(ranking, scales, windows, first, scratch.x, scratch.comparisons)
         for output in range(sums.base_score.size):
-            _find_exits(narrow, output, scratch)
-            _find_exits(wide, output, scratch)
+            _find_exits(narrow, output, sums, scratch)
+            _find_exits(wide, output, sums, scratch)
             scratch.sums[:] = sums.base_score[output]
             count = sums.start[output + 1] - sums.start[output]
             leaves = sums.leaves + 16 * sums.start[output]

@@ -1,4 +1,9 @@
-"""The forest as the kernels that hold sets of rows read it."""
+"""The forest as the kernels that hold sets of rows read it.
+
+A tree's upper levels are laid out as if they were full: a node's place then tells which set of rows it
+splits, and eight trees take a step together. Where a tree has no node, nobody goes right. The nodes below
+say which set they split.
+"""
 
 from dataclasses import dataclass
 from typing import Final, Self
@@ -10,14 +15,14 @@ from numpy.typing import NDArray
 from taxel_server.runtimes.trees.columns import Columns
 from taxel_server.runtimes.trees.in_order import InOrder
 
-TOGETHER: Final = 4
-"""Trees whose nodes alternate in memory, so that a kernel can keep as many steps in flight."""
-
 MOST_LEAVES: Final = {1: 256, 2: 65536}
 """Leaves of the largest tree whose leaf numbers take so many bytes."""
 
+TOGETHER: Final = {1: 8, 2: 4}
+"""Trees of a group, whose nodes alternate in memory: as many sets as the first-level cache holds."""
+
 SET_BYTES: Final = 32
-"""How far one leaf's set of rows is from the next's in a kernel's memory."""
+"""What a node's record counts sets of rows in."""
 
 RECORDS: Final = {
     1: np.dtype([("comparison", "<u2"), ("leaf", "<u2")]),
@@ -26,9 +31,72 @@ RECORDS: Final = {
 """An inner node: what it compares, and where the set is of the first leaf below it, in bytes."""
 
 GROUP: Final = np.dtype(
-    [("nodes", "<i8"), ("steps", "<i8"), ("sixteens", "<i8"), ("trees", "<i8", TOGETHER)]
+    [("records", "<i8"), ("steps", "<i8"), ("sixteens", "<i8"), ("trees", "<i8", TOGETHER[1])]
 )
-"""First record of a group, its steps, its leaves in sixteens, its trees' places among their output's."""
+"""First byte of a group's records, its steps, its leaf numbers in sixteens, its trees' places.
+
+The records are a comparison for every place of the full levels, then a node's for every step, of each tree.
+"""
+
+_MOST_FULL: Final = 6
+"""Most full levels: a larger tree has its nodes below."""
+
+_OCCUPIED: Final = 0.4
+"""Least share of a full level's places that have a node: below, their steps cost more than they save."""
+
+
+@dataclass(frozen=True)
+class LeafNumbers:
+    """Each leaf's number within its tree, as the splits from the root downwards hand them out.
+
+    All rows start at the first leaf, number 0. A node's left child keeps its leaf; its right child's
+    first leaf gets the next number.
+
+    Attributes:
+        full: how many upper levels of small trees are laid out as if they were full.
+        small: (trees,) bool, which trees' numbers take a byte.
+        number: (leaves,) int32.
+        count: (trees,) int64, how many numbers a tree hands out.
+    """
+
+    full: int
+    small: NDArray[np.bool_]
+    number: NDArray[np.int32]
+    count: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, index: InOrder, narrow: bool) -> Self:
+        """Numbers all leaves; unless `narrow`, no tree is small."""
+        number = np.empty(len(index.value), dtype=np.int32)
+        count = np.empty_like(index.leaves)
+        small = np.logical_and(index.leaves <= MOST_LEAVES[1], narrow)
+        full = _full_levels(index, small)
+        _number(
+            index.leaves,
+            index.node_start,
+            index.leaf_start,
+            index.depth,
+            index.place,
+            small,
+            full,
+            number,
+            count,
+        )
+        # A small tree with few nodes in its upper levels may need more numbers than it has leaves.
+        if (count[small] > MOST_LEAVES[1]).any():
+            full = 0
+            _number(
+                index.leaves,
+                index.node_start,
+                index.leaf_start,
+                index.depth,
+                index.place,
+                small,
+                full,
+                number,
+                count,
+            )
+        return cls(full, small, number, count)
 
 
 @dataclass(frozen=True)
@@ -37,122 +105,162 @@ class RowsLayout:
 
     Attributes:
         size: bytes of a leaf's number.
+        full: levels that are laid out as if they were full.
         groups: (groups,) GROUP.
         start: (outputs + 1,) int64, each output's first group.
-        records: (records,) nodes by `leaf_numbers`; the steps of a group's trees alternate.
+        records: (bytes,) uint8.
     """
 
     size: int
+    full: int
     groups: NDArray[np.void]
     start: NDArray[np.int64]
-    records: NDArray[np.void]
+    records: NDArray[np.uint8]
 
     @classmethod
     def of(
         cls,
         index: InOrder,
-        numbers: NDArray[np.int32],
+        numbers: LeafNumbers,
         columns: Columns,
         size: int,
-        trees: NDArray[np.int64],
         outputs: NDArray[np.int32],
         places: NDArray[np.int64],
         spare: int,
         targets: int,
     ) -> Self:
-        """Lays out some trees of a forest.
+        """Lays out the trees of a forest whose leaf numbers take so many bytes.
 
         Args:
             index: the forest.
-            numbers: (all leaves,) from `leaf_numbers`.
-            columns: its comparisons.
+            numbers: its leaves' numbers.
+            columns: its comparisons; the one behind them is true of no row.
             size: bytes of a leaf's number.
-            trees: which trees.
-            outputs: (all trees,) the output that each adds to.
-            places: (all trees,) its place among that output's trees.
+            outputs: (trees,) the output that each adds to.
+            places: (trees,) its place among that output's trees.
             spare: the place named where a group is not full.
             targets: number of outputs.
         """
-        order = trees[np.lexsort((index.leaves[trees], outputs[trees]))]
+        trees = np.flatnonzero(numbers.small if size == 1 else ~numbers.small)
+        full = numbers.full if size == 1 else 0
+        together = TOGETHER[size]
+        order = trees[np.lexsort((numbers.count[trees], outputs[trees]))]
         count = np.bincount(outputs[trees], minlength=targets)
-        width = -(-count // TOGETHER)
+        width = -(-count // together)
         start = np.concatenate([[0], np.cumsum(width)])
         # Where each tree stands in groups that each output fills from its first group on.
-        before = np.repeat(start[:-1] * TOGETHER - (np.cumsum(count) - count), count)
-        members = np.full(start[-1] * TOGETHER, -1, dtype=np.int64)
+        before = np.repeat(start[:-1] * together - (np.cumsum(count) - count), count)
+        members = np.full(start[-1] * together, -1, dtype=np.int64)
         members[np.arange(len(order)) + before] = order
-        members = members.reshape(-1, TOGETHER)
-        leaves = np.where(members >= 0, index.leaves[members], 1).max(axis=1, initial=1)
-        groups = np.empty(len(members), dtype=GROUP)
-        groups["nodes"] = np.cumsum((leaves - 1) * TOGETHER) - (leaves - 1) * TOGETHER
-        groups["steps"] = leaves - 1
-        groups["sixteens"] = -(-leaves // 16)
-        groups["trees"] = np.where(members >= 0, places[members], spare)
-        records = np.empty(int((leaves - 1).sum()) * TOGETHER, dtype=RECORDS[size])
-        # What fills a group up splits the set behind its sixteens, which is empty.
-        records["comparison"] = 0
-        records["leaf"] = np.repeat(16 * SET_BYTES * groups["sixteens"], (leaves - 1) * TOGETHER)
-        seat = np.empty(int((index.leaves[order] - 1).sum()), dtype=np.int64)
-        source, leaf = np.empty_like(seat), np.empty_like(seat)
+        members = members.reshape(-1, together)
+        most = np.where(members >= 0, numbers.count[members], 2**full).max(axis=1, initial=2**full)
+        groups = np.zeros(len(members), dtype=GROUP)
+        groups["steps"] = most - 2**full
+        groups["sixteens"] = -(-most // 16)
+        groups["trees"][:, :together] = np.where(members >= 0, places[members], spare)
+        record = RECORDS[size]
+        bytes_full = (2**full - 1) * together * record["comparison"].itemsize
+        room = bytes_full + groups["steps"] * together * record.itemsize
+        groups["records"] = np.cumsum(room) - room
+        words = np.zeros(int(room.sum()) // record["comparison"].itemsize, dtype=record["comparison"])
         _place(
             members,
-            groups["nodes"].copy(),
+            groups["records"] // record["comparison"].itemsize,
+            groups["steps"].copy(),
+            full,
+            len(columns.cuts),
             index.leaves,
             index.node_start,
             index.leaf_start,
             index.first,
-            numbers,
-            seat,
-            source,
-            leaf,
+            index.depth,
+            index.place,
+            columns.comparison,
+            numbers.number,
+            words,
         )
-        records["comparison"][seat] = columns.comparison[source]
-        records["leaf"][seat] = leaf * SET_BYTES
-        return cls(size, groups, start, records)
+        return cls(size, full, groups, start, words.view(np.uint8))
 
 
-def leaf_numbers(index: InOrder) -> NDArray[np.int32]:
-    """(leaves,) Each leaf's number within its tree, as the splits from the root downwards hand them out.
+def split_sets(full: int) -> NDArray[np.int64]:
+    """(2**full - 1,) Where the set is that the node at each place of full levels splits, in bytes."""
+    sets = [0]
+    for place in range(1, 2**full - 1):
+        parent = (place - 1) // 2
+        # A left child has the set of its parent, a right one the set that its parent's split made.
+        sets.append(sets[parent] if place % 2 else parent + 1)
+    return np.array(sets[: 2**full - 1], dtype=np.int64) * SET_BYTES
 
-    All rows start at the first leaf, number 0. A node's left child keeps its leaf; its right child's
-    first leaf is new, and takes the next number.
-    """
-    numbers = np.empty(len(index.value), dtype=np.int32)
-    _number_leaves(index.leaves, index.node_start, index.leaf_start, index.depth, numbers)
-    return numbers
+
+def _full_levels(index: InOrder, small: NDArray[np.bool_]) -> int:
+    """How many levels of the small trees are occupied well enough."""
+    depth = index.depth[np.repeat(small, index.leaves - 1)]
+    nodes = np.bincount(depth[depth < _MOST_FULL], minlength=_MOST_FULL)
+    places = max(1, int(small.sum())) * 2 ** np.arange(_MOST_FULL)
+    return int(np.argmax(np.append(nodes / places, 0.0) < _OCCUPIED))
 
 
 @numba.njit(cache=True, nogil=True)
-def _number_leaves(leaves, node_start, leaf_start, depth, numbers):  # type: ignore[no-untyped-def]
+def _number(leaves, node_start, leaf_start, depth, place, small, full, number, count):  # type: ignore[no-untyped-def]
     """Level by level; between inner nodes i - 1 and i lies leaf i, the first right of node i - 1."""
     before = np.empty((depth.max() if depth.size else 0) + 2, dtype=np.int32)
     for tree in range(leaves.size):
         start, inner = node_start[tree], leaves[tree] - 1
+        levels = full if small[tree] else 0
         before[:] = 0
         for node in range(start, start + inner):
-            before[depth[node] + 1] += 1
-        for level in range(1, before.size):
+            if depth[node] >= levels:
+                before[depth[node] + 1] += 1
+        before[levels] = 1 << levels
+        for level in range(levels + 1, before.size):
             before[level] += before[level - 1]
-        numbers[leaf_start[tree]] = 0
+        number[leaf_start[tree]] = 0
         for step in range(inner):
-            level = depth[start + step]
-            before[level] += 1
-            numbers[leaf_start[tree] + step + 1] = before[level]
+            level, leaf = depth[start + step], leaf_start[tree] + step + 1
+            if level < levels:
+                number[leaf] = (1 << level) + place[start + step]
+            else:
+                number[leaf] = before[level]
+                before[level] += 1
+        count[tree] = before[before.size - 1]
 
 
 @numba.njit(cache=True, nogil=True)
-def _place(members, group_nodes, leaves, node_start, leaf_start, first, numbers, seat, source, leaf):  # type: ignore[no-untyped-def]
-    """The record of every inner node, which node it is, and the number of the first leaf below it."""
-    count = 0
+def _place(  # type: ignore[no-untyped-def]
+    members,
+    records,
+    steps,
+    full,
+    never,
+    leaves,
+    node_start,
+    leaf_start,
+    first,
+    depth,
+    place,
+    comparison,
+    number,
+    words,
+):
+    """Writes every node's words to where its group has it; where a tree has no node, nobody goes right."""
+    together = members.shape[1]
+    below = ((1 << full) - 1) * together
     for group in range(members.shape[0]):
-        for member in range(members.shape[1]):
+        start = records[group]
+        words[start : start + below] = never
+        for step in range(steps[group] * together):
+            words[start + below + 2 * step] = never
+        for member in range(together):
             tree = members[group, member]
             if tree < 0:
                 continue
             for step in range(leaves[tree] - 1):
-                place = numbers[leaf_start[tree] + step + 1] - 1
                 node = node_start[tree] + step
-                seat[count] = group_nodes[group] + place * members.shape[1] + member
-                source[count] = node
-                leaf[count] = numbers[leaf_start[tree] + first[node]]
-                count += 1
+                if depth[node] < full:
+                    across = (1 << depth[node]) - 1 + place[node]
+                    words[start + across * together + member] = comparison[node]
+                else:
+                    row = number[leaf_start[tree] + step + 1] - (1 << full)
+                    at = start + below + 2 * (row * together + member)
+                    words[at] = comparison[node]
+                    words[at + 1] = number[leaf_start[tree] + first[node]] * SET_BYTES

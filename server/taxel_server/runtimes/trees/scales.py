@@ -38,3 +38,14 @@ def scales_at(plan, entry):  # type: ignore[no-untyped-def]
         array_at(plan, entry + 3, np.float32),
         array_at(plan, entry + 4, np.float32),
     )
+
+
+@numba.njit(cache=True, nogil=True)
+def put_rows(scales, sums, each_row, each_output, first, rows, result):  # type: ignore[no-untyped-def]
+    """Writes sums, whose rows and outputs are so far apart, to rows of the result, in their own scale."""
+    for row in range(rows):
+        for output in range(result.shape[1]):
+            value = sums[row * each_row + output * each_output]
+            if scales.applied:
+                value = value * scales.output_std[output] + scales.output_mean[output]
+            result[first + row, output] = value

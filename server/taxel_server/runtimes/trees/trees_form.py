@@ -1,104 +1,215 @@
-"""The form of a forest for few rows: small trees side by side, large ones as linked nodes."""
+"""The form of a forest for a handful of rows: trees side by side, then their leaves for all rows."""
 
-from typing import Final
+from itertools import pairwise
+from typing import Final, NamedTuple
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.trees.columns import Columns
+from taxel_server.runtimes.trees.calls import call
+from taxel_server.runtimes.trees.columns import (
+    ROWS,
+    Columns,
+    RankScratch,
+    rank_rows,
+    rank_scratch_at,
+    ranking_at,
+)
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.lookups import can_look_up
-from taxel_server.runtimes.trees.plans import Scratch, pack, together
-from taxel_server.runtimes.trees.scales import Scales
-from taxel_server.runtimes.trees.trees_evaluation import (
-    TILE,
-    WALKERS,
-    Large,
-    Small,
-    Sums,
-    TreesScratch,
-    evaluate_trees,
-)
-from taxel_server.runtimes.trees.trees_in_lanes import find_exits, trees_at_once
-from taxel_server.runtimes.trees.trees_layout import TABLE_SIZES, Linked, SideBySide
+from taxel_server.runtimes.trees.lanes_layout import MOST_TWIGS, TABLE_SIZES, TrunksLayout
+from taxel_server.runtimes.trees.lookups import can_look_up, interleaved_lane, register_bytes
+from taxel_server.runtimes.trees.plans import Scratch, array_at, pack, together
+from taxel_server.runtimes.trees.scales import Scales, put_rows, scales_at
+from taxel_server.runtimes.trees.trees_in_lanes import add_leaves, find_exits, put_exits, trees_at_once
 
-_MOST_LEAVES: Final = 127
-"""Leaves of the largest tree whose exits fit signed bytes, and leave one value to block a lane."""
+_BATCH: Final = 800
+"""Fewest trees whose exits are found before their leaves are added; all that stays in the cache."""
+
+
+class _Trees(NamedTuple):
+    """A laid out forest by batches of outputs, and the functions that evaluate it."""
+
+    traversal: int
+    ordering: int
+    addition: int
+    batch_group: NDArray[np.int64]
+    batch_output: NDArray[np.int64]
+    output_tree: NDArray[np.int64]
+    output_leaf: NDArray[np.int64]
+    steps: NDArray[np.int64]
+    start: NDArray[np.int64]
+    nodes: int
+    seats: int
+    counts: int
+    leaves: int
+    lanes: int
+    ranks: int
+    base_score: NDArray[np.float32]
+
+
+class _Scratch(NamedTuple):
+    ranks: NDArray[np.int8]
+    exits: NDArray[np.uint8]
+    memory: NDArray[np.int64]
+    seated: NDArray[np.int64]
+    sums: NDArray[np.float32]
 
 
 class TreesKernel:
-    """A forest compiled for few rows; each thread needs a scratch of its own."""
+    """A forest that `fits`, compiled for a handful of rows; each thread needs a scratch of its own."""
 
-    def __init__(self, forest: Forest, index: InOrder, scales: Scales) -> None:
-        small, columns = _small_trees(index)
-        large = np.flatnonzero(~small)
-        linked = Linked.of(forest, index, Columns.of(index, 16, large), large)
-        outputs = len(forest.base_score)
-        width = -(-outputs // 8) * 8
-        seat = _rounds(forest) * width + forest.outputs
-        rounds = int(_rounds(forest).max(initial=-1)) + 1
-        every = (np.arange(rounds)[:, None] * width + np.arange(outputs)).ravel()
-        self._sums = Sums(rounds, width, np.setdiff1d(every, seat), forest.base_score)
-        side = SideBySide.of(index, columns, np.flatnonzero(small), trees_at_once())
-        seats = np.where(side.tree >= 0, seat[side.tree], rounds * width).astype(np.int32)
-        nodes, leaves, seats = together(side.nodes, side.value, seats)
-        self._small = Small(
-            find_exits(side.size) if len(side.steps) else 0,
-            side.steps,
-            side.start,
+    def __init__(self, forest: Forest, index: InOrder, columns: Columns, scales: Scales) -> None:
+        lanes = trees_at_once()
+        size = next(size for size in TABLE_SIZES if size >= len(columns))
+        order = np.argsort(forest.outputs, kind="stable")
+        output_tree = np.searchsorted(forest.outputs[order], np.arange(len(forest.base_score) + 1))
+        batch_output = _batches(output_tree)
+        bounds = output_tree[batch_output]
+        places, batch_group = _places(index.leaves[order], bounds, lanes)
+        trees = np.where(places >= 0, order[places], -1).reshape(-1, lanes)
+        trunks = TrunksLayout.of(index, columns, trees, 1)
+        counts = index.leaves[order]
+        source = np.repeat(index.leaf_start[order] - (np.cumsum(counts) - counts), counts)
+        # What is left of an earlier call, in the rows that this one does not have, may point behind a tree.
+        leaves = np.append(index.value[source + np.arange(len(source))], np.zeros(256, dtype=np.float32))
+        # A tree's seat is its place in the batch; where there is no tree, the one behind the largest batch.
+        spare = int(np.diff(bounds).max(initial=0))
+        seats = np.where(places >= 0, places - np.repeat(bounds[:-1], np.diff(batch_group) * lanes), spare)
+        seats = seats.reshape(-1, register_bytes())[:, interleaved_lane(register_bytes())].astype(np.int32)
+        nodes, counts, seats, leaves = together(trunks.nodes, counts.astype(np.uint8), seats, leaves)
+        self._spare = spare
+        self._trees = _Trees(
+            find_exits(size, trunks.bits),
+            put_exits(),
+            add_leaves(),
+            batch_group,
+            batch_output,
+            output_tree,
+            np.append(0, np.cumsum(index.leaves[order]))[output_tree],
+            trunks.steps,
+            trunks.start,
             nodes.ctypes.data,
-            trees_at_once(),
-            side.size,
-            side.leaf_start,
-            leaves.ctypes.data,
             seats.ctypes.data,
+            counts.ctypes.data,
+            leaves.ctypes.data,
+            lanes,
+            size,
+            forest.base_score,
         )
-        self._large = Large(
-            linked.root,
-            linked.nodes.ctypes.data,
-            linked.value,
-            seat[large],
-            len(linked.columns) + 1,
-        )
-        self._kept = (columns, nodes, leaves, seats, linked, scales)
-        self._plan = pack(
-            columns.ranking, linked.columns.ranking, self._small, self._large, self._sums, scales
-        )
+        self._kept = (columns, nodes, counts, seats, leaves, scales)
+        self._plan = pack(columns.ranking, self._trees, scales)
+
+    @staticmethod
+    def fits(index: InOrder, columns: Columns) -> bool:
+        """Whether the processor can look ranks up, and neither columns nor a tree's leaves are too many."""
+        leaves = index.leaves.max(initial=1)
+        return can_look_up() and len(columns) <= TABLE_SIZES[-1] and bool(leaves <= MOST_TWIGS[8])
 
     def scratch(self) -> Scratch:
         """Memory for one evaluation at a time."""
-        return Scratch(
-            TreesScratch(
-                np.zeros(TILE * self._small.ranks, dtype=np.int8),
-                np.zeros(TILE * self._large.ranks, dtype=np.uint16),
-                np.empty(TILE * self._small.lanes, dtype=np.uint8),
-                np.zeros(TILE * (self._sums.rounds + 1) * self._sums.width, dtype=np.float32),
-                np.empty(TILE * self._sums.width, dtype=np.float32),
-                np.empty(2 * WALKERS, dtype=np.int64),
-            )
+        own = _Scratch(
+            np.zeros(ROWS * self._trees.ranks, dtype=np.int8),
+            np.zeros(ROWS * self._trees.lanes, dtype=np.uint8),
+            np.empty(self._trees.lanes, dtype=np.int64),
+            np.empty(self._spare + 1, dtype=np.int64),
+            np.empty(ROWS * len(self._trees.base_score), dtype=np.float32),
         )
+        return Scratch((*own, *RankScratch.make()))
 
     def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32], scratch: Scratch) -> None:
         """Fills `result` (n, outputs) with what the forest says of `windows` (n, features)."""
-        evaluate_trees(self._plan, scratch.plan, windows, result)
+        _evaluate(self._plan, scratch.plan, windows, result)
 
 
-def _small_trees(index: InOrder) -> tuple[NDArray[np.bool_], Columns]:
-    """Which trees go side by side, and their columns: none where the processor cannot look ranks up."""
-    small = index.leaves <= _MOST_LEAVES
-    if can_look_up():
-        columns = Columns.of(index, 8, np.flatnonzero(small))
-        if len(columns) <= TABLE_SIZES[-1]:
-            return small, columns
-    none = np.zeros_like(small)
-    return none, Columns.of(index, 8, np.flatnonzero(none))
+def _batches(output_tree: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(batches + 1,) The first output of each batch."""
+    starts = [0]
+    for output in range(1, len(output_tree)):
+        if output_tree[output] - output_tree[starts[-1]] >= _BATCH or output == len(output_tree) - 1:
+            starts.append(output)
+    return np.array(starts)
 
 
-def _rounds(forest: Forest) -> NDArray[np.int64]:
-    """The place of each tree among those of its output."""
-    order = np.argsort(forest.outputs, kind="stable")
-    ordered = forest.outputs[order]
-    rounds = np.empty(forest.trees, dtype=np.int64)
-    rounds[order] = np.arange(forest.trees) - np.searchsorted(ordered, ordered)
-    return rounds
+def _places(
+    leaves: NDArray[np.int64], bounds: NDArray[np.int64], lanes: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The place of each lane's tree, or -1, a batch's trees by size; and each batch's first group."""
+    places, groups = [], [0]
+    for first, stop in pairwise(bounds):
+        count = -(-(stop - first) // lanes)
+        batch = np.full(count * lanes, -1, dtype=np.int64)
+        batch[: stop - first] = first + np.argsort(leaves[first:stop], kind="stable")
+        places.append(batch)
+        groups.append(groups[-1] + count)
+    return np.concatenate(places), np.array(groups)
+
+
+@numba.njit(cache=True)
+def _trees_at(plan, entry):  # type: ignore[no-untyped-def]
+    return _Trees(
+        plan[entry, 0],
+        plan[entry + 1, 0],
+        plan[entry + 2, 0],
+        array_at(plan, entry + 3, np.int64),
+        array_at(plan, entry + 4, np.int64),
+        array_at(plan, entry + 5, np.int64),
+        array_at(plan, entry + 6, np.int64),
+        array_at(plan, entry + 7, np.int64),
+        array_at(plan, entry + 8, np.int64),
+        plan[entry + 9, 0],
+        plan[entry + 10, 0],
+        plan[entry + 11, 0],
+        plan[entry + 12, 0],
+        plan[entry + 13, 0],
+        plan[entry + 14, 0],
+        array_at(plan, entry + 15, np.float32),
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
+    """Adds every tree's leaf to the sums [output][row], batch after batch."""
+    ranks, exits = scratch.ranks.ctypes.data, scratch.exits.ctypes.data
+    memory, seated, sums = scratch.memory.ctypes.data, scratch.seated.ctypes.data, scratch.sums.ctypes.data
+    for batch in range(trees.batch_group.size - 1):
+        first_group, stop_group = trees.batch_group[batch], trees.batch_group[batch + 1]
+        first_output, stop_output = trees.batch_output[batch], trees.batch_output[batch + 1]
+        # The batch's leaves are asked for in equal shares, while its trees are visited.
+        wanted = trees.leaves + 4 * trees.output_leaf[first_output]
+        share = (trees.output_leaf[stop_output] - trees.output_leaf[first_output]) // max(
+            1, stop_group - first_group
+        )
+        for group in range(first_group, stop_group):
+            nodes, steps = trees.nodes + trees.start[group], trees.steps[group]
+            lines = share // 16 // max(1, steps * (rows - 1))
+            call(trees.traversal, (nodes, steps, ranks, rows, exits, wanted, lines))
+            wanted += 4 * share
+            call(trees.ordering, (exits, trees.seats + 4 * group * trees.lanes, memory, seated))
+        base = trees.output_tree[first_output]
+        for output in range(first_output, stop_output):
+            tree, stop = trees.output_tree[output], trees.output_tree[output + 1]
+            leaves = trees.leaves + 4 * trees.output_leaf[output]
+            given = (stop - tree, trees.counts + tree, leaves, seated + 8 * (tree - base))
+            call(trees.addition, (*given, sums + 4 * ROWS * output))
+
+
+@numba.njit(cache=True, nogil=True)
+def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
+    ranking, trees, scales = ranking_at(plan, 0), _trees_at(plan, 4), scales_at(plan, 20)
+    scratch = _Scratch(
+        array_at(memory, 0, np.int8),
+        array_at(memory, 1, np.uint8),
+        array_at(memory, 2, np.int64),
+        array_at(memory, 3, np.int64),
+        array_at(memory, 4, np.float32),
+    )
+    places = rank_scratch_at(memory, 5)
+    for start in range(0, windows.shape[0], ROWS):
+        rows = min(ROWS, windows.shape[0] - start)
+        rank_rows(ranking, scales, windows, start, rows, 255, 128, trees.ranks, places, scratch.ranks)
+        for output in range(trees.base_score.size):
+            scratch.sums[output * ROWS : (output + 1) * ROWS] = trees.base_score[output]
+        _visit(trees, scratch, rows)
+        put_rows(scales, scratch.sums, 1, ROWS, start, rows, result)

@@ -5,11 +5,34 @@ from typing import Final
 
 import numba
 
-from taxel_server.runtimes.trees.lookups import lookup, register_bytes
-from taxel_server.runtimes.trees.vectors import greater, load, prefetch, select, splat, store, unbias
+from taxel_server.runtimes.trees.columns import ROWS
+from taxel_server.runtimes.trees.lanes_layout import COLUMNS_AT, LIMITS_AT, LINE, MASKS_AT
+from taxel_server.runtimes.trees.lookups import interleave, lookup, register_bytes
+from taxel_server.runtimes.trees.vectors import (
+    add,
+    greater,
+    integer_at,
+    load,
+    load_floats,
+    prefetch,
+    put_word,
+    select,
+    splat,
+    store,
+    unbias,
+)
+from taxel_server.runtimes.trees.words import bytes_at, elements, floats_at, lowest_common_bit, plus, widen
+
+OUTPUTS_AT_ONCE: Final = 8
+"""Trees whose leaves are added at once, each to an output of its own."""
+
+_MASKS: Final = 8 * OUTPUTS_AT_ONCE
+
+_TREES_AHEAD: Final = 96
+"""Trees whose twigs are asked for before their turn."""
 
 _AHEAD: Final = 4096
-"""Bytes by which the first row runs ahead of the nodes it asks for."""
+"""Bytes by which a single row runs ahead of the nodes it asks for."""
 
 
 def trees_at_once() -> int:
@@ -18,31 +41,121 @@ def trees_at_once() -> int:
 
 
 @cache
-def find_exits(columns: int) -> int:
-    """The address of the traversal of one group of trees by some rows, compiled.
+def find_exits(columns: int, bits: int) -> int:
+    """The address of the traversal of one group's trunks by some rows, compiled.
 
-    The function takes the address of the group's nodes (for every step its columns, limits and
-    first leaves, a byte a tree each), the number of steps, the address of the ranks [row][column],
-    the number of rows, and the address of the exits [row][tree], which it writes. `columns` is
-    the length of a row's ranks: 16, 32, 48, 64, 128 or 256.
+    The function takes the address of the group's nodes (for every step the columns and limits, a byte
+    a tree, and the first twigs), the number of steps, the address of the ranks [row][column], the
+    number of rows, and the address of the exits [row][tree], which it writes; at last what several rows
+    ask for meanwhile, an address and cache lines a step. `columns` is the length of a row's ranks: 16,
+    32, 48, 64, 128 or 256; `bits` those of a twig's number.
     """
     lanes = trees_at_once()
+    size, lowest = (2 + bits // 8) * lanes, -(1 << (bits - 1))
 
-    @numba.cfunc("void(intp, intp, intp, intp, intp)", cache=True)
-    def traverse(nodes, steps, ranks, rows, exits):  # type: ignore[no-untyped-def]
+    @numba.cfunc("void(intp, intp, intp, intp, intp, intp, intp)", cache=True)
+    def traverse(nodes, steps, ranks, rows, exits, wanted, lines):  # type: ignore[no-untyped-def]
+        # One row asks for nodes shortly before it needs them; several, for the next group's meanwhile.
+        soon = nodes + (_AHEAD if rows == 1 else size * steps)
+        each = size // 64 if rows == 1 else -(-size // (64 * (rows - 1)))
         for row in range(rows):
             table = ranks + row * columns
             node = nodes
-            reached = splat(-128, 8, lanes)
+            reached = splat(lowest, bits, lanes)
             for step in range(1, steps + 1):
                 rank = lookup(table, columns, load(node, 8, lanes))
                 goes_left = greater(load(node + lanes, 8, lanes), rank)
-                first = select(goes_left, splat(-1, 8, lanes), load(node + 2 * lanes, 8, lanes))
-                if row == 0:
-                    for line in range(0, 3 * lanes, 64):
-                        prefetch(node + _AHEAD + line)
-                reached = select(greater(first, reached), reached, splat(step - 128, 8, lanes))
-                node += 3 * lanes
-            store(exits + row * lanes, unbias(reached))
+                first = select(goes_left, splat(-1, bits, lanes), load(node + 2 * lanes, bits, lanes))
+                if row or rows == 1:
+                    for _ in range(each):
+                        prefetch(soon, 1)
+                        soon += 64
+                    for _ in range(lines):
+                        prefetch(wanted, 2)
+                        wanted += 64
+                reached = select(greater(first, reached), reached, splat(step + lowest, bits, lanes))
+                node += size
+            store(exits + row * lanes * (bits // 8), unbias(reached))
 
     return int(traverse.address)
+
+
+@cache
+def put_exits() -> int:
+    """The address of what hands one group's exits, a byte each, to the seats of its trees, compiled.
+
+    The function takes the addresses of the exits [row][tree] of ROWS rows, of the trees' seats by the
+    order of `interleaved_lane`, of memory for a group's exits, and of the exits [seat][row], which it
+    writes.
+    """
+    lanes, width = trees_at_once(), register_bytes()
+
+    @numba.cfunc("void(intp, intp, intp, intp)", cache=True)
+    def put(exits, seats, memory, seated):  # type: ignore[no-untyped-def]
+        for first in range(0, lanes, width):
+            place = memory + ROWS * first
+            for part in interleave(exits + first, lanes, width):
+                store(place, part)
+                place += width
+        for lane in range(lanes):
+            put_word(seated + 8 * integer_at(seats + 4 * lane, 32), integer_at(memory + 8 * lane, 64))
+
+    return int(put.address)
+
+
+@cache
+def add_leaves() -> int:
+    """The address of the sum of the leaves of one output's trees, compiled.
+
+    The function takes the number of trees, the addresses of their numbers of leaves, a byte each, of the
+    leaves of the first one, of their exits [tree][row] of ROWS rows, and of the sums [row], which start as
+    the base score.
+    """
+
+    @numba.cfunc("void(intp, intp, intp, intp, intp)", cache=True)
+    def add_all(trees, counts, leaves, exits, sums):  # type: ignore[no-untyped-def]
+        total = load_floats(sums, ROWS)
+        for tree in range(trees):
+            total = add(total, floats_at(elements(leaves, widen(load(exits + 8 * tree, 8, ROWS)), 4)))
+            prefetch(leaves + _AHEAD, 1)
+            leaves += 4 * integer_at(counts + tree, 8)
+        store(sums, total)
+
+    return int(add_all.address)
+
+
+@cache
+def add_twigs(columns: int, bits: int) -> int:
+    """The address of the sum of the leaves that some rows reach in one group's twigs, compiled.
+
+    The function takes the addresses of the trees' first twigs, of all twigs, and of the ranks; the number
+    of rows; the addresses of the group's exits [row][tree] and of the next group's, whose twigs it asks
+    for; the address of the sums [row][output], and where in a row of them, in bytes, the group begins
+    and how long a row is.
+    """
+    lanes, size = trees_at_once(), bits // 8
+    distance = min(lanes, _TREES_AHEAD)
+
+    @numba.cfunc("void(intp, intp, intp, intp, intp, intp, intp, intp, intp)", cache=True)
+    def add_all(first, twigs, ranks, rows, exits, ahead, sums, place, width):  # type: ignore[no-untyped-def]
+        for lane in range(0, lanes, OUTPUTS_AT_ONCE):
+            start = widen(load(first + 4 * lane, 32, OUTPUTS_AT_ONCE))
+            soon = exits + distance * size if lane + distance < lanes else ahead + (distance - lanes) * size
+            for row in range(rows):
+                at = (row * lanes + lane) * size
+                for tree in range(OUTPUTS_AT_ONCE):
+                    soon_first = integer_at(first + 4 * (lane + distance + tree), 32)
+                    prefetch(twigs + LINE * (soon_first + integer_at(soon + at + tree * size, bits)), 1)
+                reached = widen(load(exits + at, bits, OUTPUTS_AT_ONCE))
+                twig = elements(twigs, plus(start, reached), LINE)
+                rank = lookup(ranks + row * columns, columns, bytes_at(twig, COLUMNS_AT))
+                goes_left = greater(bytes_at(twig, LIMITS_AT), rank)
+                reachable = select(goes_left, splat(-1, 8, _MASKS), bytes_at(twig, MASKS_AT))
+                leaf = floats_at(plus(twig, elements(0, lowest_common_bit(reachable), 4)))
+                total = sums + row * width + place
+                store(total, add(load_floats(total, OUTPUTS_AT_ONCE), leaf))
+            place += 4 * OUTPUTS_AT_ONCE
+            if place == width:
+                place = 0
+
+    return int(add_all.address)

@@ -14,6 +14,7 @@ from numba.core import types
 from numba.extending import intrinsic, models, register_model
 
 _BYTE: Final = ir.IntType(8)
+_WORD: Final = ir.IntType(64)
 
 
 class Vector(types.Type):
@@ -82,7 +83,7 @@ def splat(_context, _value, bits, lanes):  # type: ignore[no-untyped-def]
     vector = Vector(bits.literal_value, lanes.literal_value)
 
     def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        return _splat(builder, builder.trunc(arguments[0], ir.IntType(vector.bits)), vector.lanes)
+        return spread(builder, builder.trunc(arguments[0], ir.IntType(vector.bits)), vector.lanes)
 
     return vector(types.intp, bits, lanes), generate
 
@@ -101,40 +102,30 @@ def integer_at(_context, _address, bits):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def float_at(_context, _address):  # type: ignore[no-untyped-def]
-    """The float32 at an address."""
-
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        pointer = builder.inttoptr(arguments[0], ir.FloatType().as_pointer())
-        return builder.load(pointer, align=4, typ=ir.FloatType())
-
-    return types.float32(types.intp), generate
-
-
-@intrinsic
-def put_float(_context, _address, _value):  # type: ignore[no-untyped-def]
-    """Writes a float32 to an address."""
+def put_word(_context, _address, _value):  # type: ignore[no-untyped-def]
+    """Writes eight bytes to an address."""
 
     def generate(context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        pointer = builder.inttoptr(arguments[0], ir.FloatType().as_pointer())
-        builder.store(arguments[1], pointer, align=4)
+        builder.store(arguments[1], builder.inttoptr(arguments[0], _WORD.as_pointer()), align=1)
         return context.get_dummy_value()
 
-    return types.void(types.intp, types.float32), generate
+    return types.void(types.intp, types.intp), generate
 
 
-@intrinsic
-def prefetch(_context, _address):  # type: ignore[no-untyped-def]
-    """Asks for the cache line at an address, to be read soon."""
+@intrinsic(prefer_literal=True)
+def prefetch(_context, _address, level):  # type: ignore[no-untyped-def]
+    """Asks for the cache line at an address, to be in the cache of a level, 1 or 2, when it is read."""
+    locality = 4 - level.literal_value
 
     def generate(context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
         pointer, flag = _BYTE.as_pointer(), ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [pointer, flag, flag, flag])
         function = builder.module.declare_intrinsic("llvm.prefetch", (pointer,), kind)
-        builder.call(function, [builder.inttoptr(arguments[0], pointer), flag(0), flag(3), flag(1)])
+        address = builder.inttoptr(arguments[0], pointer)
+        builder.call(function, [address, flag(0), flag(locality), flag(1)])
         return context.get_dummy_value()
 
-    return types.void(types.intp), generate
+    return types.void(types.intp, level), generate
 
 
 @intrinsic
@@ -143,6 +134,16 @@ def greater(_context, left, right):  # type: ignore[no-untyped-def]
 
     def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
         return builder.icmp_signed(">", *arguments)
+
+    return Vector(1, left.lanes)(left, right), generate
+
+
+@intrinsic
+def not_above(_context, left, right):  # type: ignore[no-untyped-def]
+    """A mask of the lanes in which left is at most right, both float32 and neither missing."""
+
+    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+        return builder.fcmp_ordered("<=", *arguments)
 
     return Vector(1, left.lanes)(left, right), generate
 
@@ -190,7 +191,8 @@ def load_floats(_context, _address, lanes):  # type: ignore[no-untyped-def]
     return vector(types.intp, lanes), generate
 
 
-def _splat(builder: ir.IRBuilder, value: ir.Value, lanes: int) -> ir.Value:
+def spread(builder: ir.IRBuilder, value: ir.Value, lanes: int) -> ir.Value:
+    """Generates a vector of one value in every lane."""
     one = ir.VectorType(value.type, 1)
     single = builder.insert_element(ir.Constant(one, ir.Undefined), value, ir.IntType(32)(0))
     return builder.shuffle_vector(single, single, lane_numbers([0] * lanes))

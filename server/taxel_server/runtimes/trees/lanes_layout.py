@@ -1,0 +1,173 @@
+"""A forest as the kernels for few rows read it: trees side by side, each cut into a trunk and twigs.
+
+A twig is a largest subtree of at most so many leaves; the trunk is what remains above the twigs. In the
+in-order numbering, inner node i stands between leaves i and i + 1. So the leaves between two trunk nodes
+that follow each other are a twig's, and the trunk is itself a tree in order, whose leaves are the twigs.
+
+With twigs of eight leaves, each in a cache line of its own, a row touches little of a tree, and knows
+early which part of it; with twigs of one leaf the whole tree is trunk, which several rows share.
+"""
+
+from dataclasses import dataclass
+from typing import Final, Self
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel_server.runtimes.trees.columns import Columns
+from taxel_server.runtimes.trees.in_order import InOrder
+
+TWIG: Final = 8
+"""Most leaves of a twig that is more than a leaf."""
+
+LINE: Final = 64
+"""Bytes of such a twig: its leaves as float32, its nodes' columns, limits and masks, eight bytes each.
+
+A node's mask has the bits of the leaves that a row can still reach after it went right there.
+"""
+
+COLUMNS_AT: Final = 4 * TWIG
+LIMITS_AT: Final = COLUMNS_AT + TWIG
+MASKS_AT: Final = LIMITS_AT + TWIG
+
+MOST_TWIGS: Final = {8: 127, 16: 32767}
+"""Twigs of the largest tree whose exits fit signed integers of so many bits; one value blocks a lane."""
+
+TABLE_SIZES: Final = (16, 32, 48, 64, 128, 256)
+"""How many columns a row's byte ranks may have, padded."""
+
+
+@dataclass(frozen=True)
+class TrunksLayout:
+    """Trunks by place, in groups of as many as a kernel has lanes.
+
+    Attributes:
+        bits: of the number of a twig in its tree, 8 or 16.
+        steps: (groups,) int64, nodes of each group's largest trunk.
+        start: (groups + 1,) int64, each group's first byte in `nodes`.
+        nodes: (bytes,) uint8, for every step the columns, limits and first twigs of the group's trees.
+    """
+
+    bits: int
+    steps: NDArray[np.int64]
+    start: NDArray[np.int64]
+    nodes: NDArray[np.uint8]
+
+    @classmethod
+    def of(cls, index: InOrder, columns: Columns, trees: NDArray[np.int64], most: int) -> Self:
+        """Lays out the trees of (groups, lanes), where -1 is none, with at most so many leaves a twig."""
+        twigs = np.append(count_twigs(index, most), 1)
+        bits = 8 if twigs.max() <= MOST_TWIGS[8] else 16
+        steps = twigs[trees].max(axis=1, initial=1) - 1
+        start = np.concatenate([[0], np.cumsum((2 + bits // 8) * trees.shape[1] * steps)])
+        # What fills up a lane is a node whose first twig is out of reach.
+        nodes = np.full(start[-1], 255, dtype=np.uint8)
+        _put_trunks(
+            trees,
+            start,
+            bits,
+            most,
+            index.leaves,
+            index.node_start,
+            columns.column,
+            columns.limit,
+            index.first,
+            index.last,
+            nodes,
+        )
+        return cls(bits, steps, start, nodes)
+
+
+@dataclass(frozen=True)
+class TwigsLayout:
+    """The twigs of TWIG leaves of trees by place.
+
+    Attributes:
+        first: (places and a group's more,) int32, each tree's first twig; 0 where there is no tree.
+        lines: (twigs, LINE) uint8; the first one has a single leaf, which adds nothing.
+    """
+
+    first: NDArray[np.int32]
+    lines: NDArray[np.uint8]
+
+    @classmethod
+    def of(cls, index: InOrder, columns: Columns, trees: NDArray[np.int64]) -> Self:
+        """Lays out the trees of (groups, lanes), where -1 is none."""
+        tree = trees.ravel()
+        count = np.append(count_twigs(index, TWIG), 0)[tree]
+        first = np.zeros(len(tree) + trees.shape[1], dtype=np.int32)
+        first[: len(tree)] = np.where(tree >= 0, 1 + np.cumsum(count) - count, 0)
+        lines = np.zeros((1 + int(count.sum()), LINE), dtype=np.uint8)
+        lines[:, MASKS_AT:] = 255
+        lines[0, :COLUMNS_AT].view(np.float32)[:] = -0.0
+        _put_twigs(
+            tree,
+            first,
+            index.leaves,
+            index.node_start,
+            index.leaf_start,
+            columns.column,
+            columns.limit,
+            index.first,
+            index.last,
+            index.value.view(np.uint8),
+            lines,
+        )
+        return cls(first, lines)
+
+
+def count_twigs(index: InOrder, most: int) -> NDArray[np.int64]:
+    """(trees,) How many twigs of at most so many leaves each tree has."""
+    in_trunk = np.concatenate([[0], np.cumsum(index.last - index.first >= most)])
+    twigs: NDArray[np.int64] = (
+        1 + in_trunk[index.node_start + index.leaves - 1] - in_trunk[index.node_start]
+    )
+    return twigs
+
+
+@numba.njit(cache=True, nogil=True)
+def _put_trunks(trees, start, bits, most, leaves, node_start, column, limit, first, last, nodes):  # type: ignore[no-untyped-def]
+    lanes, size = trees.shape[1], bits // 8
+    twig_of = np.zeros(leaves.max() if leaves.size else 0, dtype=np.int64)
+    for group in range(trees.shape[0]):
+        for lane in range(lanes):
+            tree = trees[group, lane]
+            if tree < 0:
+                continue
+            step = 0
+            for leaf in range(leaves[tree] - 1):
+                twig_of[leaf] = step
+                node = node_start[tree] + leaf
+                if last[node] - first[node] >= most:
+                    place = start[group] + (2 + size) * lanes * step
+                    nodes[place + lane] = column[node]
+                    nodes[place + lanes + lane] = np.uint8(limit[node])
+                    number = twig_of[first[node]] - (1 << (bits - 1))
+                    for byte in range(size):
+                        nodes[place + 2 * lanes + size * lane + byte] = np.uint8(number >> (8 * byte))
+                    step += 1
+
+
+@numba.njit(cache=True, nogil=True)
+def _put_twigs(  # type: ignore[no-untyped-def]
+    trees, first_twig, leaves, node_start, leaf_start, column, limit, first, last, value, lines
+):
+    for place in range(trees.size):
+        tree = trees[place]
+        if tree < 0:
+            continue
+        line, begin = first_twig[place], 0
+        for leaf in range(leaves[tree]):
+            seat, source = leaf - begin, 4 * (leaf_start[tree] + leaf)
+            lines[line, 4 * seat : 4 * seat + 4] = value[source : source + 4]
+            if leaf == leaves[tree] - 1:
+                break
+            node = node_start[tree] + leaf
+            if last[node] - first[node] >= TWIG:
+                begin, line = leaf + 1, line + 1
+            else:
+                lines[line, COLUMNS_AT + seat] = column[node]
+                lines[line, LIMITS_AT + seat] = np.uint8(limit[node])
+                left_out = (2 << seat) - (1 << (first[node] - begin))
+                lines[line, MASKS_AT + seat] = np.uint8(255 - left_out)

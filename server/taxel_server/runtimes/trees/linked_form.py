@@ -1,0 +1,118 @@
+"""The form of a forest for few rows of large trees: many walks from node to node, in turn."""
+
+from typing import Final, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel_server.runtimes.trees.columns import ROWS, RankScratch, rank_rows, rank_scratch_at, ranking_at
+from taxel_server.runtimes.trees.forest import Forest
+from taxel_server.runtimes.trees.in_order import InOrder
+from taxel_server.runtimes.trees.linked_layout import LinkedLayout
+from taxel_server.runtimes.trees.plans import Scratch, array_at, pack
+from taxel_server.runtimes.trees.scales import Scales, put_rows, scales_at
+from taxel_server.runtimes.trees.vectors import integer_at
+
+_WALKERS: Final = 16
+"""Walks that advance in turn, so that one need not wait for another's memory."""
+
+
+class _Trees(NamedTuple):
+    root: NDArray[np.int64]
+    output: NDArray[np.int32]
+    nodes: int
+    value: NDArray[np.float32]
+    ranks: int
+    base_score: NDArray[np.float32]
+
+
+class _Scratch(NamedTuple):
+    ranks: NDArray[np.uint16]
+    sums: NDArray[np.float32]
+    walkers: NDArray[np.int64]
+
+
+class LinkedKernel:
+    """A forest of any size, to be walked; each thread needs a scratch of its own."""
+
+    def __init__(self, forest: Forest, index: InOrder, scales: Scales) -> None:
+        layout = LinkedLayout.of(forest, index)
+        columns = layout.columns
+        self._trees = _Trees(
+            forest.roots[:-1],
+            forest.outputs,
+            layout.nodes.ctypes.data,
+            layout.value,
+            len(columns) + 1,
+            forest.base_score,
+        )
+        self._kept = (layout, scales)
+        self._plan = pack(columns.ranking, self._trees, scales)
+
+    def scratch(self) -> Scratch:
+        """Memory for one evaluation at a time."""
+        own = _Scratch(
+            np.zeros(ROWS * self._trees.ranks, dtype=np.uint16),
+            np.empty(ROWS * len(self._trees.base_score), dtype=np.float32),
+            np.empty(2 * _WALKERS, dtype=np.int64),
+        )
+        return Scratch((*own, *RankScratch.make()))
+
+    def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32], scratch: Scratch) -> None:
+        """Fills `result` (n, outputs) with what the forest says of `windows` (n, features)."""
+        _evaluate(self._plan, scratch.plan, windows, result)
+
+
+@numba.njit(cache=True)
+def _trees_at(plan, entry):  # type: ignore[no-untyped-def]
+    return _Trees(
+        array_at(plan, entry, np.int64),
+        array_at(plan, entry + 1, np.int32),
+        plan[entry + 2, 0],
+        array_at(plan, entry + 3, np.float32),
+        plan[entry + 4, 0],
+        array_at(plan, entry + 5, np.float32),
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def _walk(trees, scratch, rows):  # type: ignore[no-untyped-def]
+    """Every tree with every row is a walk; they advance together, in handfuls, until none moves."""
+    walks, outputs = trees.root.size * rows, trees.base_score.size
+    place, ranks = scratch.walkers[:_WALKERS], scratch.walkers[_WALKERS:]
+    base = scratch.ranks.ctypes.data
+    for first in range(0, walks, _WALKERS):
+        count = min(_WALKERS, walks - first)
+        for walker in range(count):
+            tree, row = divmod(first + walker, rows)
+            place[walker] = trees.root[tree]
+            ranks[walker] = base + 2 * row * trees.ranks
+        moving = True
+        while moving:
+            moving = False
+            for walker in range(count):
+                node = trees.nodes + 8 * place[walker]
+                rank = integer_at(ranks[walker] + 2 * integer_at(node, 16), 16)
+                after = integer_at(node + 4, 32) + (rank >= integer_at(node + 2, 16))
+                moving |= after != place[walker]
+                place[walker] = after
+        for walker in range(count):
+            tree, row = divmod(first + walker, rows)
+            scratch.sums[row * outputs + trees.output[tree]] += trees.value[place[walker]]
+
+
+@numba.njit(cache=True, nogil=True)
+def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
+    ranking, trees, scales = ranking_at(plan, 0), _trees_at(plan, 4), scales_at(plan, 10)
+    scratch = _Scratch(
+        array_at(memory, 0, np.uint16), array_at(memory, 1, np.float32), array_at(memory, 2, np.int64)
+    )
+    places, outputs = rank_scratch_at(memory, 3), trees.base_score.size
+    for start in range(0, windows.shape[0], ROWS):
+        rows = min(ROWS, windows.shape[0] - start)
+        rank_rows(ranking, scales, windows, start, rows, 65535, 0, trees.ranks, places, scratch.ranks)
+        for row in range(rows):
+            scratch.sums[row * outputs : (row + 1) * outputs] = trees.base_score
+        _walk(trees, scratch, rows)
+        put_rows(scales, scratch.sums, outputs, 1, start, rows, result)

@@ -1,0 +1,162 @@
+"""The form of a forest for a row or two: trunks side by side, then one twig of every tree."""
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel_server.runtimes.trees.calls import call
+from taxel_server.runtimes.trees.columns import (
+    ROWS,
+    Columns,
+    RankScratch,
+    rank_rows,
+    rank_scratch_at,
+    ranking_at,
+)
+from taxel_server.runtimes.trees.forest import Forest
+from taxel_server.runtimes.trees.in_order import InOrder
+from taxel_server.runtimes.trees.lanes_layout import (
+    MOST_TWIGS,
+    TABLE_SIZES,
+    TWIG,
+    TrunksLayout,
+    TwigsLayout,
+    count_twigs,
+)
+from taxel_server.runtimes.trees.lookups import can_look_up
+from taxel_server.runtimes.trees.plans import Scratch, array_at, pack, together
+from taxel_server.runtimes.trees.scales import Scales, put_rows, scales_at
+from taxel_server.runtimes.trees.trees_in_lanes import (
+    OUTPUTS_AT_ONCE,
+    add_twigs,
+    find_exits,
+    trees_at_once,
+)
+
+
+class _Trees(NamedTuple):
+    """A laid out forest, and the functions that evaluate it."""
+
+    traversal: int
+    addition: int
+    steps: NDArray[np.int64]
+    start: NDArray[np.int64]
+    nodes: int
+    first: int
+    twigs: int
+    lanes: int
+    ranks: int
+    width: int
+    base_score: NDArray[np.float32]
+
+
+class _Scratch(NamedTuple):
+    ranks: NDArray[np.int8]
+    exits: NDArray[np.uint16]
+    ahead: NDArray[np.uint16]
+    sums: NDArray[np.float32]
+
+
+class TwigsKernel:
+    """A forest that `fits`, compiled for few rows; each thread needs a scratch of its own."""
+
+    def __init__(self, forest: Forest, index: InOrder, columns: Columns, scales: Scales) -> None:
+        size = next(size for size in TABLE_SIZES if size >= len(columns))
+        width = -(-len(forest.base_score) // OUTPUTS_AT_ONCE) * OUTPUTS_AT_ONCE
+        lanes = trees_at_once()
+        places = -(-int(forest.rounds.max(initial=-1) + 1) * width // lanes) * lanes
+        trees = np.full(places, -1, dtype=np.int64)
+        trees[forest.rounds * width + forest.outputs] = np.arange(forest.trees)
+        trunks = TrunksLayout.of(index, columns, trees.reshape(-1, lanes), TWIG)
+        twigs = TwigsLayout.of(index, columns, trees.reshape(-1, lanes))
+        nodes, first, lines = together(trunks.nodes, twigs.first, twigs.lines)
+        self._trees = _Trees(
+            find_exits(size, trunks.bits),
+            add_twigs(size, trunks.bits),
+            trunks.steps,
+            trunks.start,
+            nodes.ctypes.data,
+            first.ctypes.data,
+            lines.ctypes.data,
+            lanes,
+            size,
+            width,
+            forest.base_score,
+        )
+        self._kept = (columns, nodes, first, lines, scales)
+        self._plan = pack(columns.ranking, self._trees, scales)
+
+    @staticmethod
+    def fits(index: InOrder, columns: Columns) -> bool:
+        """Whether the processor can look ranks up, and neither columns nor a tree's twigs are too many."""
+        twigs = count_twigs(index, TWIG).max(initial=1)
+        return can_look_up() and len(columns) <= TABLE_SIZES[-1] and bool(twigs <= MOST_TWIGS[16])
+
+    def scratch(self) -> Scratch:
+        """Memory for one evaluation at a time."""
+        own = _Scratch(
+            np.zeros(ROWS * self._trees.ranks, dtype=np.int8),
+            np.zeros(ROWS * self._trees.lanes, dtype=np.uint16),
+            np.zeros(ROWS * self._trees.lanes, dtype=np.uint16),
+            np.empty(ROWS * self._trees.width, dtype=np.float32),
+        )
+        return Scratch((*own, *RankScratch.make()))
+
+    def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32], scratch: Scratch) -> None:
+        """Fills `result` (n, outputs) with what the forest says of `windows` (n, features)."""
+        _evaluate(self._plan, scratch.plan, windows, result)
+
+
+@numba.njit(cache=True)
+def _trees_at(plan, entry):  # type: ignore[no-untyped-def]
+    return _Trees(
+        plan[entry, 0],
+        plan[entry + 1, 0],
+        array_at(plan, entry + 2, np.int64),
+        array_at(plan, entry + 3, np.int64),
+        plan[entry + 4, 0],
+        plan[entry + 5, 0],
+        plan[entry + 6, 0],
+        plan[entry + 7, 0],
+        plan[entry + 8, 0],
+        plan[entry + 9, 0],
+        array_at(plan, entry + 10, np.float32),
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
+    """Adds every tree's leaf to the sums; a group's trunks go before the twigs of the group before it."""
+    ranks, sums = scratch.ranks.ctypes.data, scratch.sums.ctypes.data
+    exits, ahead = scratch.exits.ctypes.data, scratch.ahead.ctypes.data
+    first, place, width = trees.first, 0, 4 * trees.width
+    for group in range(trees.steps.size + 1):
+        if group < trees.steps.size:
+            nodes = trees.nodes + trees.start[group]
+            call(trees.traversal, (nodes, trees.steps[group], ranks, rows, ahead, 0, 0))
+        if group:
+            call(trees.addition, (first, trees.twigs, ranks, rows, exits, ahead, sums, place, width))
+            first += 4 * trees.lanes
+            place = (place + 4 * trees.lanes) % width
+        exits, ahead = ahead, exits
+
+
+@numba.njit(cache=True, nogil=True)
+def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
+    ranking, trees, scales = ranking_at(plan, 0), _trees_at(plan, 4), scales_at(plan, 15)
+    scratch = _Scratch(
+        array_at(memory, 0, np.int8),
+        array_at(memory, 1, np.uint16),
+        array_at(memory, 2, np.uint16),
+        array_at(memory, 3, np.float32),
+    )
+    places, outputs = rank_scratch_at(memory, 4), trees.base_score.size
+    for start in range(0, windows.shape[0], ROWS):
+        rows = min(ROWS, windows.shape[0] - start)
+        rank_rows(ranking, scales, windows, start, rows, 255, 128, trees.ranks, places, scratch.ranks)
+        for row in range(rows):
+            scratch.sums[row * trees.width : row * trees.width + outputs] = trees.base_score
+        _visit(trees, scratch, rows)
+        put_rows(scales, scratch.sums, trees.width, 1, start, rows, result)
