@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from taxel.manifest import Normalisation
 from taxel_bench.forests import ForestShape, write_forest
 from taxel_server.runtimes.trees import TreesRuntime
+from taxel_server.runtimes.trees.forms import Forms
 from taxel_server.runtimes.trees.parse import read_forest
+from taxel_server.runtimes.trees.scales import Scales
 
 Model = Callable[..., dict[str, Any]]
 Write = Callable[[dict[str, Any]], Path]
@@ -35,10 +37,23 @@ def _rows(
     return rows
 
 
-def _assert_same_bits(runtime: TreesRuntime, booster: xgboost.Booster, rows: NDArray[np.float32]) -> None:
-    expected = booster.inplace_predict(rows, missing=np.nan).reshape(len(rows), -1)
-    found = runtime.evaluate(rows)
-    np.testing.assert_array_equal(found.view(np.int32), expected.view(np.int32))
+class Evaluators:
+    """The runtime for a file, and every form that fits it, chosen or not."""
+
+    def __init__(self, path: Path, normalisation: Normalisation) -> None:
+        self._runtime = TreesRuntime(path, normalisation)
+        self._kernels = Forms.of(read_forest(path), Scales.of(normalisation)).kernels
+
+    def assert_same_bits(self, booster: xgboost.Booster, rows: NDArray[np.float32]) -> None:
+        """Compares all of them with XGBoost."""
+        expected = booster.inplace_predict(rows, missing=np.nan).reshape(len(rows), -1)
+        np.testing.assert_array_equal(self._runtime.evaluate(rows).view(np.int32), expected.view(np.int32))
+        for kernel in self._kernels:
+            found = np.full_like(expected, np.nan)
+            kernel.evaluate(rows, found, kernel.scratch())
+            np.testing.assert_array_equal(
+                found.view(np.int32), expected.view(np.int32), err_msg=type(kernel).__name__
+            )
 
 
 @settings(max_examples=6, deadline=None)
@@ -84,9 +99,9 @@ def test_trained_forests(
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.json"
         booster.save_model(path)
-        runtime = TreesRuntime(path, raw(features))
+        evaluators = Evaluators(path, raw(features))
     for count in ROWS:
-        _assert_same_bits(runtime, booster, rows[generator.integers(0, len(rows), count)])
+        evaluators.assert_same_bits(booster, rows[generator.integers(0, len(rows), count)])
 
 
 def _targets(rows: NDArray[np.float32], generator: np.random.Generator) -> NDArray[np.float32]:
@@ -115,12 +130,12 @@ def _targets(rows: NDArray[np.float32], generator: np.random.Generator) -> NDArr
 def test_random_forests(tmp_path: Path, raw: Raw, shape: ForestShape) -> None:
     path = tmp_path / "model.json"
     write_forest(path, shape, seed=5)
-    runtime = TreesRuntime(path, raw(shape.features, shape.outputs))
+    evaluators = Evaluators(path, raw(shape.features, shape.outputs))
     booster = xgboost.Booster(model_file=path)
     generator = np.random.default_rng(1)
     cuts = read_forest(path).value
     for count in ROWS:
-        _assert_same_bits(runtime, booster, _rows(count, shape.features, generator, cuts))
+        evaluators.assert_same_bits(booster, _rows(count, shape.features, generator, cuts))
 
 
 EXTREMES = [-np.inf, -3.4e38, -1.0, -1e-45, -0.0, 0.0, 1e-45, 1.0, 3.4e38, np.inf, np.nan]
@@ -154,6 +169,5 @@ def test_sums_keep_the_order_of_the_trees(model: Model, write: Write, raw: Raw) 
             base_score="[" + ",".join(["0.1"] * 21) + "]",
         )
     )
-    _assert_same_bits(
-        TreesRuntime(path, raw(6)), xgboost.Booster(model_file=path), np.zeros((70, 6), dtype=np.float32)
-    )
+    booster = xgboost.Booster(model_file=path)
+    Evaluators(path, raw(6)).assert_same_bits(booster, np.zeros((70, 6), dtype=np.float32))

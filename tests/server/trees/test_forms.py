@@ -167,7 +167,8 @@ from taxel_server.runtimes.trees import leaf_sums, rows_as_bits, trees_in_lanes
 from taxel_server.runtimes.trees.lookups import register_bytes
 assert register_bytes() == 64
 assert all(trees_in_lanes.find_exits(columns, bits) for columns in (16, 48, 128, 256) for bits in (8, 16))
-assert all(trees_in_lanes.add_twigs(columns, bits) for columns in (16, 48, 128, 256) for bits in (8, 16))
+assert all(trees_in_lanes.add_twigs(columns) for columns in (16, 48, 128, 256))
+assert trees_in_lanes.find_twigs(8) and trees_in_lanes.find_twigs(16)
 assert trees_in_lanes.put_exits() and trees_in_lanes.add_leaves()
 assert all(rows_as_bits.find_exits(size, lanes) for size in (1, 2) for lanes in (64, 256))
 assert leaf_sums.add_leaves(64)

@@ -84,7 +84,7 @@ class TwigsLayout:
     """The twigs of TWIG leaves of trees by place.
 
     Attributes:
-        first: (places and a group's more,) int32, each tree's first twig; 0 where there is no tree.
+        first: (places,) int32, each tree's first twig; 0 where there is no tree.
         lines: (twigs, LINE) uint8; the first one has a single leaf, which adds nothing.
     """
 
@@ -96,8 +96,12 @@ class TwigsLayout:
         """Lays out the trees of (groups, lanes), where -1 is none."""
         tree = trees.ravel()
         count = np.append(count_twigs(index, TWIG), 0)[tree]
-        first = np.zeros(len(tree) + trees.shape[1], dtype=np.int32)
-        first[: len(tree)] = np.where(tree >= 0, 1 + np.cumsum(count) - count, 0)
+        # Trees visited one after the other lie far apart, or the processor would fetch what is between.
+        apart = np.arange(len(tree)).reshape(trees.shape).T.ravel()
+        ends = np.cumsum(count[apart])
+        first = np.empty(len(tree), dtype=np.int32)
+        first[apart] = 1 + ends - count[apart]
+        first[tree < 0] = 0
         lines = np.zeros((1 + int(count.sum()), LINE), dtype=np.uint8)
         lines[:, MASKS_AT:] = 255
         lines[0, :COLUMNS_AT].view(np.float32)[:] = -0.0

@@ -125,29 +125,46 @@ def add_leaves() -> int:
 
 
 @cache
-def add_twigs(columns: int, bits: int) -> int:
-    """The address of the sum of the leaves that some rows reach in one group's twigs, compiled.
+def find_twigs(bits: int) -> int:
+    """The address of what turns one group's exits into the addresses of its trees' twigs, compiled.
 
-    The function takes the addresses of the trees' first twigs, of all twigs, and of the ranks; the number
-    of rows; the addresses of the group's exits [row][tree] and of the next group's, whose twigs it asks
-    for; the address of the sums [row][output], and where in a row of them, in bytes, the group begins
-    and how long a row is.
+    The function takes the addresses of the trees' first twigs and of all twigs, the number of rows, and
+    the addresses of the exits [row][tree] and of the twigs' addresses [row][tree], which it writes.
     """
     lanes, size = trees_at_once(), bits // 8
-    distance = min(lanes, _TREES_AHEAD)
 
-    @numba.cfunc("void(intp, intp, intp, intp, intp, intp, intp, intp, intp)", cache=True)
-    def add_all(first, twigs, ranks, rows, exits, ahead, sums, place, width):  # type: ignore[no-untyped-def]
+    @numba.cfunc("void(intp, intp, intp, intp, intp)", cache=True)
+    def find(first, twigs, rows, exits, places):  # type: ignore[no-untyped-def]
         for lane in range(0, lanes, OUTPUTS_AT_ONCE):
             start = widen(load(first + 4 * lane, 32, OUTPUTS_AT_ONCE))
-            soon = exits + distance * size if lane + distance < lanes else ahead + (distance - lanes) * size
             for row in range(rows):
-                at = (row * lanes + lane) * size
-                for tree in range(OUTPUTS_AT_ONCE):
-                    soon_first = integer_at(first + 4 * (lane + distance + tree), 32)
-                    prefetch(twigs + LINE * (soon_first + integer_at(soon + at + tree * size, bits)), 1)
-                reached = widen(load(exits + at, bits, OUTPUTS_AT_ONCE))
-                twig = elements(twigs, plus(start, reached), LINE)
+                tree = row * lanes + lane
+                reached = widen(load(exits + tree * size, bits, OUTPUTS_AT_ONCE))
+                store(places + 8 * tree, elements(twigs, plus(start, reached), LINE))
+
+    return int(find.address)
+
+
+@cache
+def add_twigs(columns: int) -> int:
+    """The address of the sum of the leaves that some rows reach in one group's twigs, compiled.
+
+    The function takes the address of the ranks; the number of rows; the addresses of the group's twigs'
+    addresses [row][tree] and of the next group's, whose twigs it asks for; the address of the sums
+    [row][output], and where in a row of them, in bytes, the group begins and how long a row is.
+    """
+    lanes = trees_at_once()
+    distance = min(lanes, _TREES_AHEAD)
+
+    @numba.cfunc("void(intp, intp, intp, intp, intp, intp, intp)", cache=True)
+    def add_all(ranks, rows, places, ahead, sums, place, width):  # type: ignore[no-untyped-def]
+        for lane in range(0, lanes, OUTPUTS_AT_ONCE):
+            soon = places + 8 * distance if lane + distance < lanes else ahead + 8 * (distance - lanes)
+            for row in range(rows):
+                tree = 8 * (row * lanes + lane)
+                for place_soon in range(soon + tree, soon + tree + 8 * OUTPUTS_AT_ONCE, 8):
+                    prefetch(integer_at(place_soon, 64), 1)
+                twig = load(places + tree, 64, OUTPUTS_AT_ONCE)
                 rank = lookup(ranks + row * columns, columns, bytes_at(twig, COLUMNS_AT))
                 goes_left = greater(bytes_at(twig, LIMITS_AT), rank)
                 reachable = select(goes_left, splat(-1, 8, _MASKS), bytes_at(twig, MASKS_AT))

@@ -32,6 +32,7 @@ from taxel_server.runtimes.trees.trees_in_lanes import (
     OUTPUTS_AT_ONCE,
     add_twigs,
     find_exits,
+    find_twigs,
     trees_at_once,
 )
 
@@ -40,6 +41,7 @@ class _Trees(NamedTuple):
     """A laid out forest, and the functions that evaluate it."""
 
     traversal: int
+    finding: int
     addition: int
     steps: NDArray[np.int64]
     start: NDArray[np.int64]
@@ -55,7 +57,8 @@ class _Trees(NamedTuple):
 class _Scratch(NamedTuple):
     ranks: NDArray[np.int8]
     exits: NDArray[np.uint16]
-    ahead: NDArray[np.uint16]
+    places: NDArray[np.int64]
+    ahead: NDArray[np.int64]
     sums: NDArray[np.float32]
 
 
@@ -74,7 +77,8 @@ class TwigsKernel:
         nodes, first, lines = together(trunks.nodes, twigs.first, twigs.lines)
         self._trees = _Trees(
             find_exits(size, trunks.bits),
-            add_twigs(size, trunks.bits),
+            find_twigs(trunks.bits),
+            add_twigs(size),
             trunks.steps,
             trunks.start,
             nodes.ctypes.data,
@@ -99,7 +103,8 @@ class TwigsKernel:
         own = _Scratch(
             np.zeros(ROWS * self._trees.ranks, dtype=np.int8),
             np.zeros(ROWS * self._trees.lanes, dtype=np.uint16),
-            np.zeros(ROWS * self._trees.lanes, dtype=np.uint16),
+            np.zeros(ROWS * self._trees.lanes, dtype=np.int64),
+            np.zeros(ROWS * self._trees.lanes, dtype=np.int64),
             np.empty(ROWS * self._trees.width, dtype=np.float32),
         )
         return Scratch((*own, *RankScratch.make()))
@@ -114,45 +119,47 @@ def _trees_at(plan, entry):  # type: ignore[no-untyped-def]
     return _Trees(
         plan[entry, 0],
         plan[entry + 1, 0],
-        array_at(plan, entry + 2, np.int64),
+        plan[entry + 2, 0],
         array_at(plan, entry + 3, np.int64),
-        plan[entry + 4, 0],
+        array_at(plan, entry + 4, np.int64),
         plan[entry + 5, 0],
         plan[entry + 6, 0],
         plan[entry + 7, 0],
         plan[entry + 8, 0],
         plan[entry + 9, 0],
-        array_at(plan, entry + 10, np.float32),
+        plan[entry + 10, 0],
+        array_at(plan, entry + 11, np.float32),
     )
 
 
 @numba.njit(cache=True, nogil=True)
 def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
     """Adds every tree's leaf to the sums; a group's trunks go before the twigs of the group before it."""
-    ranks, sums = scratch.ranks.ctypes.data, scratch.sums.ctypes.data
-    exits, ahead = scratch.exits.ctypes.data, scratch.ahead.ctypes.data
-    first, place, width = trees.first, 0, 4 * trees.width
+    ranks, sums, exits = scratch.ranks.ctypes.data, scratch.sums.ctypes.data, scratch.exits.ctypes.data
+    places, ahead = scratch.places.ctypes.data, scratch.ahead.ctypes.data
+    place, width = 0, 4 * trees.width
     for group in range(trees.steps.size + 1):
         if group < trees.steps.size:
             nodes = trees.nodes + trees.start[group]
-            call(trees.traversal, (nodes, trees.steps[group], ranks, rows, ahead, 0, 0))
+            call(trees.traversal, (nodes, trees.steps[group], ranks, rows, exits, 0, 0))
+            call(trees.finding, (trees.first + 4 * group * trees.lanes, trees.twigs, rows, exits, ahead))
         if group:
-            call(trees.addition, (first, trees.twigs, ranks, rows, exits, ahead, sums, place, width))
-            first += 4 * trees.lanes
+            call(trees.addition, (ranks, rows, places, ahead, sums, place, width))
             place = (place + 4 * trees.lanes) % width
-        exits, ahead = ahead, exits
+        places, ahead = ahead, places
 
 
 @numba.njit(cache=True, nogil=True)
 def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
-    ranking, trees, scales = ranking_at(plan, 0), _trees_at(plan, 4), scales_at(plan, 15)
+    ranking, trees, scales = ranking_at(plan, 0), _trees_at(plan, 4), scales_at(plan, 16)
     scratch = _Scratch(
         array_at(memory, 0, np.int8),
         array_at(memory, 1, np.uint16),
-        array_at(memory, 2, np.uint16),
-        array_at(memory, 3, np.float32),
+        array_at(memory, 2, np.int64),
+        array_at(memory, 3, np.int64),
+        array_at(memory, 4, np.float32),
     )
-    places, outputs = rank_scratch_at(memory, 4), trees.base_score.size
+    places, outputs = rank_scratch_at(memory, 5), trees.base_score.size
     for start in range(0, windows.shape[0], ROWS):
         rows = min(ROWS, windows.shape[0] - start)
         rank_rows(ranking, scales, windows, start, rows, 255, 128, trees.ranks, places, scratch.ranks)
