@@ -31,9 +31,10 @@ def pack(*tuples: tuple[Any, ...]) -> NDArray[np.int64]:
 
 
 def together(*arrays: NDArray[Any]) -> list[NDArray[Any]]:
-    """Copies of arrays in one block of memory, on huge pages where the system has them.
+    """Copies of arrays in one block of memory, each from the start of a cache line.
 
-    A forest that is not in the cache comes from memory faster when fewer pages are to be found.
+    Large blocks are on huge pages where the system has them: a forest that is not in the cache comes
+    from memory faster when fewer pages are to be found.
     """
     starts = np.cumsum([0, *(-(-array.nbytes // _CACHE_LINE) * _CACHE_LINE for array in arrays)])
     block = _huge_pages(int(starts[-1]))
@@ -48,7 +49,8 @@ def together(*arrays: NDArray[Any]) -> list[NDArray[Any]]:
 def _huge_pages(size: int) -> NDArray[np.uint8]:
     """Memory of its own, as malloc may hand out pages that are in use and stay small."""
     if size < _HUGE_PAGE or not hasattr(mmap, "MADV_HUGEPAGE"):
-        return np.empty(size, dtype=np.uint8)
+        block = np.empty(size + _CACHE_LINE, dtype=np.uint8)
+        return block[-block.ctypes.data % _CACHE_LINE :]
     memory = mmap.mmap(-1, size + 2 * _HUGE_PAGE, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
     memory.madvise(mmap.MADV_HUGEPAGE)
     block = np.frombuffer(memory, dtype=np.uint8)
@@ -56,11 +58,11 @@ def _huge_pages(size: int) -> NDArray[np.uint8]:
 
 
 class Scratch:
-    """Arrays that a kernel writes to, and their plan; for one call at a time."""
+    """Copies of arrays that a kernel writes to, and their plan; for one call at a time."""
 
     def __init__(self, arrays: tuple[Any, ...]) -> None:
-        self._kept = arrays
-        self.plan = pack(arrays)
+        self._kept = together(*arrays)
+        self.plan = pack(tuple(self._kept))
 
 
 @intrinsic

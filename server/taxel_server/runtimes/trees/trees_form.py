@@ -183,7 +183,7 @@ def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
         )
         for group in range(first_group, stop_group):
             nodes, steps = trees.nodes + trees.start[group], trees.steps[group]
-            lines = share // 16 // max(1, steps * (rows - 1))
+            lines = share // 16 // max(1, steps * (rows - 1)) if rows > 1 else 0
             call(trees.traversal, (nodes, steps, ranks, rows, exits, wanted, lines))
             wanted += 4 * share
             call(trees.ordering, (exits, trees.seats + 4 * group * trees.lanes, memory, seated))
