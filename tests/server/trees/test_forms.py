@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from taxel.manifest import Normalisation
 from taxel_bench.forests import ForestShape, write_forest
-from taxel_server.runtimes.trees import forms
+from taxel_server.runtimes.trees import forms, twigs_form
 from taxel_server.runtimes.trees.forms import Forms, Kernel, Timed
 from taxel_server.runtimes.trees.parse import read_forest
 from taxel_server.runtimes.trees.plans import Scratch
@@ -106,6 +106,14 @@ for shape, names in (("mixed sizes", forms.LARGE), ("even", forms.EVERY)):
         [sys.executable, "-c", code], env=os.environ | restricted, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_trunks_that_would_fill_the_memory_are_not_laid_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(twigs_form, "_MOST_BYTES", 1000)
+    check(tmp_path, SHAPES["even"], EVERY[1:], (1,))
+    check(tmp_path, SHAPES["skewed"], LARGE[1:], (1,))
 
 
 @pytest.mark.parametrize("odd", ["TwigsKernel", "TreesKernel", "RowsKernel"])

@@ -126,7 +126,7 @@ def _kernels(forest: Forest, scales: Scales) -> Iterator[tuple[Kernel, int]]:
     """Every kernel that fits the forest, and how many rows it takes at once."""
     index = InOrder.of(forest)
     columns = Columns.of(index, 8, np.arange(forest.trees))
-    if TwigsKernel.fits(index, columns):
+    if TwigsKernel.fits(forest, index, columns):
         yield TwigsKernel(forest, index, columns, scales), ROWS
     if TreesKernel.fits(index, columns):
         yield TreesKernel(forest, index, columns, scales), ROWS

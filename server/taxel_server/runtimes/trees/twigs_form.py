@@ -1,6 +1,6 @@
 """The form of a forest for a row or two: trunks side by side, then one twig of every tree."""
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numba
 import numpy as np
@@ -36,6 +36,9 @@ from taxel_server.runtimes.trees.trees_in_lanes import (
     trees_at_once,
 )
 
+_MOST_BYTES: Final = 2**26
+"""Most memory that trunks may take."""
+
 
 class _Trees(NamedTuple):
     """A laid out forest, and the functions that evaluate it."""
@@ -67,10 +70,8 @@ class TwigsKernel:
 
     def __init__(self, forest: Forest, index: InOrder, columns: Columns, scales: Scales) -> None:
         size = next(size for size in TABLE_SIZES if size >= len(columns))
-        width = -(-len(forest.base_score) // OUTPUTS_AT_ONCE) * OUTPUTS_AT_ONCE
-        lanes = trees_at_once()
-        places = -(-int(forest.rounds.max(initial=-1) + 1) * width // lanes) * lanes
-        trees = np.full(places, -1, dtype=np.int64)
+        width, lanes = _width(forest), trees_at_once()
+        trees = np.full(-(-_places(forest) // lanes) * lanes, -1, dtype=np.int64)
         trees[forest.rounds * width + forest.outputs] = np.arange(forest.trees)
         trunks = TrunksLayout.of(index, columns, trees.reshape(-1, lanes), TWIG)
         twigs = TwigsLayout.of(index, columns, trees.reshape(-1, lanes))
@@ -93,10 +94,19 @@ class TwigsKernel:
         self._plan = pack(columns.ranking, self._trees, scales)
 
     @staticmethod
-    def fits(index: InOrder, columns: Columns) -> bool:
-        """Whether the processor can look ranks up, and neither columns nor a tree's twigs are too many."""
-        twigs = count_twigs(index, TWIG).max(initial=1)
-        return can_look_up() and len(columns) <= TABLE_SIZES[-1] and bool(twigs <= MOST_TWIGS[16])
+    def fits(forest: Forest, index: InOrder, columns: Columns) -> bool:
+        """Whether the processor can look ranks up, and neither columns nor a tree's twigs are too many.
+
+        A group's trunks take the room of its largest one, so that a few huge trees could fill the memory.
+        """
+        twigs = int(count_twigs(index, TWIG).max(initial=1))
+        room = 4 * twigs * (_places(forest) + trees_at_once())
+        return (
+            can_look_up()
+            and len(columns) <= TABLE_SIZES[-1]
+            and twigs <= MOST_TWIGS[16]
+            and room <= _MOST_BYTES
+        )
 
     def scratch(self) -> Scratch:
         """Memory for one evaluation at a time."""
@@ -112,6 +122,15 @@ class TwigsKernel:
     def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32], scratch: Scratch) -> None:
         """Fills `result` (n, outputs) with what the forest says of `windows` (n, features)."""
         _evaluate(self._plan, scratch.plan, windows, result)
+
+
+def _width(forest: Forest) -> int:
+    """How many places one tree of each output takes."""
+    return -(-len(forest.base_score) // OUTPUTS_AT_ONCE) * OUTPUTS_AT_ONCE
+
+
+def _places(forest: Forest) -> int:
+    return int(forest.rounds.max(initial=-1) + 1) * _width(forest)
 
 
 @numba.njit(cache=True)
