@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from taxel_server.runtimes.trees.columns import ROWS, Columns
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
+from taxel_server.runtimes.trees.lanes_layout import can_stand_side_by_side
 from taxel_server.runtimes.trees.linked_form import LinkedKernel
 from taxel_server.runtimes.trees.plans import Scratch
 from taxel_server.runtimes.trees.rows_form import RowsForm, RowsKernel
@@ -126,9 +127,10 @@ def _kernels(forest: Forest, scales: Scales) -> Iterator[tuple[Kernel, int]]:
     """Every kernel that fits the forest, and how many rows it takes at once."""
     index = InOrder.of(forest)
     columns = Columns.of(index, 8, np.arange(forest.trees))
-    if TwigsKernel.fits(forest, index, columns):
+    side_by_side = can_stand_side_by_side(columns)
+    if side_by_side and TwigsKernel.fits(forest, index):
         yield TwigsKernel(forest, index, columns, scales), ROWS
-    if TreesKernel.fits(index, columns):
+    if side_by_side and TreesKernel.fits(index):
         yield TreesKernel(forest, index, columns, scales), ROWS
     else:
         yield LinkedKernel(forest, index, scales), ROWS

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from taxel_server.runtimes.trees.columns import Columns
 from taxel_server.runtimes.trees.in_order import InOrder
+from taxel_server.runtimes.trees.lookups import can_look_up
 
 TWIG: Final = 8
 """Most leaves of a twig that is more than a leaf."""
@@ -34,8 +35,18 @@ MASKS_AT: Final = LIMITS_AT + TWIG
 MOST_TWIGS: Final = {8: 127, 16: 32767}
 """Twigs of the largest tree whose exits fit signed integers of so many bits; one value blocks a lane."""
 
-TABLE_SIZES: Final = (16, 32, 48, 64, 128, 256)
+_TABLE_SIZES: Final = (16, 32, 48, 64, 128, 256)
 """How many columns a row's byte ranks may have, padded."""
+
+
+def can_stand_side_by_side(columns: Columns) -> bool:
+    """Whether the processor can look up the ranks of these columns."""
+    return can_look_up() and len(columns) <= _TABLE_SIZES[-1]
+
+
+def table_size(columns: Columns) -> int:
+    """The length of a row's ranks, of columns that `can_stand_side_by_side`."""
+    return next(size for size in _TABLE_SIZES if size >= len(columns))
 
 
 @dataclass(frozen=True)

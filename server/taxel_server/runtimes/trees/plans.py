@@ -37,7 +37,7 @@ def together(*arrays: NDArray[Any]) -> list[NDArray[Any]]:
     from memory faster when fewer pages are to be found.
     """
     starts = np.cumsum([0, *(-(-array.nbytes // _CACHE_LINE) * _CACHE_LINE for array in arrays)])
-    block = _huge_pages(int(starts[-1]))
+    block = _block(int(starts[-1]))
     copies = []
     for start, array in zip(starts, arrays, strict=False):
         copy = block[start : start + array.nbytes].view(array.dtype).reshape(array.shape)
@@ -46,8 +46,8 @@ def together(*arrays: NDArray[Any]) -> list[NDArray[Any]]:
     return copies
 
 
-def _huge_pages(size: int) -> NDArray[np.uint8]:
-    """Memory of its own, as malloc may hand out pages that are in use and stay small."""
+def _block(size: int) -> NDArray[np.uint8]:
+    """From the start of a line; if large, with pages of its own: malloc's may be in use and stay small."""
     if size < _HUGE_PAGE or not hasattr(mmap, "MADV_HUGEPAGE"):
         block = np.empty(size + _CACHE_LINE, dtype=np.uint8)
         return block[-block.ctypes.data % _CACHE_LINE :]

@@ -7,7 +7,7 @@ import numba
 
 from taxel_server.runtimes.trees.bits import common, either, number, put_numbers, without
 from taxel_server.runtimes.trees.rows_layout import GROUP, RECORDS
-from taxel_server.runtimes.trees.vectors import integer_at, load, prefetch, splat, store
+from taxel_server.runtimes.trees.vectors import AHEAD, integer_at, load, prefetch, splat, store
 from taxel_server.runtimes.trees.words import elements, widen, words_at
 
 _SIGNATURE: Final = "void(intp, intp, intp, intp, intp, intp, intp, intp, intp, intp)"
@@ -29,9 +29,6 @@ _APART: Final = 256
 
 _IN_REGISTERS: Final = 4
 """Sixteens of leaves whose rows are numbered without a detour through memory."""
-
-_AHEAD: Final = 4096
-"""Bytes by which a group asks for records ahead: the processor by itself does not look beyond a page."""
 
 
 def memory_words(numbers: int) -> int:
@@ -151,7 +148,7 @@ def find_exits(bytes_: int, lanes: int) -> int:
 @numba.njit(inline="always")
 def _ask_ahead(records, size, later, each):  # type: ignore[no-untyped-def]
     """Asks for the records that come after a group's, and for what is wanted when all groups are done."""
-    for line in range(_AHEAD, _AHEAD + size, 64):
+    for line in range(AHEAD, AHEAD + size, 64):
         prefetch(records + line, 1)
     for line in range(0, each, 64):
         prefetch(later + line, 2)

@@ -18,7 +18,7 @@ from taxel_server.runtimes.trees.lookups import assembled_lane
 from taxel_server.runtimes.trees.plans import Scratch, array_at, pack, together
 from taxel_server.runtimes.trees.rows_as_bits import find_exits, memory_words
 from taxel_server.runtimes.trees.rows_layout import GROUP, LeafNumbers, RowsLayout, split_sets
-from taxel_server.runtimes.trees.scales import Scales, scales_at
+from taxel_server.runtimes.trees.scales import Scales, restore, scales_at
 
 _GROUP: Final = GROUP.itemsize
 
@@ -227,7 +227,4 @@ def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
             leaves = sums.leaves + 16 * sums.start[output]
             call(sums.addition, (count, leaves, sums.tables, exits, totals, rows))
             for row in range(rows):
-                value = scratch.sums[sums.lane[row]]
-                if scales.applied:
-                    value = value * scales.output_std[output] + scales.output_mean[output]
-                result[first + row, output] = value
+                result[first + row, output] = restore(scales, output, scratch.sums[sums.lane[row]])

@@ -70,21 +70,8 @@ class LeafNumbers:
         number = np.empty(len(index.value), dtype=np.int32)
         count = np.empty_like(index.leaves)
         small = np.logical_and(index.leaves <= MOST_LEAVES[1], narrow)
-        full = _full_levels(index, small)
-        _number(
-            index.leaves,
-            index.node_start,
-            index.leaf_start,
-            index.depth,
-            index.place,
-            small,
-            full,
-            number,
-            count,
-        )
-        # A small tree with few nodes in its upper levels may need more numbers than it has leaves.
-        if (count[small] > MOST_LEAVES[1]).any():
-            full = 0
+        # With few nodes in full levels, a tree may need more numbers than leaves: then no level is full.
+        for full in (_full_levels(index, small), 0):
             _number(
                 index.leaves,
                 index.node_start,
@@ -96,6 +83,8 @@ class LeafNumbers:
                 number,
                 count,
             )
+            if count[small].max(initial=0) <= MOST_LEAVES[1]:
+                break
         return cls(full, small, number, count)
 
 

@@ -41,11 +41,16 @@ def scales_at(plan, entry):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
+def restore(scales, output, value):  # type: ignore[no-untyped-def]
+    """A sum in the scale that its output was trained from."""
+    return value * scales.output_std[output] + scales.output_mean[output] if scales.applied else value
+
+
+@numba.njit(cache=True, nogil=True)
 def put_rows(scales, sums, each_row, each_output, first, rows, result):  # type: ignore[no-untyped-def]
-    """Writes sums, whose rows and outputs are so far apart, to rows of the result, in their own scale."""
+    """Writes sums, whose rows and outputs are so far apart, to rows of the result, restored."""
     for row in range(rows):
         for output in range(result.shape[1]):
-            value = sums[row * each_row + output * each_output]
-            if scales.applied:
-                value = value * scales.output_std[output] + scales.output_mean[output]
-            result[first + row, output] = value
+            result[first + row, output] = restore(
+                scales, output, sums[row * each_row + output * each_output]
+            )

@@ -18,8 +18,8 @@ from taxel_server.runtimes.trees.columns import (
 )
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.lanes_layout import MOST_TWIGS, TABLE_SIZES, TrunksLayout
-from taxel_server.runtimes.trees.lookups import can_look_up, interleaved_lane, register_bytes
+from taxel_server.runtimes.trees.lanes_layout import MOST_TWIGS, TrunksLayout, table_size
+from taxel_server.runtimes.trees.lookups import interleaved_lane, register_bytes
 from taxel_server.runtimes.trees.plans import Scratch, array_at, pack, together
 from taxel_server.runtimes.trees.scales import Scales, put_rows, scales_at
 from taxel_server.runtimes.trees.trees_in_lanes import add_leaves, find_exits, put_exits, trees_at_once
@@ -62,7 +62,7 @@ class TreesKernel:
 
     def __init__(self, forest: Forest, index: InOrder, columns: Columns, scales: Scales) -> None:
         lanes = trees_at_once()
-        size = next(size for size in TABLE_SIZES if size >= len(columns))
+        size = table_size(columns)
         order = np.argsort(forest.outputs, kind="stable")
         output_tree = np.searchsorted(forest.outputs[order], np.arange(len(forest.base_score) + 1))
         batch_output = _batches(output_tree)
@@ -102,10 +102,9 @@ class TreesKernel:
         self._plan = pack(columns.ranking, self._trees, scales)
 
     @staticmethod
-    def fits(index: InOrder, columns: Columns) -> bool:
-        """Whether the processor can look ranks up, and neither columns nor a tree's leaves are too many."""
-        leaves = index.leaves.max(initial=1)
-        return can_look_up() and len(columns) <= TABLE_SIZES[-1] and bool(leaves <= MOST_TWIGS[8])
+    def fits(index: InOrder) -> bool:
+        """Whether no tree has too many leaves, for trees that can stand side by side."""
+        return bool(index.leaves.max(initial=1) <= MOST_TWIGS[8])
 
     def scratch(self) -> Scratch:
         """Memory for one evaluation at a time."""

@@ -9,6 +9,7 @@ from taxel_server.runtimes.trees.columns import ROWS
 from taxel_server.runtimes.trees.lanes_layout import COLUMNS_AT, LIMITS_AT, LINE, MASKS_AT
 from taxel_server.runtimes.trees.lookups import interleave, lookup, register_bytes
 from taxel_server.runtimes.trees.vectors import (
+    AHEAD,
     add,
     greater,
     integer_at,
@@ -30,9 +31,6 @@ _MASKS: Final = 8 * OUTPUTS_AT_ONCE
 
 _TREES_AHEAD: Final = 96
 """Trees whose twigs are asked for before their turn."""
-
-_AHEAD: Final = 4096
-"""Bytes by which a single row runs ahead of the nodes it asks for."""
 
 
 def trees_at_once() -> int:
@@ -56,7 +54,7 @@ def find_exits(columns: int, bits: int) -> int:
     @numba.cfunc("void(intp, intp, intp, intp, intp, intp, intp)", cache=True)
     def traverse(nodes, steps, ranks, rows, exits, wanted, lines):  # type: ignore[no-untyped-def]
         # One row asks for nodes shortly before it needs them; several, for the next group's meanwhile.
-        soon = nodes + (_AHEAD if rows == 1 else size * steps)
+        soon = nodes + (AHEAD if rows == 1 else size * steps)
         each = size // 64 if rows == 1 else -(-size // (64 * (rows - 1)))
         for row in range(rows):
             table = ranks + row * columns
@@ -117,7 +115,7 @@ def add_leaves() -> int:
         total = load_floats(sums, ROWS)
         for tree in range(trees):
             total = add(total, floats_at(elements(leaves, widen(load(exits + 8 * tree, 8, ROWS)), 4)))
-            prefetch(leaves + _AHEAD, 1)
+            prefetch(leaves + AHEAD, 1)
             leaves += 4 * integer_at(counts + tree, 8)
         store(sums, total)
 

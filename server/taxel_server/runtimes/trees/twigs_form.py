@@ -19,13 +19,12 @@ from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
 from taxel_server.runtimes.trees.lanes_layout import (
     MOST_TWIGS,
-    TABLE_SIZES,
     TWIG,
     TrunksLayout,
     TwigsLayout,
     count_twigs,
+    table_size,
 )
-from taxel_server.runtimes.trees.lookups import can_look_up
 from taxel_server.runtimes.trees.plans import Scratch, array_at, pack, together
 from taxel_server.runtimes.trees.scales import Scales, put_rows, scales_at
 from taxel_server.runtimes.trees.trees_in_lanes import (
@@ -66,15 +65,16 @@ class _Scratch(NamedTuple):
 
 
 class TwigsKernel:
-    """A forest that `fits`, compiled for few rows; each thread needs a scratch of its own."""
+    """A forest that `fits`, compiled for a row or two; each thread needs a scratch of its own."""
 
     def __init__(self, forest: Forest, index: InOrder, columns: Columns, scales: Scales) -> None:
-        size = next(size for size in TABLE_SIZES if size >= len(columns))
+        size = table_size(columns)
         width, lanes = _width(forest), trees_at_once()
-        trees = np.full(-(-_places(forest) // lanes) * lanes, -1, dtype=np.int64)
-        trees[forest.rounds * width + forest.outputs] = np.arange(forest.trees)
-        trunks = TrunksLayout.of(index, columns, trees.reshape(-1, lanes), TWIG)
-        twigs = TwigsLayout.of(index, columns, trees.reshape(-1, lanes))
+        places = np.full(-(-_places(forest) // lanes) * lanes, -1, dtype=np.int64)
+        places[forest.rounds * width + forest.outputs] = np.arange(forest.trees)
+        trees = places.reshape(-1, lanes)
+        trunks = TrunksLayout.of(index, columns, trees, TWIG)
+        twigs = TwigsLayout.of(index, columns, trees)
         nodes, first, lines = together(trunks.nodes, twigs.first, twigs.lines)
         self._trees = _Trees(
             find_exits(size, trunks.bits),
@@ -94,19 +94,14 @@ class TwigsKernel:
         self._plan = pack(columns.ranking, self._trees, scales)
 
     @staticmethod
-    def fits(forest: Forest, index: InOrder, columns: Columns) -> bool:
-        """Whether the processor can look ranks up, and neither columns nor a tree's twigs are too many.
+    def fits(forest: Forest, index: InOrder) -> bool:
+        """Whether no tree has too many twigs, for trees that can stand side by side.
 
         A group's trunks take the room of its largest one, so that a few huge trees could fill the memory.
         """
         twigs = int(count_twigs(index, TWIG).max(initial=1))
         room = 4 * twigs * (_places(forest) + trees_at_once())
-        return (
-            can_look_up()
-            and len(columns) <= TABLE_SIZES[-1]
-            and twigs <= MOST_TWIGS[16]
-            and room <= _MOST_BYTES
-        )
+        return twigs <= MOST_TWIGS[16] and room <= _MOST_BYTES
 
     def scratch(self) -> Scratch:
         """Memory for one evaluation at a time."""

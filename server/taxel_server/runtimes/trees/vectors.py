@@ -13,6 +13,9 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic, models, register_model
 
+AHEAD: Final = 4096
+"""Bytes by which a stream is asked for ahead: the processor by itself does not look beyond a page."""
+
 _BYTE: Final = ir.IntType(8)
 _WORD: Final = ir.IntType(64)
 
