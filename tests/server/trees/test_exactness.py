@@ -53,7 +53,7 @@ class Evaluators:
         np.testing.assert_array_equal(self._runtime.evaluate(rows).view(np.int32), expected.view(np.int32))
         for kernel in self._kernels:
             found = np.full_like(expected, np.nan)
-            kernel.evaluate(rows, found, kernel.scratch())
+            kernel.evaluate(rows, found)
             np.testing.assert_array_equal(
                 found.view(np.int32), expected.view(np.int32), err_msg=type(kernel).__name__
             )

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from taxel.manifest import Normalisation
 from taxel_bench.forests import ForestShape, write_forest
 from taxel_server.runtimes.trees import forms, twigs_form
-from taxel_server.runtimes.trees.forms import Forms, Kernel, Timed
+from taxel_server.runtimes.trees.forms import Forms, Timed
+from taxel_server.runtimes.trees.kernel import Kernel
 from taxel_server.runtimes.trees.parse import read_forest
-from taxel_server.runtimes.trees.plans import Scratch
 from taxel_server.runtimes.trees.scales import Scales
 from taxel_server.runtimes.trees.walk import walk
 
@@ -64,12 +64,11 @@ def check(folder: Path, shape: ForestShape, names: list[str], rows: tuple[int, .
     kernels = Forms.of(forest, scales).kernels
     assert [type(kernel).__name__ for kernel in kernels] == names
     for kernel in kernels:
-        scratch = kernel.scratch()
         for count in rows:
             windows = generator.normal(size=(count, shape.features)).astype(np.float32)
             windows[generator.random(windows.shape) < 0.05] = np.nan
             result = np.full((count, shape.outputs), np.nan, dtype=np.float32)
-            kernel.evaluate(windows, result, scratch)
+            kernel.evaluate(windows, result)
             np.testing.assert_array_equal(
                 result.view(np.int32), walk(forest, scales, windows).view(np.int32)
             )
@@ -123,8 +122,8 @@ def test_a_form_with_other_bits_is_not_used(
     kind = getattr(forms, odd)
     original = kind.evaluate
 
-    def one_bit_off(self: Kernel, windows: Windows, result: Windows, scratch: Scratch) -> None:
-        original(self, windows, result, scratch)
+    def one_bit_off(self: Kernel, windows: Windows, result: Windows) -> None:
+        original(self, windows, result)
         result[-1, -1] = np.nextafter(result[-1, -1], np.float32(np.inf))
 
     monkeypatch.setattr(kind, "evaluate", one_bit_off)
@@ -138,33 +137,46 @@ def test_a_form_with_other_bits_is_not_used(
     assert odd not in [type(kernel).__name__ for kernel in chosen.kernels]
     windows = np.random.default_rng(0).normal(size=(70, forest.features)).astype(np.float32)
     found = np.empty((70, len(forest.base_score)), np.float32)
-    for step in chosen.steps(70):
-        kernel = chosen.kernels[step.kernel]
-        rows = slice(step.first, step.stop)
-        kernel.evaluate(windows[rows], found[rows], kernel.scratch())
+    chosen.evaluate(windows, found)
     np.testing.assert_array_equal(found, walk(forest, scales, windows))
 
 
-def timed(*forms: tuple[int, float, float]) -> Forms:
-    return Forms([Timed(None, size, one, whole) for size, one, whole in forms])
+class Noted:
+    """A kernel that notes what it is given, the rows' own numbers."""
+
+    def __init__(self, notes: list[tuple[int, int, int]], place: int) -> None:
+        self._notes = notes
+        self._place = place
+
+    def evaluate(self, windows: Windows, result: Windows) -> None:
+        assert len(windows) == len(result)
+        if len(windows):
+            self._notes.append((self._place, int(windows[0, 0]), int(windows[-1, 0])))
+
+
+def chosen_for(rows: int, *forms: tuple[int, float, float]) -> list[tuple[int, int, int]]:
+    """For every evaluation the form's place and its first and last row; forms have a size and two times."""
+    notes: list[tuple[int, int, int]] = []
+    timed = [Timed(Noted(notes, place), size, one, whole) for place, (size, one, whole) in enumerate(forms)]
+    windows = np.arange(rows, dtype=np.float32)[:, None]
+    Forms(timed).evaluate(windows, windows.copy())
+    return notes
 
 
 def test_fewer_rows_take_the_first_form_and_many_the_last() -> None:
-    forms = timed((8, 1.0, 1.0), (64, 3.0, 3.0), (256, 7.0, 7.0))
-    assert [(step.kernel, step.first, step.stop) for step in forms.steps(8)] == [(0, 0, 8)]
-    assert [(step.kernel, step.first, step.stop) for step in forms.steps(64)] == [(1, 0, 64)]
-    assert [(step.kernel, step.first, step.stop) for step in forms.steps(200)] == [(2, 0, 200)]
-    assert [(step.kernel, step.first, step.stop) for step in forms.steps(600)] == [
-        (2, 0, 512),
-        (1, 512, 600),
-    ]
-    assert forms.steps(0) == []
-    assert [(step.kernel, step.stop) for step in timed((1, 1.0, 1.0)).steps(900)] == [(0, 900)]
+    forms = ((8, 1.0, 1.0), (64, 3.0, 3.0), (256, 7.0, 7.0))
+    assert chosen_for(8, *forms) == [(0, 0, 7)]
+    assert chosen_for(64, *forms) == [(1, 0, 63)]
+    assert chosen_for(200, *forms) == [(2, 0, 199)]
+    assert chosen_for(512, *forms) == [(2, 0, 511)]
+    assert chosen_for(600, *forms) == [(2, 0, 511), (1, 512, 599)]
+    assert chosen_for(0, *forms) == []
+    assert chosen_for(900, (1, 1.0, 1.0)) == [(0, 0, 899)]
 
 
 def test_one_row_takes_the_first_form_where_eight_would_not() -> None:
-    forms = timed((8, 1.0, 8.0), (64, 3.5, 3.5), (256, 7.0, 7.0))
-    assert [forms.steps(rows)[0].kernel for rows in (1, 2, 3, 4, 8, 9)] == [0, 0, 0, 1, 1, 1]
+    forms = ((8, 1.0, 8.0), (64, 3.5, 3.5), (256, 7.0, 7.0))
+    assert [chosen_for(rows, *forms)[0][0] for rows in (1, 2, 3, 4, 8, 9)] == [0, 0, 0, 1, 1, 1]
 
 
 @pytest.mark.skipif(os.uname().machine != "x86_64", reason="names x86 processors")

@@ -4,7 +4,7 @@ import logging
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple, Protocol, Self
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from taxel_server.runtimes.trees.columns import ROWS, Columns
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
+from taxel_server.runtimes.trees.kernel import Kernel
 from taxel_server.runtimes.trees.lanes_layout import can_stand_side_by_side
 from taxel_server.runtimes.trees.linked_form import LinkedKernel
-from taxel_server.runtimes.trees.plans import Scratch
 from taxel_server.runtimes.trees.rows_form import RowsForm, RowsKernel
 from taxel_server.runtimes.trees.rows_layout import MOST_LEAVES
 from taxel_server.runtimes.trees.scales import Scales
@@ -30,24 +30,6 @@ _LOG: Final = logging.getLogger(__name__)
 _REPEATS: Final = 7
 
 
-class Kernel(Protocol):
-    """A forest compiled for some number of rows; each thread needs a scratch of its own."""
-
-    def scratch(self) -> Scratch:
-        """Memory for one evaluation at a time."""
-
-    def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32], scratch: Scratch) -> None:
-        """Fills `result` (n, outputs) with what the forest says of `windows` (n, features)."""
-
-
-class Step(NamedTuple):
-    """One evaluation: the number of the kernel, and the rows [first, stop)."""
-
-    kernel: int
-    first: int
-    stop: int
-
-
 class WalkKernel:
     """The plain walk, where a faster form is not to be trusted."""
 
@@ -55,13 +37,8 @@ class WalkKernel:
         self._forest = forest
         self._scales = scales
 
-    def scratch(self) -> Scratch:
-        """Nothing: a walk needs no memory of its own."""
-        return Scratch(())
-
-    def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32], scratch: Scratch) -> None:
+    def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32]) -> None:
         """Fills `result` (n, outputs) with what the forest says of `windows` (n, features)."""
-        del scratch
         result[:] = walk(self._forest, self._scales, windows)
 
 
@@ -86,16 +63,14 @@ class Forms:
 
     Attributes:
         kernels: the forms.
+        cheapest: the kernel for every number of rows up to a long block's.
     """
 
     def __init__(self, timed: Sequence[Timed]) -> None:
-        """Chooses the cheapest kernel for every number of rows up to a long block's."""
+        """Chooses by what was measured."""
         self.kernels = [each.kernel for each in timed]
-        cheapest = [
-            min(range(len(timed)), key=lambda kernel: timed[kernel].seconds(rows))
-            for rows in range(BLOCKS[-1] + 1)
-        ]
-        self._few = [[Step(kernel, 0, rows)] for rows, kernel in enumerate(cheapest)]
+        choice = [min(timed, key=lambda each: each.seconds(rows)) for rows in range(BLOCKS[-1] + 1)]
+        self.cheapest = [each.kernel for each in choice]
 
     @classmethod
     def of(cls, forest: Forest, scales: Scales) -> Self:
@@ -112,15 +87,14 @@ class Forms:
         ]
         return cls(_timed(kernels or [(WalkKernel(forest, scales), 1)], windows, expected.shape[1]))
 
-    def steps(self, rows: int) -> list[Step]:
-        """The cheapest way to evaluate so many rows."""
-        if rows <= BLOCKS[-1]:
-            return self._few[rows] if rows else []
-        rest = rows % BLOCKS[-1]
-        whole, last = self._few[-1][0].kernel, self._few[rest][0].kernel
-        if whole == last or not rest:
-            return [Step(whole, 0, rows)]
-        return [Step(whole, 0, rows - rest), Step(last, rows - rest, rows)]
+    def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32]) -> None:
+        """Fills `result` (n, outputs) for any number of rows: whole blocks, and then the rest."""
+        block = BLOCKS[-1]
+        rest = len(windows) % block
+        if rest and len(windows) > block and self.cheapest[rest] is not self.cheapest[block]:
+            self.cheapest[block].evaluate(windows[:-rest], result[:-rest])
+            windows, result = windows[-rest:], result[-rest:]
+        self.cheapest[min(len(windows), block)].evaluate(windows, result)
 
 
 def _kernels(forest: Forest, scales: Scales) -> Iterator[tuple[Kernel, int]]:
@@ -150,7 +124,7 @@ def _sample(forest: Forest, rows: int) -> NDArray[np.float32]:
 def _agrees(kernel: Kernel, windows: NDArray[np.float32], expected: NDArray[np.float32]) -> bool:
     """Whether a kernel gives the plain walk's bits; the first evaluation compiles it, too."""
     result = np.empty((len(windows), expected.shape[1]), dtype=np.float32)
-    kernel.evaluate(windows, result, kernel.scratch())
+    kernel.evaluate(windows, result)
     agrees = np.array_equal(result.view(np.int32), expected[: len(windows)].view(np.int32))
     if not agrees:
         _LOG.error(
@@ -164,14 +138,13 @@ def _timed(
     kernels: Sequence[tuple[Kernel, int]], windows: NDArray[np.float32], outputs: int
 ) -> list[Timed]:
     """The least times of some evaluations, in turn: a moment's disturbance must not decide for good."""
-    scratches = [kernel.scratch() for kernel, _ in kernels]
     least = np.full((len(kernels), 2), np.inf)
     for _ in range(_REPEATS):
         for place, (kernel, size) in enumerate(kernels):
             for which, rows in enumerate((1, size)):
                 result = np.empty((rows, outputs), dtype=np.float32)
                 start = time.perf_counter()
-                kernel.evaluate(windows[:rows], result, scratches[place])
+                kernel.evaluate(windows[:rows], result)
                 least[place, which] = min(least[place, which], time.perf_counter() - start)
     return [
         Timed(kernel, size, one, whole)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from taxel_server.runtimes.trees.columns import ROWS, RankScratch, rank_rows, rank_scratch_at, ranking_at
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
+from taxel_server.runtimes.trees.kernel import CompiledKernel
 from taxel_server.runtimes.trees.linked_layout import LinkedLayout
 from taxel_server.runtimes.trees.plans import Scratch, array_at, pack
 from taxel_server.runtimes.trees.scales import Scales, put_rows, scales_at
@@ -33,8 +34,8 @@ class _Scratch(NamedTuple):
     walkers: NDArray[np.int64]
 
 
-class LinkedKernel:
-    """A forest of any size, to be walked; each thread needs a scratch of its own."""
+class LinkedKernel(CompiledKernel):
+    """A forest of any size, to be walked."""
 
     def __init__(self, forest: Forest, index: InOrder, scales: Scales) -> None:
         layout = LinkedLayout.of(forest, index)
@@ -48,9 +49,9 @@ class LinkedKernel:
             forest.base_score,
         )
         self._kept = (layout, scales)
-        self._plan = pack(columns.ranking, self._trees, scales)
+        super().__init__(_evaluate, pack(columns.ranking, self._trees, scales))
 
-    def scratch(self) -> Scratch:
+    def _scratch(self) -> Scratch:
         """Memory for one evaluation at a time."""
         own = _Scratch(
             np.zeros(ROWS * self._trees.ranks, dtype=np.uint16),
@@ -58,10 +59,6 @@ class LinkedKernel:
             np.empty(2 * _WALKERS, dtype=np.int64),
         )
         return Scratch((*own, *RankScratch.make()))
-
-    def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32], scratch: Scratch) -> None:
-        """Fills `result` (n, outputs) with what the forest says of `windows` (n, features)."""
-        _evaluate(self._plan, scratch.plan, windows, result)
 
 
 @numba.njit(cache=True)

@@ -12,6 +12,7 @@ from taxel_server.runtimes.trees.columns import Columns, ranking_at
 from taxel_server.runtimes.trees.comparisons import compare
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
+from taxel_server.runtimes.trees.kernel import CompiledKernel
 from taxel_server.runtimes.trees.leaf_sums import add_leaves
 from taxel_server.runtimes.trees.leaf_tables import LEAVES, write_leaf_tables
 from taxel_server.runtimes.trees.lookups import assembled_lane
@@ -109,8 +110,8 @@ class RowsForm:
         return cls(columns, narrow, wide, largest, leaves, start, tables, most + 2, forest.base_score)
 
 
-class RowsKernel:
-    """A RowsForm compiled for one block size; each thread needs a scratch of its own."""
+class RowsKernel(CompiledKernel):
+    """A RowsForm compiled for one block size."""
 
     def __init__(self, form: RowsForm, lanes: int, scales: Scales) -> None:
         self.lanes = lanes
@@ -140,9 +141,9 @@ class RowsKernel:
             form.base_score,
             lane,
         )
-        self._plan = pack(form.columns.ranking, *self._parts, self._sums, scales)
+        super().__init__(_evaluate, pack(form.columns.ranking, *self._parts, self._sums, scales))
 
-    def scratch(self) -> Scratch:
+    def _scratch(self) -> Scratch:
         """Memory for one evaluation at a time."""
         return Scratch(
             _Scratch(
@@ -154,10 +155,6 @@ class RowsKernel:
                 np.empty(self.lanes, dtype=np.float32),
             )
         )
-
-    def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32], scratch: Scratch) -> None:
-        """Fills `result` (n, outputs) with what the forest says of `windows` (n, features)."""
-        _evaluate(self._plan, scratch.plan, windows, result)
 
 
 @numba.njit(cache=True)

@@ -2,11 +2,9 @@
 
 import ctypes
 import sys
-import threading
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +13,7 @@ from taxel.errors import ArtifactError
 from taxel.manifest import Normalisation
 from taxel_server.runtimes.trees.forms import BLOCKS, Forms
 from taxel_server.runtimes.trees.parse import read_forest
-from taxel_server.runtimes.trees.plans import Scratch
 from taxel_server.runtimes.trees.scales import Scales
-
-_SHARE: Final = BLOCKS[-1]
-"""Fewest rows worth handing to another thread."""
 
 
 class TreesRuntime:
@@ -55,51 +49,39 @@ class TreesRuntime:
             if found != expected:
                 raise ArtifactError(f"{model_path}: the model has {found} {name}: expected {expected}")
         self._forms = Forms.of(forest, Scales.of(normalisation))
+        self._cheapest = self._forms.cheapest
         del forest
         _give_memory_back()
         self._threads = threads
         self._pool = ThreadPoolExecutor(threads - 1, "trees") if threads > 1 else None
-        self._scratches = _Scratches()
 
     def evaluate(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
         """(n, features) C-contiguous float32 to (n, outputs) float32; NaN and infinities are values too."""
-        result = np.empty((len(windows), self._outputs), dtype=np.float32)
-        shares = min(self._threads, len(windows) // _SHARE)
-        if self._pool is None or shares < 2:
-            self._fill(windows, result)
-            return result
-        bounds = [len(windows) * share // shares // _SHARE * _SHARE for share in range(shares)] + [
-            len(windows)
-        ]
-        others = [
-            self._pool.submit(self._fill, windows[first:stop], result[first:stop])
-            for first, stop in pairwise(bounds[1:])
-        ]
-        self._fill(windows[: bounds[1]], result[: bounds[1]])
-        for other in others:
-            other.result()
+        rows = len(windows)
+        result = np.empty((rows, self._outputs), np.float32)
+        if rows < len(self._cheapest):
+            # The shortest way: what Python reads on it has left the caches since the last call.
+            self._cheapest[rows].evaluate(windows, result)
+        elif self._pool is None:
+            self._forms.evaluate(windows, result)
+        else:
+            self._share(self._pool, windows, result)
         return result
 
-    def _fill(self, windows: NDArray[np.float32], result: NDArray[np.float32]) -> None:
-        steps = self._forms.steps(len(windows))
-        for kernel, first, stop in steps:
-            # Slices cost a single row more than they should.
-            rows, place = (windows[first:stop], result[first:stop]) if len(steps) > 1 else (windows, result)
-            self._forms.kernels[kernel].evaluate(rows, place, self._scratch(kernel))
-
-    def _scratch(self, kernel: int) -> Scratch:
-        """This thread's scratch for a kernel, made on first use."""
-        scratch = self._scratches.of.get(kernel)
-        if scratch is None:
-            scratch = self._scratches.of[kernel] = self._forms.kernels[kernel].scratch()
-        return scratch
-
-
-class _Scratches(threading.local):
-    """The memory that each thread evaluates with, by kernel."""
-
-    def __init__(self) -> None:
-        self.of: dict[int, Scratch] = {}
+    def _share(
+        self, pool: ThreadPoolExecutor, windows: NDArray[np.float32], result: NDArray[np.float32]
+    ) -> None:
+        """Whole blocks for each thread, the calling one among them."""
+        rows = len(windows)
+        shares = min(self._threads, rows // BLOCKS[-1])
+        bounds = [rows * share // shares // BLOCKS[-1] * BLOCKS[-1] for share in range(shares)] + [rows]
+        others = [
+            pool.submit(self._forms.evaluate, windows[first:stop], result[first:stop])
+            for first, stop in pairwise(bounds[1:])
+        ]
+        self._forms.evaluate(windows[: bounds[1]], result[: bounds[1]])
+        for other in others:
+            other.result()
 
 
 def _give_memory_back() -> None:

@@ -18,6 +18,7 @@ from taxel_server.runtimes.trees.columns import (
 )
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
+from taxel_server.runtimes.trees.kernel import CompiledKernel
 from taxel_server.runtimes.trees.lanes_layout import MOST_TWIGS, TrunksLayout, table_size
 from taxel_server.runtimes.trees.lookups import interleaved_lane, register_bytes
 from taxel_server.runtimes.trees.plans import Scratch, array_at, pack, together
@@ -57,8 +58,8 @@ class _Scratch(NamedTuple):
     sums: NDArray[np.float32]
 
 
-class TreesKernel:
-    """A forest that `fits`, compiled for a handful of rows; each thread needs a scratch of its own."""
+class TreesKernel(CompiledKernel):
+    """A forest that `fits`, compiled for a handful of rows."""
 
     def __init__(self, forest: Forest, index: InOrder, columns: Columns, scales: Scales) -> None:
         lanes = trees_at_once()
@@ -99,14 +100,14 @@ class TreesKernel:
             forest.base_score,
         )
         self._kept = (columns, nodes, counts, seats, leaves, scales)
-        self._plan = pack(columns.ranking, self._trees, scales)
+        super().__init__(_evaluate, pack(columns.ranking, self._trees, scales))
 
     @staticmethod
     def fits(index: InOrder) -> bool:
         """Whether no tree has too many leaves, for trees that can stand side by side."""
         return bool(index.leaves.max(initial=1) <= MOST_TWIGS[8])
 
-    def scratch(self) -> Scratch:
+    def _scratch(self) -> Scratch:
         """Memory for one evaluation at a time."""
         own = _Scratch(
             np.zeros(ROWS * self._trees.ranks, dtype=np.int8),
@@ -116,10 +117,6 @@ class TreesKernel:
             np.empty(ROWS * len(self._trees.base_score), dtype=np.float32),
         )
         return Scratch((*own, *RankScratch.make()))
-
-    def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32], scratch: Scratch) -> None:
-        """Fills `result` (n, outputs) with what the forest says of `windows` (n, features)."""
-        _evaluate(self._plan, scratch.plan, windows, result)
 
 
 def _batches(output_tree: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -17,6 +17,7 @@ from taxel_server.runtimes.trees.columns import (
 )
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
+from taxel_server.runtimes.trees.kernel import CompiledKernel
 from taxel_server.runtimes.trees.lanes_layout import (
     MOST_TWIGS,
     TWIG,
@@ -64,8 +65,8 @@ class _Scratch(NamedTuple):
     sums: NDArray[np.float32]
 
 
-class TwigsKernel:
-    """A forest that `fits`, compiled for a row or two; each thread needs a scratch of its own."""
+class TwigsKernel(CompiledKernel):
+    """A forest that `fits`, compiled for a row or two."""
 
     def __init__(self, forest: Forest, index: InOrder, columns: Columns, scales: Scales) -> None:
         size = table_size(columns)
@@ -91,7 +92,7 @@ class TwigsKernel:
             forest.base_score,
         )
         self._kept = (columns, nodes, first, lines, scales)
-        self._plan = pack(columns.ranking, self._trees, scales)
+        super().__init__(_evaluate, pack(columns.ranking, self._trees, scales))
 
     @staticmethod
     def fits(forest: Forest, index: InOrder) -> bool:
@@ -103,7 +104,7 @@ class TwigsKernel:
         room = 4 * twigs * (_places(forest) + trees_at_once())
         return twigs <= MOST_TWIGS[16] and room <= _MOST_BYTES
 
-    def scratch(self) -> Scratch:
+    def _scratch(self) -> Scratch:
         """Memory for one evaluation at a time."""
         own = _Scratch(
             np.zeros(ROWS * self._trees.ranks, dtype=np.int8),
@@ -113,10 +114,6 @@ class TwigsKernel:
             np.empty(ROWS * self._trees.width, dtype=np.float32),
         )
         return Scratch((*own, *RankScratch.make()))
-
-    def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32], scratch: Scratch) -> None:
-        """Fills `result` (n, outputs) with what the forest says of `windows` (n, features)."""
-        _evaluate(self._plan, scratch.plan, windows, result)
 
 
 def _width(forest: Forest) -> int:

@@ -1,0 +1,41 @@
+"""What the forms of a forest have in common: a compiled function, its plan, and memory for it."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel_server.runtimes.trees.plans import Scratch
+
+
+class Kernel(Protocol):
+    """A forest ready to evaluate; safe to call from any thread."""
+
+    def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32]) -> None:
+        """Fills `result` (n, outputs) with what the forest says of `windows` (n, features)."""
+
+
+class CompiledKernel(ABC):
+    """A forest compiled for some number of rows."""
+
+    def __init__(self, evaluation: Callable[..., None], plan: NDArray[np.int64]) -> None:
+        """Takes the function of a plan, a scratch's plan, windows and a result, and the first of these."""
+        self._evaluation = evaluation
+        self._plan = plan
+        self._idle = list[Scratch]()
+
+    @abstractmethod
+    def _scratch(self) -> Scratch:
+        """Memory for one evaluation at a time."""
+
+    def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32]) -> None:
+        """Fills `result` (n, outputs) with what the forest says of `windows` (n, features)."""
+        # A list's own operations are atomic, and cost less than a lock or a thread's own memory.
+        try:
+            scratch = self._idle.pop()
+        except IndexError:
+            scratch = self._scratch()
+        self._evaluation(self._plan, scratch.plan, windows, result)
+        self._idle.append(scratch)
