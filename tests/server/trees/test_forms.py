@@ -23,6 +23,7 @@ Windows = NDArray[np.float32]
 SHAPES = {
     "even": ForestShape(trees_per_output=13, leaves=30),
     "one leaf or two": ForestShape(outputs=9, trees_per_output=40, leaves=2),
+    "more outputs than lanes": ForestShape(outputs=300, trees_per_output=3, leaves=20),
     "many small trees": ForestShape(outputs=5, trees_per_output=900, leaves=9, skew=0.5),
     "mixed sizes": ForestShape(features=20, trees_per_output=6, leaves=130, depth=12),
     "skewed": ForestShape(trees_per_output=2, leaves=400, depth=64, skew=0.5),
@@ -42,6 +43,7 @@ NO_LOOK_UP = ["LinkedKernel", "RowsKernel", "RowsKernel"]
 KERNELS = {
     "even": EVERY,
     "one leaf or two": EVERY,
+    "more outputs than lanes": EVERY,
     "many small trees": EVERY,
     "comparisons beyond 16 bits": NO_LOOK_UP,
 }

@@ -25,7 +25,7 @@ from taxel_server.runtimes.trees.plans import Scratch, array_at, pack, together
 from taxel_server.runtimes.trees.scales import Scales, put_rows, scales_at
 from taxel_server.runtimes.trees.trees_in_lanes import add_leaves, find_exits, put_exits, trees_at_once
 
-_BATCH: Final = 800
+_BATCH: Final = 2800
 """Fewest trees whose exits are found before their leaves are added; all that stays in the cache."""
 
 

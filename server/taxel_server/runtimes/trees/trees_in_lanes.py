@@ -29,13 +29,18 @@ OUTPUTS_AT_ONCE: Final = 8
 
 _MASKS: Final = 8 * OUTPUTS_AT_ONCE
 
-_TREES_AHEAD: Final = 96
+_MOST_LANES: Final = 128
+
+_TREES_AHEAD: Final = 128
 """Trees whose twigs are asked for before their turn."""
 
 
 def trees_at_once() -> int:
-    """Trees of a group: four registers, so that four chains of dependent steps are in flight."""
-    return 4 * register_bytes()
+    """Trees of a group: some registers of them, so that chains of dependent steps overlap.
+
+    More lanes would only wait for the largest tree among them.
+    """
+    return min(4 * register_bytes(), _MOST_LANES)
 
 
 @cache
@@ -148,29 +153,35 @@ def add_twigs(columns: int) -> int:
     """The address of the sum of the leaves that some rows reach in one group's twigs, compiled.
 
     The function takes the address of the ranks; the number of rows; the addresses of the group's twigs'
-    addresses [row][tree] and of the next group's, whose twigs it asks for; the address of the sums
-    [row][output], and where in a row of them, in bytes, the group begins and how long a row is.
+    addresses [row][tree] and of the next group's, whose twigs it asks for; that of memory for the group's
+    leaves [row][tree]; how many rounds of how many outputs the group has; the address of the sums
+    [row][output], which may be written up to OUTPUTS_AT_ONCE, and how long a row of them is, in bytes.
     """
     lanes = trees_at_once()
     distance = min(lanes, _TREES_AHEAD)
 
-    @numba.cfunc("void(intp, intp, intp, intp, intp, intp, intp)", cache=True)
-    def add_all(ranks, rows, places, ahead, sums, place, width):  # type: ignore[no-untyped-def]
+    @numba.cfunc("void(intp, intp, intp, intp, intp, intp, intp, intp, intp)", cache=True)
+    def add_all(ranks, rows, places, ahead, leaves, rounds, outputs, sums, width):  # type: ignore[no-untyped-def]
         for lane in range(0, lanes, OUTPUTS_AT_ONCE):
             soon = places + 8 * distance if lane + distance < lanes else ahead + 8 * (distance - lanes)
             for row in range(rows):
-                tree = 8 * (row * lanes + lane)
-                for place_soon in range(soon + tree, soon + tree + 8 * OUTPUTS_AT_ONCE, 8):
+                tree = row * lanes + lane
+                begin = soon + 8 * tree
+                for place_soon in range(begin, begin + 8 * OUTPUTS_AT_ONCE, 8):
                     prefetch(integer_at(place_soon, 64), 1)
-                twig = load(places + tree, 64, OUTPUTS_AT_ONCE)
+                twig = load(places + 8 * tree, 64, OUTPUTS_AT_ONCE)
                 rank = lookup(ranks + row * columns, columns, bytes_at(twig, COLUMNS_AT))
                 goes_left = greater(bytes_at(twig, LIMITS_AT), rank)
                 reachable = select(goes_left, splat(-1, 8, _MASKS), bytes_at(twig, MASKS_AT))
                 leaf = floats_at(plus(twig, elements(0, lowest_common_bit(reachable), 4)))
-                total = sums + row * width + place
-                store(total, add(load_floats(total, OUTPUTS_AT_ONCE), leaf))
-            place += 4 * OUTPUTS_AT_ONCE
-            if place == width:
-                place = 0
+                store(leaves + 4 * tree, leaf)
+        for row in range(rows):
+            for output in range(0, outputs, OUTPUTS_AT_ONCE):
+                total = load_floats(sums + row * width + 4 * output, OUTPUTS_AT_ONCE)
+                leaf = leaves + 4 * (row * lanes + output)
+                for _ in range(rounds):
+                    total = add(total, load_floats(leaf, OUTPUTS_AT_ONCE))
+                    leaf += 4 * outputs
+                store(sums + row * width + 4 * output, total)
 
     return int(add_all.address)

@@ -1,6 +1,7 @@
 """The form of a forest for a row or two: trunks side by side, then one twig of every tree."""
 
-from typing import Final, NamedTuple
+from dataclasses import dataclass
+from typing import Final, NamedTuple, Self
 
 import numba
 import numpy as np
@@ -40,6 +41,38 @@ _MOST_BYTES: Final = 2**26
 """Most memory that trunks may take."""
 
 
+@dataclass(frozen=True)
+class _Groups:
+    """How a forest's trees go into groups of lanes: whole rounds, a tree of each output, or parts of one.
+
+    Attributes:
+        count: groups.
+        rounds: of a group.
+        outputs: of a group, the next ones in every part of a round.
+        parts: groups that a round takes.
+    """
+
+    count: int
+    rounds: int
+    outputs: int
+    parts: int
+
+    @classmethod
+    def of(cls, forest: Forest) -> Self:
+        every, lanes = len(forest.base_score), trees_at_once()
+        outputs, parts = min(every, lanes), -(-every // lanes)
+        rounds = lanes // outputs
+        return cls(-(-int(forest.rounds.max(initial=-1) + 1) // rounds) * parts, rounds, outputs, parts)
+
+    def trees(self, forest: Forest) -> NDArray[np.int64]:
+        """(groups, lanes) The number of the tree at each place, or -1."""
+        trees = np.full((self.count, trees_at_once()), -1, dtype=np.int64)
+        part, output = np.divmod(forest.outputs, self.outputs)
+        group, round_ = np.divmod(forest.rounds, self.rounds)
+        trees[group * self.parts + part, round_ * self.outputs + output] = np.arange(forest.trees)
+        return trees
+
+
 class _Trees(NamedTuple):
     """A laid out forest, and the functions that evaluate it."""
 
@@ -52,6 +85,9 @@ class _Trees(NamedTuple):
     first: int
     twigs: int
     lanes: int
+    rounds: int
+    outputs: int
+    parts: int
     ranks: int
     width: int
     base_score: NDArray[np.float32]
@@ -62,6 +98,7 @@ class _Scratch(NamedTuple):
     exits: NDArray[np.uint16]
     places: NDArray[np.int64]
     ahead: NDArray[np.int64]
+    leaves: NDArray[np.float32]
     sums: NDArray[np.float32]
 
 
@@ -70,10 +107,8 @@ class TwigsKernel(CompiledKernel):
 
     def __init__(self, forest: Forest, index: InOrder, columns: Columns, scales: Scales) -> None:
         size = table_size(columns)
-        width, lanes = _width(forest), trees_at_once()
-        places = np.full(-(-_places(forest) // lanes) * lanes, -1, dtype=np.int64)
-        places[forest.rounds * width + forest.outputs] = np.arange(forest.trees)
-        trees = places.reshape(-1, lanes)
+        groups = _Groups.of(forest)
+        trees = groups.trees(forest)
         trunks = TrunksLayout.of(index, columns, trees, TWIG)
         twigs = TwigsLayout.of(index, columns, trees)
         nodes, first, lines = together(trunks.nodes, twigs.first, twigs.lines)
@@ -86,9 +121,12 @@ class TwigsKernel(CompiledKernel):
             nodes.ctypes.data,
             first.ctypes.data,
             lines.ctypes.data,
-            lanes,
+            trees.shape[1],
+            groups.rounds,
+            groups.outputs,
+            groups.parts,
             size,
-            width,
+            -(-groups.parts * groups.outputs // OUTPUTS_AT_ONCE) * OUTPUTS_AT_ONCE,
             forest.base_score,
         )
         self._kept = (columns, nodes, first, lines, scales)
@@ -101,7 +139,7 @@ class TwigsKernel(CompiledKernel):
         A group's trunks take the room of its largest one, so that a few huge trees could fill the memory.
         """
         twigs = int(count_twigs(index, TWIG).max(initial=1))
-        room = 4 * twigs * (_places(forest) + trees_at_once())
+        room = 4 * twigs * _Groups.of(forest).count * trees_at_once()
         return twigs <= MOST_TWIGS[16] and room <= _MOST_BYTES
 
     def _scratch(self) -> Scratch:
@@ -111,18 +149,10 @@ class TwigsKernel(CompiledKernel):
             np.zeros(ROWS * self._trees.lanes, dtype=np.uint16),
             np.zeros(ROWS * self._trees.lanes, dtype=np.int64),
             np.zeros(ROWS * self._trees.lanes, dtype=np.int64),
+            np.zeros(ROWS * self._trees.lanes + OUTPUTS_AT_ONCE, dtype=np.float32),
             np.empty(ROWS * self._trees.width, dtype=np.float32),
         )
         return Scratch((*own, *RankScratch.make()))
-
-
-def _width(forest: Forest) -> int:
-    """How many places one tree of each output takes."""
-    return -(-len(forest.base_score) // OUTPUTS_AT_ONCE) * OUTPUTS_AT_ONCE
-
-
-def _places(forest: Forest) -> int:
-    return int(forest.rounds.max(initial=-1) + 1) * _width(forest)
 
 
 @numba.njit(cache=True)
@@ -139,7 +169,10 @@ def _trees_at(plan, entry):  # type: ignore[no-untyped-def]
         plan[entry + 8, 0],
         plan[entry + 9, 0],
         plan[entry + 10, 0],
-        array_at(plan, entry + 11, np.float32),
+        plan[entry + 11, 0],
+        plan[entry + 12, 0],
+        plan[entry + 13, 0],
+        array_at(plan, entry + 14, np.float32),
     )
 
 
@@ -148,29 +181,31 @@ def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
     """Adds every tree's leaf to the sums; a group's trunks go before the twigs of the group before it."""
     ranks, sums, exits = scratch.ranks.ctypes.data, scratch.sums.ctypes.data, scratch.exits.ctypes.data
     places, ahead = scratch.places.ctypes.data, scratch.ahead.ctypes.data
-    place, width = 0, 4 * trees.width
+    leaves, width = scratch.leaves.ctypes.data, 4 * trees.width
     for group in range(trees.steps.size + 1):
         if group < trees.steps.size:
             nodes = trees.nodes + trees.start[group]
             call(trees.traversal, (nodes, trees.steps[group], ranks, rows, exits, 0, 0))
             call(trees.finding, (trees.first + 4 * group * trees.lanes, trees.twigs, rows, exits, ahead))
         if group:
-            call(trees.addition, (ranks, rows, places, ahead, sums, place, width))
-            place = (place + 4 * trees.lanes) % width
+            totals = sums + 4 * trees.outputs * ((group - 1) % trees.parts)
+            given = (ranks, rows, places, ahead, leaves, trees.rounds, trees.outputs, totals, width)
+            call(trees.addition, given)
         places, ahead = ahead, places
 
 
 @numba.njit(cache=True, nogil=True)
 def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
-    ranking, trees, scales = ranking_at(plan, 0), _trees_at(plan, 4), scales_at(plan, 16)
+    ranking, trees, scales = ranking_at(plan, 0), _trees_at(plan, 4), scales_at(plan, 19)
     scratch = _Scratch(
         array_at(memory, 0, np.int8),
         array_at(memory, 1, np.uint16),
         array_at(memory, 2, np.int64),
         array_at(memory, 3, np.int64),
         array_at(memory, 4, np.float32),
+        array_at(memory, 5, np.float32),
     )
-    places, outputs = rank_scratch_at(memory, 5), trees.base_score.size
+    places, outputs = rank_scratch_at(memory, 6), trees.base_score.size
     for start in range(0, windows.shape[0], ROWS):
         rows = min(ROWS, windows.shape[0] - start)
         rank_rows(ranking, scales, windows, start, rows, 255, 128, trees.ranks, places, scratch.ranks)
