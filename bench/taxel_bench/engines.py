@@ -46,7 +46,7 @@ class Engine:
 
 def taxel_engine(model: LoadedModel, flops: int | None) -> Engine:
     """Our runtime: it takes raw windows and gives counts, so that normalisation is timed with it."""
-    return Engine("taxel", _runtime(model), np.ascontiguousarray, model.evaluate, _channels, flops)
+    return Engine("taxel", _runtime(model), np.ascontiguousarray, model.runtime.evaluate, _channels, flops)
 
 
 def base_engine(artifact: Artifact, flops: int | None) -> Engine:
@@ -61,7 +61,7 @@ def base_engine(artifact: Artifact, flops: int | None) -> Engine:
         "base",
         f"{_runtime(model)}, without effects",
         lambda windows: np.ascontiguousarray(windows[:, :columns]),
-        model.evaluate,
+        model.runtime.evaluate,
         _channels,
         flops,
     )
