@@ -1,8 +1,8 @@
 """The zenoh service: hands inference to the batcher, and every other query to the desk.
 
-zenoh calls back on its own network threads, where waiting would hold up every client, so a
-callback only hands its query on: to the batcher, whose worker decodes, evaluates and answers, or
-to the desk, so that a server that computes still tells its health and refuses at once.
+zenoh's network threads put queries into a channel, for which they need not wait for Python. One
+thread empties it and only hands each query on: to the batcher, whose worker decodes, evaluates and
+answers, or to the desk, so that a server that computes still tells its health and refuses at once.
 """
 
 import logging
@@ -11,7 +11,7 @@ from typing import Final
 
 import zenoh
 from typing_extensions import override
-from zenoh.handlers import Callback
+from zenoh.handlers import FifoChannel, Handler
 
 from taxel.errors import RequestError, ResourceExhausted
 from taxel.protocol import InferRequest, InferResponse, model_key, pack_infer_response, unpack_infer_request
@@ -32,6 +32,9 @@ _MAX_ENVELOPE_BYTES: Final = 4096
 """What a request may hold besides its windows, with an id and parameters."""
 
 _NOTHING: Final = zenoh.ZBytes(b"")
+
+_CHANNEL: Final = 4096
+"""Queries that zenoh may be ahead of the thread that hands them on; with more, clients wait to send."""
 
 _FAREWELL_S: Final = 0.2
 """How long closing waits for clients that have stopped reading."""
@@ -84,8 +87,12 @@ class Service:
         # One queryable for all keys: two that overlap would both answer the same query.
         # `complete` makes one replica answer each query, where the default asks them all.
         self._queryable = self._session.declare_queryable(
-            f"{options.prefix}/**", Callback(self._receive, indirect=False), complete=True
+            f"{options.prefix}/**", FifoChannel(_CHANNEL), complete=True
         )
+        self._receiver = Thread(
+            target=self._receive, args=(self._queryable.handler,), name="taxel-receiver", daemon=True
+        )
+        self._receiver.start()
         self._ready = True
 
     @property
@@ -103,6 +110,7 @@ class Service:
         self._ready = False
         self._batcher.join()
         self._queryable.undeclare()  # type: ignore[no-untyped-call]
+        self._receiver.join()
         self._desk.close()
         # Closing waits for a client that has stopped reading, for ten seconds and more.
         farewell = Thread(target=self._session.close, name="taxel-farewell", daemon=True)
@@ -114,8 +122,18 @@ class Service:
         """Answer what is left with `Unavailable`, for when `close` takes too long."""
         self._batcher.abandon()
 
-    def _receive(self, query: zenoh.Query) -> None:
-        """What zenoh calls with each query: hands it on and returns."""
+    def _receive(self, channel: Handler[zenoh.Query]) -> None:
+        """Hands queries on until the channel is closed and empty, all that are there in one go."""
+        while True:
+            try:
+                query: zenoh.Query | None = channel.recv()
+                while query is not None:
+                    self._hand_on(query)
+                    query = channel.try_recv()
+            except zenoh.ZError:
+                return
+
+    def _hand_on(self, query: zenoh.Query) -> None:
         model = self._routes.get(str(query.key_expr))
         if model is None:
             self._desk.take(query)
