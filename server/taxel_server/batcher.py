@@ -30,7 +30,7 @@ Piece = tuple[Work, int]
 
 
 class Batcher:
-    """One worker thread that answers every job submitted to it, exactly once.
+    """Answers every job, exactly once: with a worker thread, or where nothing is to be done, at once.
 
     Args:
         max_batch_rows: most windows evaluated in one go.
@@ -62,21 +62,36 @@ class Batcher:
             Unavailable: the batcher was closed; the job is not answered here.
         """
         with self._lock:
-            if self._stopping:
-                raise Unavailable("the server is stopping")
-            if (
-                self._rows + job.rows > self._max_queue_rows
-                or len(self._open) + 1 > self._max_queue_requests
-            ):
-                error = ResourceExhausted(
-                    f"the queue is full: {self._rows} of {self._max_queue_rows} rows, "
-                    f"{len(self._open)} of {self._max_queue_requests} requests; try again later"
-                )
-                self._statistics[job.model].add_error(error.code)
-                raise error
-            self._open.add(job)
-            self._rows += job.rows
+            self._enter(job)
             self._queue.put(job)
+
+    def run(self, job: Job) -> None:
+        """As `submit`; but if nothing else is to be done, a single window has its answer on return.
+
+        To wake the worker would take as long as a window.
+        """
+        with self._lock:
+            busy = bool(self._open)
+            self._enter(job)
+            if busy or job.rows > 1:
+                self._queue.put(job)
+                return
+        if (work := self._admit(job)) is not None:
+            self._evaluate(job.model, [(work, work.left)])
+
+    def _enter(self, job: Job) -> None:
+        """Take a job on, if there is room; under the lock."""
+        if self._stopping:
+            raise Unavailable("the server is stopping")
+        if self._rows + job.rows > self._max_queue_rows or len(self._open) + 1 > self._max_queue_requests:
+            error = ResourceExhausted(
+                f"the queue is full: {self._rows} of {self._max_queue_rows} rows, "
+                f"{len(self._open)} of {self._max_queue_requests} requests; try again later"
+            )
+            self._statistics[job.model].add_error(error.code)
+            raise error
+        self._open.add(job)
+        self._rows += job.rows
 
     @property
     def queued_rows(self) -> int:
@@ -108,7 +123,7 @@ class Batcher:
             self._settle(job, Unavailable("the server is stopping"))
 
     def join(self) -> None:
-        """Return when every job has its answer, after `stop`."""
+        """Return when every queued job has its answer, after `stop`."""
         self._worker.join()
 
     def _run(self) -> None:

@@ -1,11 +1,13 @@
 """The zenoh service: hands inference to the batcher, and every other query to the desk.
 
 zenoh's network threads put queries into a channel, for which they need not wait for Python. One
-thread empties it and only hands each query on: to the batcher, whose worker decodes, evaluates and
+thread empties it and hands each query on: to the batcher, whose worker decodes, evaluates and
 answers, or to the desk, so that a server that computes still tells its health and refuses at once.
+Only a single window that finds the server idle is answered by this thread itself.
 """
 
 import logging
+from collections.abc import Callable
 from threading import Thread
 from typing import Final
 
@@ -13,7 +15,7 @@ import zenoh
 from typing_extensions import override
 from zenoh.handlers import FifoChannel, Handler
 
-from taxel.errors import RequestError, ResourceExhausted
+from taxel.errors import Internal, RequestError, ResourceExhausted
 from taxel.protocol import InferRequest, InferResponse, model_key, pack_infer_response, unpack_infer_request
 from taxel_server.batcher import Batcher
 from taxel_server.desk import Desk, reply
@@ -33,7 +35,7 @@ _MAX_ENVELOPE_BYTES: Final = 4096
 
 _NOTHING: Final = zenoh.ZBytes(b"")
 
-_CHANNEL: Final = 4096
+_CHANNEL: Final = 16384
 """Queries that zenoh may be ahead of the thread that hands them on; with more, clients wait to send."""
 
 _FAREWELL_S: Final = 0.2
@@ -123,17 +125,24 @@ class Service:
         self._batcher.abandon()
 
     def _receive(self, channel: Handler[zenoh.Query]) -> None:
-        """Hands queries on until the channel is closed and empty, all that are there in one go."""
-        while True:
-            try:
-                query: zenoh.Query | None = channel.recv()
-                while query is not None:
-                    self._hand_on(query)
-                    query = channel.try_recv()
-            except zenoh.ZError:
-                return
+        """Hands queries on until the channel is closed and empty."""
+        while (query := _taken(channel.recv)) is not None:
+            following = _taken(channel.try_recv)
+            self._hand_on(query, self._batcher.run if following is None else self._batcher.submit)
+            while following is not None:
+                self._hand_on(following, self._batcher.submit)
+                following = _taken(channel.try_recv)
 
-    def _hand_on(self, query: zenoh.Query) -> None:
+    def _hand_on(self, query: zenoh.Query, infer: Callable[[Job], None]) -> None:
+        """Gives a query to whoever answers it."""
+        try:
+            self._route(query, infer)
+        except Exception:
+            # The receiver outlives a query that cannot be handed on.
+            _LOG.exception("a query could not be handed on")
+            self._desk.take(query, Internal("the query failed: the server's log says more"))
+
+    def _route(self, query: zenoh.Query, infer: Callable[[Job], None]) -> None:
         model = self._routes.get(str(query.key_expr))
         if model is None:
             self._desk.take(query)
@@ -141,7 +150,7 @@ class Service:
         payload = query.payload or _NOTHING
         try:
             rows = self._rows_in(len(payload), model)
-            self._batcher.submit(QueryJob(query, payload, model, rows, self._options.max_request_rows))
+            infer(QueryJob(query, payload, model, rows, self._options.max_request_rows))
         except RequestError as error:
             _LOG.debug("%s: %s: %s", model.label, error.code, error)
             self._desk.take(query, error)
@@ -160,6 +169,14 @@ class Service:
                 f"expected at most {most} rows of {features} float32 in one request"
             )
         return min(max((size - _ENVELOPE_BYTES) // row_bytes, 1), most)
+
+
+def _taken(take: Callable[[], zenoh.Query | None]) -> zenoh.Query | None:
+    """The next query of a channel; None where there is none, as also when it is closed."""
+    try:
+        return take()
+    except zenoh.ZError:
+        return None
 
 
 def _infer_routes(engine: Engine, prefix: str) -> dict[str, LoadedModel]:

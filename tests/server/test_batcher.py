@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from threading import Event
+from threading import Event, current_thread
 
 import numpy as np
 import pytest
@@ -34,6 +34,7 @@ class Recorder:
 
     def __init__(self) -> None:
         self.batches: list[int] = []
+        self.threads: list[str] = []
         self.entered = Event()
         self.may_go_on = Event()
         self.may_go_on.set()
@@ -42,6 +43,7 @@ class Recorder:
         self.entered.set()
         assert self.may_go_on.wait(10)
         self.batches.append(len(windows))
+        self.threads.append(current_thread().name)
         if (windows == POISON).any():
             raise ArithmeticError("poison")
         return np.repeat(windows[:, :1], 21, axis=1)
@@ -148,6 +150,52 @@ def test_what_queues_meanwhile_is_evaluated_together(model: LoadedModel, runtime
                 batcher.submit(job)
         assert [values_of(job) for job in jobs] == [[value, value] for value in range(5)]
     assert runtime.batches == [1, 8, 2]
+
+
+def test_a_single_window_is_answered_on_return_where_nothing_is_to_be_done(
+    model: LoadedModel, runtime: Recorder
+) -> None:
+    here = current_thread().name
+    with batching() as batcher:
+        for value in (1, 2):
+            job = MemoryJob(model, windows_of(value))
+            batcher.run(job)
+            assert job.answers
+            assert values_of(job) == [value]
+        assert runtime.threads == [here, here]
+        two = MemoryJob(model, windows_of(3, 4))
+        batcher.run(two)
+        assert values_of(two) == [3, 4]
+        with busy(batcher, model, runtime):
+            waiting = MemoryJob(model, windows_of(5))
+            batcher.run(waiting)
+            assert not waiting.answers
+        assert values_of(waiting) == [5]
+        assert here not in runtime.threads[2:]
+        assert batcher.queued_rows == 0
+
+
+def test_what_is_answered_on_return_is_refused_and_fails_as_any_other(
+    model: LoadedModel, runtime: Recorder, caplog: pytest.LogCaptureFixture
+) -> None:
+    with batching() as batcher:
+        for windows, kind in (
+            (windows_of(np.nan), InvalidArgument),
+            (windows_of(POISON), Internal),
+            (np.zeros((1, 5), np.float32), InvalidArgument),
+        ):
+            job = MemoryJob(model, windows)
+            batcher.run(job)
+            assert isinstance(job.result(), kind)
+        late = MemoryJob(model, windows_of(1), timeout_ms=1)
+        late.arrived -= 1
+        batcher.run(late)
+        assert isinstance(late.result(), DeadlineExceeded)
+        assert batcher.statistics(model)["requests"] == 4
+        batcher.stop(60)
+        with pytest.raises(Unavailable):
+            batcher.run(MemoryJob(model, windows_of(1)))
+    assert "ArithmeticError: poison" in caplog.text
 
 
 def test_models_are_not_mixed(engine: Engine, model: LoadedModel, runtime: Recorder) -> None:

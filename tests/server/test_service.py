@@ -11,10 +11,10 @@ import zenoh
 from numpy.typing import NDArray
 
 import taxel
-from taxel.errors import NotFound, TaxelError, Unavailable
+from taxel.errors import Internal, NotFound, TaxelError, Unavailable
 from taxel.protocol import pack_infer_request, unpack_infer_response, unpackb
 from taxel.remote import RemoteSource
-from taxel_server.engine import Engine
+from taxel_server.engine import Engine, LoadedModel
 from taxel_server.options import ServerOptions
 from taxel_server.service import Service
 
@@ -176,3 +176,28 @@ def test_every_query_gets_exactly_one_reply(
         ]
         answers = [[reply.ok is not None for reply in replies] for replies in asked]
     assert answers == [[True], [True], [True], [False], [False], [False]] * 20
+
+
+def test_a_query_that_cannot_be_handed_on_is_answered_and_harms_no_other(
+    engine: Engine,
+    start: ServerStarter,
+    make_windows: WindowMaker,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    rows_in = Service._rows_in
+    sizes = []
+
+    def fail_once(self: Service, size: int, model: LoadedModel) -> int:
+        sizes.append(size)
+        if len(sizes) == 1:
+            raise ArithmeticError("odd")
+        return rows_in(self, size, model)
+
+    monkeypatch.setattr(Service, "_rows_in", fail_once)
+    with taxel.connect(start(engine)) as client:
+        predictor = client.predictor("skin")
+        with pytest.raises(Internal, match="the server's log says more"):
+            predictor.predict(make_windows(1))
+        assert predictor.predict(make_windows(1)).shape == (1, 21)
+    assert "ArithmeticError: odd" in caplog.text
