@@ -31,9 +31,6 @@ _MASKS: Final = 8 * OUTPUTS_AT_ONCE
 
 _MOST_LANES: Final = 128
 
-_TREES_AHEAD: Final = 128
-"""Trees whose twigs are asked for before their turn."""
-
 
 def trees_at_once() -> int:
     """Trees of a group: some registers of them, so that chains of dependent steps overlap.
@@ -158,17 +155,14 @@ def add_twigs(columns: int) -> int:
     [row][output], which may be written up to OUTPUTS_AT_ONCE, and how long a row of them is, in bytes.
     """
     lanes = trees_at_once()
-    distance = min(lanes, _TREES_AHEAD)
 
     @numba.cfunc("void(intp, intp, intp, intp, intp, intp, intp, intp, intp)", cache=True)
     def add_all(ranks, rows, places, ahead, leaves, rounds, outputs, sums, width):  # type: ignore[no-untyped-def]
         for lane in range(0, lanes, OUTPUTS_AT_ONCE):
-            soon = places + 8 * distance if lane + distance < lanes else ahead + 8 * (distance - lanes)
             for row in range(rows):
                 tree = row * lanes + lane
-                begin = soon + 8 * tree
-                for place_soon in range(begin, begin + 8 * OUTPUTS_AT_ONCE, 8):
-                    prefetch(integer_at(place_soon, 64), 1)
+                for soon in range(ahead + 8 * tree, ahead + 8 * (tree + OUTPUTS_AT_ONCE), 8):
+                    prefetch(integer_at(soon, 64), 1)
                 twig = load(places + 8 * tree, 64, OUTPUTS_AT_ONCE)
                 rank = lookup(ranks + row * columns, columns, bytes_at(twig, COLUMNS_AT))
                 goes_left = greater(bytes_at(twig, LIMITS_AT), rank)
