@@ -16,10 +16,11 @@ from typing_extensions import override
 from zenoh.handlers import FifoChannel, Handler
 
 from taxel.errors import Internal, RequestError, ResourceExhausted
-from taxel.protocol import InferRequest, InferResponse, model_key, pack_infer_response, unpack_infer_request
+from taxel.protocol import InferRequest, InferResponse, model_key, pack_infer_response
 from taxel_server.batcher import Batcher
 from taxel_server.desk import Desk, reply
 from taxel_server.engine import Engine, LoadedModel
+from taxel_server.envelopes import RequestReader
 from taxel_server.information import Information
 from taxel_server.jobs import Job
 from taxel_server.options import ServerOptions
@@ -46,16 +47,21 @@ class QueryJob(Job):
     """An inference query."""
 
     def __init__(
-        self, query: zenoh.Query, payload: zenoh.ZBytes, model: LoadedModel, rows: int, max_rows: int
+        self,
+        query: zenoh.Query,
+        payload: zenoh.ZBytes,
+        model: LoadedModel,
+        rows: int,
+        reader: RequestReader,
     ) -> None:
         super().__init__(model, rows)
         self._query = query
         self._payload = payload
-        self._max_rows = max_rows
+        self._reader = reader
 
     @override
     def decode(self) -> InferRequest:
-        return unpack_infer_request(self._payload.to_bytes(), self._max_rows)
+        return self._reader.read(self._payload.to_bytes())
 
     @override
     def answer(self, result: InferResponse | RequestError) -> None:
@@ -77,6 +83,7 @@ class Service:
     def __init__(self, engine: Engine, options: ServerOptions) -> None:
         self._options = options
         self._ready = False
+        self._reader = RequestReader(options.max_request_rows)
         self._routes = _infer_routes(engine, options.prefix)
         self._session = open_session(options.listen)
         self._batcher = Batcher(
@@ -150,7 +157,7 @@ class Service:
         payload = query.payload or _NOTHING
         try:
             rows = self._rows_in(len(payload), model)
-            infer(QueryJob(query, payload, model, rows, self._options.max_request_rows))
+            infer(QueryJob(query, payload, model, rows, self._reader))
         except RequestError as error:
             _LOG.debug("%s: %s: %s", model.label, error.code, error)
             self._desk.take(query, error)

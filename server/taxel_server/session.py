@@ -15,8 +15,11 @@ _PATIENCE_S: Final = 0.5
 zenoh's default of 5 s would let one stuck client hold up all others for as long.
 """
 
-_RUNTIME: Final = "(net: (handover: rx), acc: (handover: rx), tx: (handover: rx))"
-"""zenoh's four pools of threads as one: a query then wakes one of its threads instead of four."""
+_RUNTIME: Final = "(rx: (worker_threads: 1), net: (handover: rx), acc: (handover: rx), tx: (handover: rx))"
+"""zenoh's four pools of threads as one, of one thread, which a query then wakes instead of several.
+
+It never waits for Python: queries go into a channel, and answers come from other threads.
+"""
 
 
 def open_session(listen: Sequence[str]) -> zenoh.Session:
