@@ -60,11 +60,14 @@ class LocalPredictor(Predictor):
         super().__init__(model.manifest)
         self._source = source
         self._evaluate = model.runtime.evaluate
+        self._only_channels = not model.manifest.gives_spread
 
     @override
     def predict(self, windows: NDArray[Any], *, timeout: float | None = None) -> NDArray[np.float32]:
-        self._source.check_open()
-        return self._evaluate(self.checked(windows))[:, : len(CHANNELS)]
+        if self._source.closed:
+            self._source.check_open()
+        outputs = self._evaluate(self.checked(windows))
+        return outputs if self._only_channels else outputs[:, : len(CHANNELS)]
 
     @override
     def predict_with_spread(

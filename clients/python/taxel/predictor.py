@@ -38,6 +38,8 @@ class Predictor(ABC):
 
     def __init__(self, manifest: Manifest) -> None:
         self.manifest = manifest
+        self._features = manifest.window.features
+        self._extras = manifest.window.extras
 
     @property
     def window(self) -> WindowSpec:
@@ -52,10 +54,9 @@ class Predictor(ABC):
         Raises:
             InvalidArgument: wrong shape or datatype, no rows, or a value that is not finite.
         """
-        layout = self.manifest.window
-        if layout.extras:
-            windows = _with_extras(np.asarray(windows), layout)
-        return check_windows(windows, layout.features)
+        if self._extras:
+            windows = _with_extras(np.asarray(windows), self.manifest.window)
+        return check_windows(windows, self._features)
 
     def stream(self, *, rate_hz: float = 100.0, fingers: int = 1) -> WindowStream:
         """A builder of this model's windows, extra features included, from live samples."""
