@@ -9,13 +9,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from taxel.errors import RequestError
-from taxel.protocol import InferRequest, unpack_infer_request
+from taxel.protocol import SMALL, InferRequest, unpack_infer_request
 
 _MOST: Final = 64
 """Envelopes that are remembered; whoever sends others has each request decoded."""
-
-_LARGEST: Final = 8192
-"""Bytes of a request of which the envelope is worth remembering."""
 
 
 class _Said(NamedTuple):
@@ -50,7 +47,7 @@ class RequestReader:
                 windows = np.frombuffer(payload, "<f4", (stop - start) // 4, start)
                 return InferRequest(windows.reshape(said.shape), None, said.timeout_ms, said.spread)
         request = unpack_infer_request(payload, self._max_rows)
-        if request.id is None and len(payload) <= _LARGEST and len(self._known) < _MOST:
+        if request.id is None and request.windows.nbytes <= SMALL and len(self._known) < _MOST:
             self._remember(payload, request)
         return request
 

@@ -18,7 +18,7 @@ zenoh's default of 5 s would let one stuck client hold up all others for as long
 _RUNTIME: Final = "(rx: (worker_threads: 1), net: (handover: rx), acc: (handover: rx), tx: (handover: rx))"
 """zenoh's four pools of threads as one, of one thread, which a query then wakes instead of several.
 
-It never waits for Python: queries go into a channel, and answers come from other threads.
+It waits for Python only when the channel that queries go into is full; answers come from other threads.
 """
 
 

@@ -37,8 +37,8 @@ are: float32 does not overflow there."""
 
 _FLOAT: Final = np.dtype("<f4")
 
-_SMALL: Final = 4096
-"""Bytes of data of requests whose envelope is worth keeping."""
+SMALL: Final = 4096
+"""Bytes of data of requests whose envelope is worth keeping, at either end."""
 
 
 def model_key(prefix: str, name: str, version: str | None, action: str = "") -> str:
@@ -124,7 +124,7 @@ def pack_infer_request(
 ) -> bytes:
     """Encode windows, (n, f) float32 C-contiguous, as an infer request."""
     data = windows.astype(_FLOAT, copy=False).data
-    if request_id is None and 0 < data.nbytes <= _SMALL:
+    if request_id is None and 0 < data.nbytes <= SMALL:
         before, after = _envelope(windows.shape, timeout_ms, spread)
         return b"".join((before, data, after))
     return _pack_infer_request(windows.shape, data, request_id, timeout_ms, spread)
