@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from taxel.manifest import Normalisation
 from taxel_bench.forests import ForestShape, write_forest
+from taxel_server.runtimes.compiled.kernel import Kernel
 from taxel_server.runtimes.trees import forms, twigs_form
 from taxel_server.runtimes.trees.forms import Forms, Timed
-from taxel_server.runtimes.trees.kernel import Kernel
 from taxel_server.runtimes.trees.parse import read_forest
 from taxel_server.runtimes.trees.scales import Scales
 from taxel_server.runtimes.trees.walk import walk

@@ -11,7 +11,7 @@ from numba.core import cgutils, types
 from numba.core.types.containers import UniTuple
 from numba.extending import intrinsic
 
-from taxel_server.runtimes.trees.vectors import Vector, join, lane_numbers, llvm_type, take
+from taxel_server.runtimes.compiled.vectors import Vector, join, lane_numbers, llvm_type, take
 
 _WORD: Final = ir.IntType(64)
 _HALVES: Final = ((4, 0x0F0F0F0F0F0F0F0F), (2, 0x3333333333333333), (1, 0x5555555555555555))

@@ -13,9 +13,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel_server.runtimes.compiled.plans import array_at
+from taxel_server.runtimes.compiled.vectors import load_floats, not_above, select, splat, store
 from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.plans import array_at
-from taxel_server.runtimes.trees.vectors import load_floats, not_above, select, splat, store
 from taxel_server.runtimes.trees.words import elements, floats_at, plus
 
 ROWS: Final = 8

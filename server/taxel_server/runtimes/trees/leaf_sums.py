@@ -5,8 +5,8 @@ from typing import Final
 
 import numba
 
+from taxel_server.runtimes.compiled.vectors import add, integer_at, load, load_floats, store
 from taxel_server.runtimes.trees.lookups import assemble, can_look_up, gather, lookup, register_bytes
-from taxel_server.runtimes.trees.vectors import add, integer_at, load, load_floats, store
 
 _SIGNATURE: Final = "void(intp, intp, intp, intp, intp, intp)"
 

@@ -6,14 +6,14 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel_server.runtimes.compiled.kernel import CompiledKernel
+from taxel_server.runtimes.compiled.plans import Scratch, array_at, pack
+from taxel_server.runtimes.compiled.vectors import integer_at
 from taxel_server.runtimes.trees.columns import ROWS, RankScratch, rank_rows, rank_scratch_at, ranking_at
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.kernel import CompiledKernel
 from taxel_server.runtimes.trees.linked_layout import LinkedLayout
-from taxel_server.runtimes.trees.plans import Scratch, array_at, pack
 from taxel_server.runtimes.trees.scales import Scales, put_rows, scales_at
-from taxel_server.runtimes.trees.vectors import integer_at
 
 _WALKERS: Final = 16
 """Walks that advance in turn, so that one need not wait for another's memory."""

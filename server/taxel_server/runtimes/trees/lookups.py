@@ -12,7 +12,7 @@ from numba.core.registry import cpu_target
 from numba.core.types.containers import UniTuple
 from numba.extending import intrinsic
 
-from taxel_server.runtimes.trees.vectors import FloatVector, Vector, join, lane_numbers, llvm_type, take
+from taxel_server.runtimes.compiled.vectors import FloatVector, Vector, join, lane_numbers, llvm_type, take
 
 _BYTE: Final = ir.IntType(8)
 _BYTES_IN_A_SHUFFLE: Final = 16

@@ -7,16 +7,16 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel_server.runtimes.compiled.kernel import CompiledKernel
+from taxel_server.runtimes.compiled.plans import Scratch, array_at, pack, together
 from taxel_server.runtimes.trees.calls import call
 from taxel_server.runtimes.trees.columns import Columns, ranking_at
 from taxel_server.runtimes.trees.comparisons import compare
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.kernel import CompiledKernel
 from taxel_server.runtimes.trees.leaf_sums import add_leaves
 from taxel_server.runtimes.trees.leaf_tables import LEAVES, write_leaf_tables
 from taxel_server.runtimes.trees.lookups import assembled_lane
-from taxel_server.runtimes.trees.plans import Scratch, array_at, pack, together
 from taxel_server.runtimes.trees.rows_as_bits import find_exits, memory_words
 from taxel_server.runtimes.trees.rows_layout import GROUP, LeafNumbers, RowsLayout, split_sets
 from taxel_server.runtimes.trees.scales import Scales, restore, scales_at

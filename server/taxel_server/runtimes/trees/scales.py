@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from taxel.manifest import Normalisation
 from taxel.scaling import Scaler
-from taxel_server.runtimes.trees.plans import array_at
+from taxel_server.runtimes.compiled.plans import array_at
 
 
 class Scales(NamedTuple):

@@ -5,10 +5,7 @@ from typing import Final
 
 import numba
 
-from taxel_server.runtimes.trees.columns import ROWS
-from taxel_server.runtimes.trees.lanes_layout import COLUMNS_AT, LIMITS_AT, LINE, MASKS_AT
-from taxel_server.runtimes.trees.lookups import interleave, lookup, register_bytes
-from taxel_server.runtimes.trees.vectors import (
+from taxel_server.runtimes.compiled.vectors import (
     AHEAD,
     add,
     greater,
@@ -22,6 +19,9 @@ from taxel_server.runtimes.trees.vectors import (
     store,
     unbias,
 )
+from taxel_server.runtimes.trees.columns import ROWS
+from taxel_server.runtimes.trees.lanes_layout import COLUMNS_AT, LIMITS_AT, LINE, MASKS_AT
+from taxel_server.runtimes.trees.lookups import interleave, lookup, register_bytes
 from taxel_server.runtimes.trees.words import bytes_at, elements, floats_at, lowest_common_bit, plus, widen
 
 OUTPUTS_AT_ONCE: Final = 8

@@ -7,6 +7,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel_server.runtimes.compiled.kernel import CompiledKernel
+from taxel_server.runtimes.compiled.plans import Scratch, array_at, pack, together
 from taxel_server.runtimes.trees.calls import call
 from taxel_server.runtimes.trees.columns import (
     ROWS,
@@ -18,7 +20,6 @@ from taxel_server.runtimes.trees.columns import (
 )
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.kernel import CompiledKernel
 from taxel_server.runtimes.trees.lanes_layout import (
     MOST_TWIGS,
     TWIG,
@@ -27,7 +28,6 @@ from taxel_server.runtimes.trees.lanes_layout import (
     count_twigs,
     table_size,
 )
-from taxel_server.runtimes.trees.plans import Scratch, array_at, pack, together
 from taxel_server.runtimes.trees.scales import Scales, put_rows, scales_at
 from taxel_server.runtimes.trees.trees_in_lanes import (
     OUTPUTS_AT_ONCE,

@@ -11,7 +11,7 @@ from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 
-from taxel_server.runtimes.trees.vectors import FloatVector, Vector, llvm_type, spread
+from taxel_server.runtimes.compiled.vectors import FloatVector, Vector, llvm_type, spread
 
 _BIT: Final = ir.IntType(1)
 _WORD: Final = ir.IntType(64)

@@ -1,4 +1,4 @@
-"""What the forms of a forest have in common: a compiled function, its plan, and memory for it."""
+"""A compiled function with its plan, and memory for it: what forests and networks have in common."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -7,18 +7,18 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.trees.plans import Scratch
+from taxel_server.runtimes.compiled.plans import Scratch
 
 
 class Kernel(Protocol):
-    """A forest ready to evaluate; safe to call from any thread."""
+    """A model ready to evaluate; safe to call from any thread."""
 
     def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32]) -> None:
-        """Fills `result` (n, outputs) with what the forest says of `windows` (n, features)."""
+        """Fills `result` (n, outputs) with what the model says of `windows` (n, features)."""
 
 
 class CompiledKernel(ABC):
-    """A forest compiled for some number of rows."""
+    """A model compiled for some number of rows."""
 
     def __init__(self, evaluation: Callable[..., None], plan: NDArray[np.int64]) -> None:
         """Takes the function of a plan, a scratch's plan, windows and a result, and the first of these."""
@@ -31,7 +31,7 @@ class CompiledKernel(ABC):
         """Memory for one evaluation at a time."""
 
     def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32]) -> None:
-        """Fills `result` (n, outputs) with what the forest says of `windows` (n, features)."""
+        """Fills `result` (n, outputs) with what the model says of `windows` (n, features)."""
         # A list's own operations are atomic, and cost less than a lock or a thread's own memory.
         try:
             scratch = self._idle.pop()
