@@ -186,7 +186,7 @@ def test_code_for_greater_processors_compiles() -> None:
     # It is not run: the processor at hand may not have the instructions.
     code = """
 from taxel_server.runtimes.trees import leaf_sums, rows_as_bits, trees_in_lanes
-from taxel_server.runtimes.trees.lookups import register_bytes
+from taxel_server.runtimes.compiled.processor import register_bytes
 assert register_bytes() == 64
 assert all(trees_in_lanes.find_exits(columns, bits) for columns in (16, 48, 128, 256) for bits in (8, 16))
 assert all(trees_in_lanes.add_twigs(columns) for columns in (16, 48, 128, 256))

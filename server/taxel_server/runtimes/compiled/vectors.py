@@ -2,8 +2,7 @@
 
 A `Vector` is an LLVM vector of integers that lives in an ordinary variable of a compiled function.
 All of these run on any processor; LLVM splits lanes beyond a register's. Addresses are plain
-integers: nothing checks bounds. Whoever edits this file or `lookups` must touch the kernels' files
-too, for numba's cache looks only at the file of the kernel itself.
+integers: nothing checks bounds.
 """
 
 from collections.abc import Iterable
@@ -102,6 +101,28 @@ def integer_at(_context, _address, bits):  # type: ignore[no-untyped-def]
         return value if bits.literal_value == 64 else builder.zext(value, ir.IntType(64))
 
     return types.intp(types.intp, bits), generate
+
+
+@intrinsic
+def float_at(_context, _address):  # type: ignore[no-untyped-def]
+    """The float32 at an address."""
+
+    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+        pointer = builder.inttoptr(arguments[0], ir.FloatType().as_pointer())
+        return builder.load(pointer, align=4, typ=ir.FloatType())
+
+    return types.float32(types.intp), generate
+
+
+@intrinsic
+def put_float(_context, _address, _value):  # type: ignore[no-untyped-def]
+    """Writes a float32 to an address."""
+
+    def generate(context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+        builder.store(arguments[1], builder.inttoptr(arguments[0], ir.FloatType().as_pointer()), align=4)
+        return context.get_dummy_value()
+
+    return types.void(types.intp, types.float32), generate
 
 
 @intrinsic

@@ -1,7 +1,6 @@
 """Sets of rows as vectors of bits: one operation of the processor decides for hundreds of rows.
 
-All of these run on any processor. Addresses are plain integers: nothing checks bounds. Whoever edits
-this file must touch the kernels' files too, for numba's cache looks only at the file of the kernel.
+All of these run on any processor. Addresses are plain integers: nothing checks bounds.
 """
 
 from typing import Final

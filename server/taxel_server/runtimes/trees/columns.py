@@ -13,6 +13,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel_server.runtimes.compiled.caching import fresh
 from taxel_server.runtimes.compiled.plans import array_at
 from taxel_server.runtimes.compiled.vectors import load_floats, not_above, select, splat, store
 from taxel_server.runtimes.trees.in_order import InOrder
@@ -99,6 +100,7 @@ class Ranking(NamedTuple):
 
 
 @numba.njit(cache=True)
+@fresh
 def ranking_at(plan, entry):  # type: ignore[no-untyped-def]
     """The ranking that begins at an entry of a plan."""
     return Ranking(
@@ -122,12 +124,14 @@ class RankScratch(NamedTuple):
 
 
 @numba.njit(cache=True)
+@fresh
 def rank_scratch_at(memory, entry):  # type: ignore[no-untyped-def]
     """The RankScratch that begins at an entry of a scratch's plan."""
     return RankScratch(array_at(memory, entry, np.float32), array_at(memory, entry + 1, np.int64))
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def _find_places(cuts, scratch):  # type: ignore[no-untyped-def]
     """How many of the cuts are <= x, for ROWS rows in step; 0 for a missing value."""
     start, length = cuts.ctypes.data, cuts.size
@@ -142,6 +146,7 @@ def _find_places(cuts, scratch):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def rank_rows(ranking, scales, windows, first, rows, highest, bias, size, scratch, ranks):  # type: ignore[no-untyped-def]
     """Ranks [row][column] of at most ROWS rows, less the bias; 0 or `highest` for a missing value."""
     for column in range(ranking.feature.size):

@@ -2,10 +2,12 @@
 
 import numba
 
+from taxel_server.runtimes.compiled.caching import fresh
 from taxel_server.runtimes.trees.bits import not_below
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def _load_feature(scales, windows, first, feature, x):  # type: ignore[no-untyped-def]
     """A feature of a block of rows, the last row's repeated; place 8 j + k is for lane k lanes / 8 + j."""
     eighth = x.size // 8
@@ -18,6 +20,7 @@ def _load_feature(scales, windows, first, feature, x):  # type: ignore[no-untype
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def compare(ranking, scales, windows, first, x, comparisons):  # type: ignore[no-untyped-def]
     """Makes all comparisons with a block of rows: a bit is set where a row goes right."""
     values, words = x.ctypes.data, x.size // 64

@@ -24,6 +24,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel_server.runtimes.compiled.caching import fresh
 from taxel_server.runtimes.trees.forest import LEAF, Forest
 
 
@@ -99,6 +100,7 @@ class InOrder:
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def _renumber(  # type: ignore[no-untyped-def]
     roots, left, right, value, node_start, leaf_start, first, last, depth, place, source, leaf_value
 ):

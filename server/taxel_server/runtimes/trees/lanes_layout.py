@@ -15,6 +15,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel_server.runtimes.compiled.caching import fresh
 from taxel_server.runtimes.trees.columns import Columns
 from taxel_server.runtimes.trees.in_order import InOrder
 from taxel_server.runtimes.trees.lookups import can_look_up
@@ -142,6 +143,7 @@ def count_twigs(index: InOrder, most: int) -> NDArray[np.int64]:
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def _put_trunks(trees, start, bits, most, leaves, node_start, column, limit, first, last, nodes):  # type: ignore[no-untyped-def]
     lanes, size = trees.shape[1], bits // 8
     twig_of = np.zeros(leaves.max() if leaves.size else 0, dtype=np.int64)
@@ -165,6 +167,7 @@ def _put_trunks(trees, start, bits, most, leaves, node_start, column, limit, fir
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def _put_twigs(  # type: ignore[no-untyped-def]
     trees, first_twig, leaves, node_start, leaf_start, column, limit, first, last, value, lines
 ):

@@ -5,8 +5,10 @@ from typing import Final
 
 import numba
 
+from taxel_server.runtimes.compiled.caching import fresh
+from taxel_server.runtimes.compiled.processor import register_bytes
 from taxel_server.runtimes.compiled.vectors import add, integer_at, load, load_floats, store
-from taxel_server.runtimes.trees.lookups import assemble, can_look_up, gather, lookup, register_bytes
+from taxel_server.runtimes.trees.lookups import assemble, can_look_up, gather, lookup
 
 _SIGNATURE: Final = "void(intp, intp, intp, intp, intp, intp)"
 
@@ -61,6 +63,7 @@ def add_leaves(lanes: int) -> int:
     part = min(lanes, 2 * register_bytes())
 
     @numba.cfunc(_SIGNATURE, cache=True)
+    @fresh
     def add_trees(count, trees, tables, exits, sums, rows):  # type: ignore[no-untyped-def]
         for first in range(0, rows, part):
             total = load_floats(sums + 4 * first, part)

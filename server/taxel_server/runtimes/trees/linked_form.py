@@ -6,6 +6,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel_server.runtimes.compiled.caching import fresh
 from taxel_server.runtimes.compiled.kernel import CompiledKernel
 from taxel_server.runtimes.compiled.plans import Scratch, array_at, pack
 from taxel_server.runtimes.compiled.vectors import integer_at
@@ -62,6 +63,7 @@ class LinkedKernel(CompiledKernel):
 
 
 @numba.njit(cache=True)
+@fresh
 def _trees_at(plan, entry):  # type: ignore[no-untyped-def]
     return _Trees(
         array_at(plan, entry, np.int64),
@@ -74,6 +76,7 @@ def _trees_at(plan, entry):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def _walk(trees, scratch, rows):  # type: ignore[no-untyped-def]
     """Every tree with every row is a walk; they advance together, in handfuls, until none moves."""
     walks, outputs = trees.root.size * rows, trees.base_score.size
@@ -100,6 +103,7 @@ def _walk(trees, scratch, rows):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
     ranking, trees, scales = ranking_at(plan, 0), _trees_at(plan, 4), scales_at(plan, 10)
     scratch = _Scratch(

@@ -8,20 +8,14 @@ from typing import Final
 
 from llvmlite import ir
 from numba.core import types
-from numba.core.registry import cpu_target
 from numba.core.types.containers import UniTuple
 from numba.extending import intrinsic
 
+from taxel_server.runtimes.compiled.processor import processor_has, register_bytes
 from taxel_server.runtimes.compiled.vectors import FloatVector, Vector, join, lane_numbers, llvm_type, take
 
 _BYTE: Final = ir.IntType(8)
 _BYTES_IN_A_SHUFFLE: Final = 16
-
-
-def processor_has(*features: str) -> bool:
-    """Whether code is generated for a processor with all these features, in LLVM's names."""
-    _, _, found = cpu_target.target_context.codegen().magic_tuple()
-    return {f"+{feature}" for feature in features} <= set(found.split(","))
 
 
 def can_look_up() -> bool:
@@ -218,11 +212,6 @@ def _unpack(builder: ir.IRBuilder, left: ir.Value, right: ir.Value, size: int) -
                 places += [*range(element, element + size), *range(count + element, count + element + size)]
         halves.append(builder.shuffle_vector(left, right, lane_numbers(places)))
     return halves
-
-
-def register_bytes() -> int:
-    """Bytes in the widest register whose bytes can be shuffled."""
-    return 64 if processor_has("avx512bw") else 32 if processor_has("avx2") else 16
 
 
 def _declare(builder: ir.IRBuilder, name: str, result: ir.Type, arguments: list[ir.Type]) -> ir.Function:

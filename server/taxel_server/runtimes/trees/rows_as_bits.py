@@ -5,6 +5,7 @@ from typing import Final
 
 import numba
 
+from taxel_server.runtimes.compiled.caching import fresh
 from taxel_server.runtimes.compiled.vectors import AHEAD, integer_at, load, prefetch, splat, store
 from taxel_server.runtimes.trees.bits import common, either, number, put_numbers, without
 from taxel_server.runtimes.trees.rows_layout import GROUP, RECORDS
@@ -158,6 +159,7 @@ def _eight_trees_in_a_vector() -> int:
     size = RECORDS[1].itemsize
 
     @numba.cfunc(_SIGNATURE, cache=True)
+    @fresh
     def traverse(count, groups, records, full, sets, comparisons, memory, exits, later, each):  # type: ignore[no-untyped-def]
         _clear(memory, integer_at(groups + _GROUP * (count - 1) + 16, 64), 0, 8)
         leaves = memory + 64 * _LEAVES
@@ -210,6 +212,7 @@ def _four_trees_in_turn() -> int:
     size = RECORDS[1].itemsize
 
     @numba.cfunc(_SIGNATURE, cache=True)
+    @fresh
     def traverse(count, groups, records, full, sets, comparisons, memory, exits, later, each):  # type: ignore[no-untyped-def]
         _clear(memory, integer_at(groups + _GROUP * (count - 1) + 16, 64), _APART, 4)
         leaves0 = memory + 32 * _LEAVES
@@ -253,6 +256,7 @@ def _four_trees_in_a_vector() -> int:
     size = RECORDS[2].itemsize
 
     @numba.cfunc(_SIGNATURE, cache=True)
+    @fresh
     def traverse(count, groups, records, _full, _sets, comparisons, memory, exits, later, each):  # type: ignore[no-untyped-def]
         _clear(memory, integer_at(groups + _GROUP * (count - 1) + 16, 64), 0, 4)
         leaves = memory + 32 * _LEAVES
@@ -285,6 +289,7 @@ def _one_tree_after_another() -> int:
     size = RECORDS[2].itemsize
 
     @numba.cfunc(_SIGNATURE, cache=True)
+    @fresh
     def traverse(count, groups, records, _full, _sets, comparisons, memory, exits, later, each):  # type: ignore[no-untyped-def]
         _clear(memory, integer_at(groups + _GROUP * (count - 1) + 16, 64), 0, 4)
         leaves = memory + 32 * _LEAVES

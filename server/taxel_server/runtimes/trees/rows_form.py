@@ -7,6 +7,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel_server.runtimes.compiled.caching import fresh
 from taxel_server.runtimes.compiled.kernel import CompiledKernel
 from taxel_server.runtimes.compiled.plans import Scratch, array_at, pack, together
 from taxel_server.runtimes.trees.calls import call
@@ -158,6 +159,7 @@ class RowsKernel(CompiledKernel):
 
 
 @numba.njit(cache=True)
+@fresh
 def _part_at(plan, entry):  # type: ignore[no-untyped-def]
     return _Part(
         array_at(plan, entry, np.int64),
@@ -170,6 +172,7 @@ def _part_at(plan, entry):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
+@fresh
 def _sums_at(plan, entry):  # type: ignore[no-untyped-def]
     return _Sums(
         array_at(plan, entry, np.int64),
@@ -183,6 +186,7 @@ def _sums_at(plan, entry):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
+@fresh
 def _scratch_at(plan):  # type: ignore[no-untyped-def]
     return _Scratch(
         array_at(plan, 0, np.float32),
@@ -194,6 +198,7 @@ def _scratch_at(plan):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def _find_exits(part, output, sums, scratch):  # type: ignore[no-untyped-def]
     """Writes the exits of one output's trees, and asks for their leaf tables."""
     first, stop = part.group_start[output], part.group_start[output + 1]
@@ -208,6 +213,7 @@ def _find_exits(part, output, sums, scratch):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
     ranking, narrow, wide = ranking_at(plan, 0), _part_at(plan, 4), _part_at(plan, 10)
     sums, scales, scratch = _sums_at(plan, 16), scales_at(plan, 23), _scratch_at(memory)

@@ -12,6 +12,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel_server.runtimes.compiled.caching import fresh
 from taxel_server.runtimes.trees.columns import Columns
 from taxel_server.runtimes.trees.in_order import InOrder
 
@@ -190,6 +191,7 @@ def _full_levels(index: InOrder, small: NDArray[np.bool_]) -> int:
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def _number(leaves, node_start, leaf_start, depth, place, small, full, number, count):  # type: ignore[no-untyped-def]
     """Level by level; between inner nodes i - 1 and i lies leaf i, the first right of node i - 1."""
     before = np.empty((depth.max() if depth.size else 0) + 2, dtype=np.int32)
@@ -215,6 +217,7 @@ def _number(leaves, node_start, leaf_start, depth, place, small, full, number, c
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def _place(  # type: ignore[no-untyped-def]
     members,
     records,

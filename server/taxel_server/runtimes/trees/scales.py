@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from taxel.manifest import Normalisation
 from taxel.scaling import Scaler
+from taxel_server.runtimes.compiled.caching import fresh
 from taxel_server.runtimes.compiled.plans import array_at
 
 
@@ -29,6 +30,7 @@ class Scales(NamedTuple):
 
 
 @numba.njit(cache=True)
+@fresh
 def scales_at(plan, entry):  # type: ignore[no-untyped-def]
     """The scales that begin at an entry of a plan."""
     return Scales(
@@ -41,12 +43,14 @@ def scales_at(plan, entry):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def restore(scales, output, value):  # type: ignore[no-untyped-def]
     """A sum in the scale that its output was trained from."""
     return value * scales.output_std[output] + scales.output_mean[output] if scales.applied else value
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def put_rows(scales, sums, each_row, each_output, first, rows, result):  # type: ignore[no-untyped-def]
     """Writes sums, whose rows and outputs are so far apart, to rows of the result, restored."""
     for row in range(rows):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.errors import ArtifactError
+from taxel_server.runtimes.compiled.caching import fresh
 from taxel_server.runtimes.trees.decimals import nearest, read_numbers
 
 CHUNK: Final = 1 << 22
@@ -120,6 +121,7 @@ class ScannedText:
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def _scan(text, position, in_string, found, piece, table):  # type: ignore[no-untyped-def]
     """Copies text to `piece` with number arrays replaced, until a chunk has been looked at."""
     stop = min(position + CHUNK, text.size)
@@ -153,6 +155,7 @@ def _scan(text, position, in_string, found, piece, table):  # type: ignore[no-un
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def _write_integer(piece, length, value):  # type: ignore[no-untyped-def]
     digits = 1
     while value >= 10**digits:

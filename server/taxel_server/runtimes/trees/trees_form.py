@@ -7,8 +7,10 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel_server.runtimes.compiled.caching import fresh
 from taxel_server.runtimes.compiled.kernel import CompiledKernel
 from taxel_server.runtimes.compiled.plans import Scratch, array_at, pack, together
+from taxel_server.runtimes.compiled.processor import register_bytes
 from taxel_server.runtimes.trees.calls import call
 from taxel_server.runtimes.trees.columns import (
     ROWS,
@@ -21,7 +23,7 @@ from taxel_server.runtimes.trees.columns import (
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
 from taxel_server.runtimes.trees.lanes_layout import MOST_TWIGS, TrunksLayout, table_size
-from taxel_server.runtimes.trees.lookups import interleaved_lane, register_bytes
+from taxel_server.runtimes.trees.lookups import interleaved_lane
 from taxel_server.runtimes.trees.scales import Scales, put_rows, scales_at
 from taxel_server.runtimes.trees.trees_in_lanes import add_leaves, find_exits, put_exits, trees_at_once
 
@@ -143,6 +145,7 @@ def _places(
 
 
 @numba.njit(cache=True)
+@fresh
 def _trees_at(plan, entry):  # type: ignore[no-untyped-def]
     return _Trees(
         plan[entry, 0],
@@ -165,6 +168,7 @@ def _trees_at(plan, entry):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
     """Adds every tree's leaf to the sums [output][row], batch after batch."""
     ranks, exits = scratch.ranks.ctypes.data, scratch.exits.ctypes.data
@@ -192,6 +196,7 @@ def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
     ranking, trees, scales = ranking_at(plan, 0), _trees_at(plan, 4), scales_at(plan, 20)
     scratch = _Scratch(

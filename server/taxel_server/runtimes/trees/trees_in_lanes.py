@@ -5,6 +5,8 @@ from typing import Final
 
 import numba
 
+from taxel_server.runtimes.compiled.caching import fresh
+from taxel_server.runtimes.compiled.processor import register_bytes
 from taxel_server.runtimes.compiled.vectors import (
     AHEAD,
     add,
@@ -21,7 +23,7 @@ from taxel_server.runtimes.compiled.vectors import (
 )
 from taxel_server.runtimes.trees.columns import ROWS
 from taxel_server.runtimes.trees.lanes_layout import COLUMNS_AT, LIMITS_AT, LINE, MASKS_AT
-from taxel_server.runtimes.trees.lookups import interleave, lookup, register_bytes
+from taxel_server.runtimes.trees.lookups import interleave, lookup
 from taxel_server.runtimes.trees.words import bytes_at, elements, floats_at, lowest_common_bit, plus, widen
 
 OUTPUTS_AT_ONCE: Final = 8
@@ -54,6 +56,7 @@ def find_exits(columns: int, bits: int) -> int:
     size, lowest = (2 + bits // 8) * lanes, -(1 << (bits - 1))
 
     @numba.cfunc("void(intp, intp, intp, intp, intp, intp, intp)", cache=True)
+    @fresh
     def traverse(nodes, steps, ranks, rows, exits, wanted, lines):  # type: ignore[no-untyped-def]
         # One row asks for nodes shortly before it needs them; several, for the next group's meanwhile.
         soon = nodes + (AHEAD if rows == 1 else size * steps)
@@ -91,6 +94,7 @@ def put_exits() -> int:
     lanes, width = trees_at_once(), register_bytes()
 
     @numba.cfunc("void(intp, intp, intp, intp)", cache=True)
+    @fresh
     def put(exits, seats, memory, seated):  # type: ignore[no-untyped-def]
         for first in range(0, lanes, width):
             place = memory + ROWS * first
@@ -113,6 +117,7 @@ def add_leaves() -> int:
     """
 
     @numba.cfunc("void(intp, intp, intp, intp, intp)", cache=True)
+    @fresh
     def add_all(trees, counts, leaves, exits, sums):  # type: ignore[no-untyped-def]
         total = load_floats(sums, ROWS)
         for tree in range(trees):
@@ -134,6 +139,7 @@ def find_twigs(bits: int) -> int:
     lanes, size = trees_at_once(), bits // 8
 
     @numba.cfunc("void(intp, intp, intp, intp, intp)", cache=True)
+    @fresh
     def find(first, twigs, rows, exits, places):  # type: ignore[no-untyped-def]
         for lane in range(0, lanes, OUTPUTS_AT_ONCE):
             start = widen(load(first + 4 * lane, 32, OUTPUTS_AT_ONCE))
@@ -157,6 +163,7 @@ def add_twigs(columns: int) -> int:
     lanes = trees_at_once()
 
     @numba.cfunc("void(intp, intp, intp, intp, intp, intp, intp, intp, intp)", cache=True)
+    @fresh
     def add_all(ranks, rows, places, ahead, leaves, rounds, outputs, sums, width):  # type: ignore[no-untyped-def]
         for lane in range(0, lanes, OUTPUTS_AT_ONCE):
             for row in range(rows):

@@ -7,6 +7,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel_server.runtimes.compiled.caching import fresh
 from taxel_server.runtimes.compiled.kernel import CompiledKernel
 from taxel_server.runtimes.compiled.plans import Scratch, array_at, pack, together
 from taxel_server.runtimes.trees.calls import call
@@ -156,6 +157,7 @@ class TwigsKernel(CompiledKernel):
 
 
 @numba.njit(cache=True)
+@fresh
 def _trees_at(plan, entry):  # type: ignore[no-untyped-def]
     return _Trees(
         plan[entry, 0],
@@ -177,6 +179,7 @@ def _trees_at(plan, entry):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
     """Adds every tree's leaf to the sums; a group's trunks go before the twigs of the group before it."""
     ranks, sums, exits = scratch.ranks.ctypes.data, scratch.sums.ctypes.data, scratch.exits.ctypes.data
@@ -195,6 +198,7 @@ def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
     ranking, trees, scales = ranking_at(plan, 0), _trees_at(plan, 4), scales_at(plan, 19)
     scratch = _Scratch(

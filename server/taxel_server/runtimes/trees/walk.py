@@ -4,6 +4,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel_server.runtimes.compiled.caching import fresh
 from taxel_server.runtimes.trees.forest import LEAF, Forest
 from taxel_server.runtimes.trees.scales import Scales
 
@@ -29,6 +30,7 @@ def walk(forest: Forest, scales: Scales, windows: NDArray[np.float32]) -> NDArra
 
 
 @numba.njit(cache=True, nogil=True)
+@fresh
 def _walk(roots, outputs, left, right, feature, default_left, value, base_score, windows, result):  # type: ignore[no-untyped-def]
     for row in range(windows.shape[0]):
         result[row] = base_score

@@ -1,8 +1,7 @@
 """Vectors of 64-bit words as addresses: eight trees' memory read at once, eight bytes of each.
 
 All of these run on any processor; without an instruction that gathers, LLVM loads lane by lane.
-Addresses are plain integers: nothing checks bounds. Whoever edits this file must touch the kernels'
-files too, for numba's cache looks only at the file of the kernel.
+Addresses are plain integers: nothing checks bounds.
 """
 
 from typing import Final
