@@ -1,9 +1,14 @@
 """A small repository of real XGBoost artifacts, and servers of it in this process."""
 
 import hashlib
+import os
+import platform
 import socket
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +27,37 @@ from taxel_server.service import Service
 ArtifactMaker = Callable[..., Path]
 WindowMaker = Callable[..., NDArray[np.float32]]
 ServerStarter = Callable[..., str]
+
+_PROCESSORS = {
+    "AVX2": ("x86-64-v3", "+ssse3,+sse4.1,+sse4.2,+popcnt,+avx,+avx2,+bmi,+bmi2,+fma"),
+    "SSE4": ("x86-64-v2", "+ssse3,+sse4.1,+sse4.2,+popcnt"),
+    "SSE2": ("x86-64", "+sse2"),
+}
+
+
+@dataclass(frozen=True)
+class Processor:
+    """A lesser processor that numba can be told to compile for."""
+
+    name: str
+    model: str
+    features: str
+
+    def run(self, code: str) -> None:
+        """Runs Python code in a process of its own, compiled for this processor."""
+        restricted = {"NUMBA_CPU_NAME": self.model, "NUMBA_CPU_FEATURES": self.features}
+        done = subprocess.run(
+            [sys.executable, "-c", code], env=os.environ | restricted, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(params=_PROCESSORS)
+def lesser_processor(request: pytest.FixtureRequest) -> Processor:
+    """Each of the lesser processors, where numba compiles for one of their kind."""
+    if platform.machine() != "x86_64":
+        pytest.skip("names x86 processors")
+    return Processor(request.param, *_PROCESSORS[request.param])
 
 
 def write_artifact(repository: Path, name: str, version: str, combination: int = 3) -> Path:
