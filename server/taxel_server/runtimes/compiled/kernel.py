@@ -32,6 +32,10 @@ class CompiledKernel(ABC):
 
     def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32]) -> None:
         """Fills `result` (n, outputs) with what the model says of `windows` (n, features)."""
+        if windows.flags.writeable:
+            # What comes from the network is read-only, and numba would compile for either kind.
+            windows = windows.view()
+            windows.flags.writeable = False
         # A list's own operations are atomic, and cost less than a lock or a thread's own memory.
         try:
             scratch = self._idle.pop()
