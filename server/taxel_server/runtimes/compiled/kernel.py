@@ -32,9 +32,11 @@ class CompiledKernel(ABC):
 
     def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32]) -> None:
         """Fills `result` (n, outputs) with what the model says of `windows` (n, features)."""
-        if windows.flags.writeable:
-            # What comes from the network is read-only, and numba would compile for either kind.
-            windows = windows.view()
+        # Numba would compile for each kind of array: what comes from the network is read-only, and
+        # lies in a message wherever it comes to lie.
+        flags = windows.flags
+        if flags.writeable or not flags.aligned:
+            windows = windows.view() if flags.aligned else windows.copy()
             windows.flags.writeable = False
         # A list's own operations are atomic, and cost less than a lock or a thread's own memory.
         try:
