@@ -26,6 +26,9 @@ def compare(
         float, typer.Option(min=0.05, help="Of each of the three measurements in a turn.")
     ] = 1.0,
     seed: Annotated[int, typer.Option(min=0, help="Of the windows.")] = 0,
+    pin: Annotated[
+        bool, typer.Option("--pin", help="Keep every client on one core and every server on the others.")
+    ] = False,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Write the JSON object to this file, too.")
     ] = None,
@@ -42,7 +45,7 @@ def compare(
 
     given = Path(model)
     folder = given.resolve() if (given / MANIFEST).is_file() else folder_of(shipped_repository(), model)
-    plan = Plan(folder, parse_peers(peers), install, rounds, seconds, seed)
+    plan = Plan(folder, parse_peers(peers), install, rounds, seconds, seed, pin)
     if output is not None:
         check_file_place(output)
     machine = describe_machine()
@@ -55,6 +58,7 @@ def compare(
         "model": model,
         "rounds": rounds,
         "seconds": seconds,
+        "pinned": pin,
         **comparison.report(),
     }
     if output is not None:

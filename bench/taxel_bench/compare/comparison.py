@@ -17,6 +17,7 @@ from taxel_bench.compare.contenders import CHECKED_ROWS, Contender, Task, peer_c
 from taxel_bench.compare.environments import find_environment, install_environment
 from taxel_bench.compare.figures import Figures, median_ratios
 from taxel_bench.compare.peers import Peer
+from taxel_bench.compare.processes import Cores
 from taxel_bench.compare.rounds import BULK_ROWS, BareRuntime, Predict, Round, play_round
 from taxel_bench.windows import random_windows
 from taxel_server.engine import load_model
@@ -37,6 +38,7 @@ class Plan:
         rounds: at least 1.
         seconds: of each measurement in a round.
         seed: of the windows.
+        pin: whether servers and clients are kept on cores of their own.
     """
 
     folder: Path
@@ -45,6 +47,7 @@ class Plan:
     rounds: int
     seconds: float
     seed: int
+    pin: bool = False
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,7 @@ def run_comparison(plan: Plan, tell: Tell) -> Comparison:
         tell: what is being done now.
 
     Raises:
-        SettingsError: the artifact is not an ONNX network.
+        SettingsError: the artifact is not an ONNX network, or there is no core for each side.
         Unavailable: Taxel's own server does not start, or someone stops answering.
     """
     rounds: dict[str, list[Round]] = {}
@@ -140,6 +143,7 @@ def _prepared(plan: Plan) -> Iterator[tuple[Task, Predict]]:
     manifest = artifact.manifest
     if manifest.platform != "onnxruntime_onnx":
         raise SettingsError(f"--model {plan.folder}: {manifest.platform}: the peers serve ONNX networks")
+    cores = Cores.apart() if plan.pin else None
     predict = load_model(plan.folder).runtime.evaluate
     with tempfile.TemporaryDirectory(prefix="taxel-compare-") as name:
         folder = Path(name)
@@ -148,7 +152,7 @@ def _prepared(plan: Plan) -> Iterator[tuple[Task, Predict]]:
         np.save(folder / "windows.npy", windows)
         counts = predict(windows[:CHECKED_ROWS])
         yield (
-            Task(artifact.model_path, folder / "repository", folder / "windows.npy", counts),
+            Task(artifact.model_path, folder / "repository", folder / "windows.npy", counts, cores),
             predict,
         )
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from taxel.errors import Unavailable
 from taxel_bench.compare.peers import Peer
-from taxel_bench.compare.processes import Program, running_program
+from taxel_bench.compare.processes import Cores, Program, running_program
 from taxel_bench.server_process import ADDRESS, free_port, serve_command
 
 CHECKED_ROWS: Final = 8
@@ -25,7 +25,7 @@ _START_S: Final = 120.0
 
 _RETRY_S: Final = 0.5
 _TOLERANCE: Final = 0.01
-"""Counts by which answers may differ; all evaluate the same file with the same library."""
+"""Counts by which answers may differ; all evaluate the same file, most with ONNX Runtime."""
 
 
 @dataclass(frozen=True)
@@ -46,12 +46,14 @@ class Task:
         repository: a repository that holds this model and no other.
         windows: a file of (m, f) float32.
         counts: right answers to the first windows, (`CHECKED_ROWS`, 21).
+        cores: that servers and clients are kept on; None for any.
     """
 
     model: Path
     repository: Path
     windows: Path
     counts: NDArray[np.float32]
+    cores: Cores | None
 
 
 @contextmanager
@@ -94,7 +96,8 @@ def _contender(
 ) -> Iterator[Contender]:
     ask = [*_module(client_interpreter, client), "--address", ADDRESS, "--port", str(port)]
     ask += ["--windows", str(task.windows)]
-    with running_program(serve, path=path) as server, _connected(ask, server, task) as program:
+    cores = task.cores.servers if task.cores else None
+    with running_program(serve, path=path, cores=cores) as server, _connected(ask, server, task) as program:
         yield Contender(name, server, program)
 
 
@@ -102,8 +105,9 @@ def _contender(
 def _connected(ask: Sequence[str], server: Program, task: Task) -> Iterator[Program]:
     """A client that has got right answers; tries again until the server is ready."""
     ends = time.monotonic() + _START_S
+    cores = task.cores.clients if task.cores else None
     while True:
-        with running_program(ask, path=_HERE, takes_orders=True) as client:
+        with running_program(ask, path=_HERE, takes_orders=True, cores=cores) as client:
             try:
                 counts = client.order(do="answer", rows=CHECKED_ROWS)["counts"]
             except Unavailable as error:

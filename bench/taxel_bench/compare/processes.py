@@ -3,21 +3,52 @@
 import json
 import os
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import psutil
 
-from taxel.errors import Unavailable
+from taxel.errors import SettingsError, Unavailable
 
 _PATIENCE_S: Final = 10.0
 """How long a process that was told to stop may take before it is killed."""
 
 _FAMILY_S: Final = 1.0
 """How long what it has started may live on."""
+
+_KEEP: Final = """
+import os, sys
+os.sched_setaffinity(0, map(int, sys.argv[1].split(",")))
+os.execvp(sys.argv[2], sys.argv[2:])
+"""
+"""Keeps this process on some cores, and becomes another program."""
+
+
+@dataclass(frozen=True)
+class Cores:
+    """Which processor cores servers may use, and which clients."""
+
+    servers: frozenset[int]
+    clients: frozenset[int]
+
+    @classmethod
+    def apart(cls) -> "Cores":
+        """One core of this process's for clients, the others for servers.
+
+        Raises:
+            SettingsError: there is only one, or the system does not let processes be kept on some.
+        """
+        if sys.platform != "linux":
+            raise SettingsError("--pin: this system does not let a process be kept on some cores")
+        *servers, client = sorted(os.sched_getaffinity(0))
+        if not servers:
+            raise SettingsError("--pin: there is one core: expected at least two")
+        return cls(frozenset(servers), frozenset([client]))
 
 
 class Program:
@@ -71,7 +102,11 @@ class Program:
 
 @contextmanager
 def running_program(
-    command: Sequence[str], *, path: Path | None = None, takes_orders: bool = False
+    command: Sequence[str],
+    *,
+    path: Path | None = None,
+    takes_orders: bool = False,
+    cores: frozenset[int] | None = None,
 ) -> Iterator[Program]:
     """Start a program; when the block ends, it and all that it has started end, too.
 
@@ -79,7 +114,10 @@ def running_program(
         command: with its arguments, all paths absolute.
         path: where its interpreter looks for modules first.
         takes_orders: whether its stdout answers `order`; else whatever it prints is as stderr.
+        cores: that it is kept on; None for any.
     """
+    if cores is not None:
+        command = [sys.executable, "-c", _KEEP, ",".join(map(str, cores)), *command]
     environment = dict(os.environ) if path is None else {**os.environ, "PYTHONPATH": str(path)}
     with tempfile.TemporaryDirectory(prefix="taxel-compare-") as folder:
         log = Path(folder) / "log"
