@@ -68,8 +68,8 @@ def base_engine(artifact: Artifact, flops: int | None) -> Engine:
 
 
 def _runtime(model: LoadedModel) -> str:
-    library = "trees" if model.manifest.platform == "xgboost_json" else "ONNX Runtime"
-    return f"Taxel's runtime ({library})"
+    kind = "trees" if model.manifest.platform == "xgboost_json" else "networks"
+    return f"Taxel's runtime ({kind})"
 
 
 def _channels(outputs: NDArray[np.float32]) -> NDArray[np.float32]:
