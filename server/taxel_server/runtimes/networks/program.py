@@ -150,6 +150,7 @@ class Draft:
         for row, step in zip(steps, self._steps, strict=True):
             row[0] = KINDS.index(type(step))
             row[1 : 1 + len(step)] = [_word(word, starts) for word in step]
+        # Never empty, even without a dense layer.
         weights = np.concatenate([*self._weights, np.zeros(_LINE, np.uint8)])
         return Program(steps, weights, memory, _word(window.place, starts), _word(channels.place, starts))
 
