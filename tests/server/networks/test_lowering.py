@@ -219,6 +219,17 @@ UNSUPPORTED: dict[str, tuple[Build, int]] = {
 }
 
 
+def test_old_operators_are_refused(tmp_path: Path) -> None:
+    """A softmax over all axes but the first, as it once was by default."""
+    model = Model()
+    path = model.save(tmp_path / "model.onnx", model("Softmax", "window"), 24)
+    old = onnx.load(path)
+    old.opset_import[0].version = 11
+    onnx.save(old, path)
+    with pytest.raises(Unsupported, match="operators of version 11"):
+        read_graph(path)
+
+
 @pytest.mark.parametrize("name", UNSUPPORTED)
 def test_what_has_no_step_is_refused(name: str, tmp_path: Path) -> None:
     build, width = UNSUPPORTED[name]

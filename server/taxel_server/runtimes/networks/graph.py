@@ -12,6 +12,9 @@ from onnx import NodeProto, TensorShapeProto, helper, numpy_helper, shape_infere
 
 Array = NDArray[Any]
 
+_OLDEST: Final = 18
+"""ONNX's operator set from which on the operations mean what is carried out here."""
+
 
 class Unsupported(Exception):
     """A network has something that there is no step for."""
@@ -48,9 +51,13 @@ def read_graph(path: Path) -> Graph:
     """The graph of a file that ONNX Runtime has taken.
 
     Raises:
-        Unsupported: a node is not ONNX's own, a shape depends on values, or there are several outputs.
+        Unsupported: a node is not ONNX's own or of an old version, a shape depends on values, or
+            there are several outputs.
     """
     model = onnx.load(path)
+    (version,) = (each.version for each in model.opset_import if not each.domain)
+    if version < _OLDEST:
+        raise Unsupported(f"operators of version {version}: expected at least {_OLDEST}")
     if len(model.graph.input) != 1 or len(model.graph.output) != 1:
         raise Unsupported("more than one input or output")
     for tensor in (*model.graph.input, *model.graph.output):

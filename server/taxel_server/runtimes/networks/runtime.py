@@ -74,9 +74,9 @@ def compiled_network(
     """A runtime that evaluates few windows faster; the given one where there is none.
 
     Args:
-        model_path: the file that `runtime` evaluates.
+        model_path: an ONNX file.
         normalisation: of its windows and channels.
-        runtime: with one thread on the CPU.
+        runtime: of that file, on the CPU.
     """
     try:
         kernel = ProgramKernel(lower(read_graph(model_path)))
