@@ -1,5 +1,6 @@
 """Runtimes: each evaluates the artifacts of one platform."""
 
-from taxel_server.runtimes.runtime import DEFAULTS, Runtime, RuntimeOptions, open_runtime
+from taxel_server.runtimes.options import DEFAULTS, RuntimeOptions
+from taxel_server.runtimes.runtime import Runtime, open_runtime
 
 __all__ = ["DEFAULTS", "Runtime", "RuntimeOptions", "open_runtime"]

@@ -1,7 +1,6 @@
 """What a runtime is, and which one evaluates an artifact."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final, Protocol
 
 import numpy as np
@@ -11,22 +10,7 @@ from taxel.artifacts import Artifact
 from taxel.errors import ArtifactError, MissingDependency
 from taxel.manifest import Platform
 from taxel_server.runtimes.corrected import CorrectedRuntime
-
-
-@dataclass(frozen=True)
-class RuntimeOptions:
-    """What may be chosen about evaluation.
-
-    Attributes:
-        threads: that one evaluation may use.
-        providers: ONNX Runtime's execution providers, best first; trees have no use for them.
-    """
-
-    threads: int = 1
-    providers: tuple[str, ...] = ("CPUExecutionProvider",)
-
-
-DEFAULTS: Final = RuntimeOptions()
+from taxel_server.runtimes.options import DEFAULTS, RuntimeOptions
 
 
 class Runtime(Protocol):
