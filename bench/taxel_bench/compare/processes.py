@@ -44,7 +44,7 @@ class Cores:
             SettingsError: there is only one, or the system does not let processes be kept on some.
         """
         if sys.platform != "linux":
-            raise SettingsError("--pin: this system does not let a process be kept on some cores")
+            raise SettingsError("--pin: expected Linux, which lets a process be kept on some cores")
         *servers, client = sorted(os.sched_getaffinity(0))
         if not servers:
             raise SettingsError("--pin: there is one core: expected at least two")

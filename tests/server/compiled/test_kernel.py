@@ -31,8 +31,9 @@ def test_windows_of_bytes_need_no_code_of_their_own(name: str) -> None:
         for start in (0, 1)
     )
     assert (read_only.flags.aligned, odd.flags.aligned) == (True, False)
-    assert kernels(name)
-    for kernel in kernels(name):
+    found = kernels(name)
+    assert found
+    for kernel in found:
         before = kernel._evaluation.signatures  # type: ignore[attr-defined]
         results = np.empty((3, 3, 21), np.float32)
         for given, result in zip((windows, read_only, odd), results, strict=True):

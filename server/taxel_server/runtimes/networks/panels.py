@@ -1,8 +1,8 @@
 """Dense layers: weights in panels of a few registers' columns, read in one stream, for a few rows at once.
 
-Weights are float32, or integers of 24 bits that count fractions of their column's largest: a quarter
-less to read, and no further from the file than half a 2**-23 of that largest, which is what rounding
-to float32 costs a sum of products anyway.
+Weights are float32, or integers of 24 bits that count fractions of the power of two above their column's
+largest: a quarter less to read, and no further from the file than half a 2**-23 of that power, which is
+what rounding to float32 costs a sum of products anyway.
 """
 
 from typing import Final, NamedTuple
@@ -139,9 +139,6 @@ def _meet_rows(
             factor = spread(builder, value, LANES)
             builder.store(_plus_product(builder, factor, weights, _now(builder, total)), total)
 
-    for chain in sums:
-        for total in chain:
-            builder.store(nothing, total)
     with cgutils.for_range(builder, builder.udiv(terms, _WORD(chains))) as loop:
         first = builder.mul(loop.index, _WORD(chains))
         for number, chain in enumerate(sums):
