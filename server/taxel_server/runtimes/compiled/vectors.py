@@ -173,6 +173,16 @@ def not_above(_context, left, right):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
+def neither(_context, left, right):  # type: ignore[no-untyped-def]
+    """A mask of the lanes that two masks leave out."""
+
+    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+        return builder.not_(builder.or_(*arguments))
+
+    return left(left, right), generate
+
+
+@intrinsic
 def select(_context, mask, true, false):  # type: ignore[no-untyped-def]
     """One of two vectors, lane by lane."""
 
@@ -188,6 +198,16 @@ def add(_context, left, right):  # type: ignore[no-untyped-def]
 
     def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
         return builder.fadd(*arguments)
+
+    return left(left, right), generate
+
+
+@intrinsic
+def plus(_context, left, right):  # type: ignore[no-untyped-def]
+    """The sums of two vectors of integers, lane by lane."""
+
+    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+        return builder.add(*arguments)
 
     return left(left, right), generate
 

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.caching import fresh
 from taxel_server.runtimes.compiled.plans import array_at
-from taxel_server.runtimes.compiled.vectors import load_floats, not_above, select, splat, store
+from taxel_server.runtimes.compiled.vectors import load_floats, not_above, plus, select, splat, store
 from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.words import elements, floats_at, plus
+from taxel_server.runtimes.trees.words import elements, floats_at
 
 ROWS: Final = 8
 """Rows that are ranked, and go through a group of trees, at once."""

@@ -58,6 +58,7 @@ class _Scratch(NamedTuple):
     memory: NDArray[np.int64]
     seated: NDArray[np.int64]
     sums: NDArray[np.float32]
+    backwards: NDArray[np.int64]
 
 
 class TreesKernel(CompiledKernel):
@@ -117,6 +118,7 @@ class TreesKernel(CompiledKernel):
             np.empty(self._trees.lanes, dtype=np.int64),
             np.empty(self._spare + 1, dtype=np.int64),
             np.empty(ROWS * len(self._trees.base_score), dtype=np.float32),
+            np.zeros(1, dtype=np.int64),
         )
         return Scratch((*own, *RankScratch.make()))
 
@@ -170,10 +172,16 @@ def _trees_at(plan, entry):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, nogil=True)
 @fresh
 def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
-    """Adds every tree's leaf to the sums [output][row], batch after batch."""
+    """Adds every tree's leaf to the sums [output][row], batch after batch.
+
+    Every other time from the last batch to the first: what was visited last is still in the cache.
+    """
     ranks, exits = scratch.ranks.ctypes.data, scratch.exits.ctypes.data
     memory, seated, sums = scratch.memory.ctypes.data, scratch.seated.ctypes.data, scratch.sums.ctypes.data
-    for batch in range(trees.batch_group.size - 1):
+    batches, backwards = trees.batch_group.size - 1, scratch.backwards[0]
+    scratch.backwards[0] = not backwards
+    for turn in range(batches):
+        batch = batches - 1 - turn if backwards else turn
         first_group, stop_group = trees.batch_group[batch], trees.batch_group[batch + 1]
         first_output, stop_output = trees.batch_output[batch], trees.batch_output[batch + 1]
         # The batch's leaves are asked for in equal shares, while its trees are visited.
@@ -190,9 +198,10 @@ def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
         base = trees.output_tree[first_output]
         for output in range(first_output, stop_output):
             tree, stop = trees.output_tree[output], trees.output_tree[output + 1]
-            leaves = trees.leaves + 4 * trees.output_leaf[output]
-            given = (stop - tree, trees.counts + tree, leaves, seated + 8 * (tree - base))
-            call(trees.addition, (*given, sums + 4 * ROWS * output))
+            leaf, stop_leaf = trees.output_leaf[output], trees.output_leaf[output + 1]
+            given = (stop - tree, trees.counts + tree, trees.leaves + 4 * leaf, seated + 8 * (tree - base))
+            lines = -(-(stop_leaf - leaf) // (16 * max(1, stop - tree)))
+            call(trees.addition, (*given, sums + 4 * ROWS * output, lines))
 
 
 @numba.njit(cache=True, nogil=True)
@@ -205,8 +214,9 @@ def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
         array_at(memory, 2, np.int64),
         array_at(memory, 3, np.int64),
         array_at(memory, 4, np.float32),
+        array_at(memory, 5, np.int64),
     )
-    places = rank_scratch_at(memory, 5)
+    places = rank_scratch_at(memory, 6)
     for start in range(0, windows.shape[0], ROWS):
         rows = min(ROWS, windows.shape[0] - start)
         rank_rows(ranking, scales, windows, start, rows, 255, 128, trees.ranks, places, scratch.ranks)

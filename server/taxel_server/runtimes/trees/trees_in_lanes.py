@@ -14,6 +14,8 @@ from taxel_server.runtimes.compiled.vectors import (
     integer_at,
     load,
     load_floats,
+    neither,
+    plus,
     prefetch,
     put_word,
     select,
@@ -24,7 +26,7 @@ from taxel_server.runtimes.compiled.vectors import (
 from taxel_server.runtimes.trees.columns import ROWS
 from taxel_server.runtimes.trees.lanes_layout import COLUMNS_AT, LIMITS_AT, LINE, MASKS_AT
 from taxel_server.runtimes.trees.lookups import interleave, lookup
-from taxel_server.runtimes.trees.words import bytes_at, elements, floats_at, lowest_common_bit, plus, widen
+from taxel_server.runtimes.trees.words import bytes_at, elements, floats_at, lowest_common_bit, widen
 
 OUTPUTS_AT_ONCE: Final = 8
 """Trees whose leaves are added at once, each to an output of its own."""
@@ -65,10 +67,11 @@ def find_exits(columns: int, bits: int) -> int:
             table = ranks + row * columns
             node = nodes
             reached = splat(lowest, bits, lanes)
-            for step in range(1, steps + 1):
+            number, one = reached, splat(1, bits, lanes)
+            for _ in range(steps):
                 rank = lookup(table, columns, load(node, 8, lanes))
                 goes_left = greater(load(node + lanes, 8, lanes), rank)
-                first = select(goes_left, splat(-1, bits, lanes), load(node + 2 * lanes, bits, lanes))
+                passed_by = greater(load(node + 2 * lanes, bits, lanes), reached)
                 if row or rows == 1:
                     for _ in range(each):
                         prefetch(soon, 1)
@@ -76,7 +79,8 @@ def find_exits(columns: int, bits: int) -> int:
                     for _ in range(lines):
                         prefetch(wanted, 2)
                         wanted += 64
-                reached = select(greater(first, reached), reached, splat(step + lowest, bits, lanes))
+                number = plus(number, one)
+                reached = select(neither(goes_left, passed_by), number, reached)
                 node += size
             store(exits + row * lanes * (bits // 8), unbias(reached))
 
@@ -113,16 +117,17 @@ def add_leaves() -> int:
 
     The function takes the number of trees, the addresses of their numbers of leaves, a byte each, of the
     leaves of the first one, of their exits [tree][row] of ROWS rows, and of the sums [row], which start as
-    the base score.
+    the base score; at last how many cache lines of leaves a tree takes, as a rule.
     """
 
-    @numba.cfunc("void(intp, intp, intp, intp, intp)", cache=True)
+    @numba.cfunc("void(intp, intp, intp, intp, intp, intp)", cache=True)
     @fresh
-    def add_all(trees, counts, leaves, exits, sums):  # type: ignore[no-untyped-def]
+    def add_all(trees, counts, leaves, exits, sums, lines):  # type: ignore[no-untyped-def]
         total = load_floats(sums, ROWS)
         for tree in range(trees):
             total = add(total, floats_at(elements(leaves, widen(load(exits + 8 * tree, 8, ROWS)), 4)))
-            prefetch(leaves + AHEAD, 1)
+            for soon in range(leaves + AHEAD, leaves + AHEAD + 64 * lines, 64):
+                prefetch(soon, 1)
             leaves += 4 * integer_at(counts + tree, 8)
         store(sums, total)
 

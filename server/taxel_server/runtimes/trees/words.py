@@ -39,16 +39,6 @@ def elements(_context, _start, places, size):  # type: ignore[no-untyped-def]
     return places(types.intp, places, size), generate
 
 
-@intrinsic
-def plus(_context, left, right):  # type: ignore[no-untyped-def]
-    """The sums of two vectors of words."""
-
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        return builder.add(*arguments)
-
-    return left(left, right), generate
-
-
 @intrinsic(prefer_literal=True)
 def bytes_at(_context, addresses, offset):  # type: ignore[no-untyped-def]
     """Eight bytes from each address and an offset, side by side."""
