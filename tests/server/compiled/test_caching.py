@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from taxel_server.runtimes.compiled.caching import fingerprint, fresh
+from taxel_server.runtimes.compiled.caching import fingerprint, forget
 
 CALLING = """
 import sys
@@ -28,6 +28,21 @@ from taxel_server.runtimes.compiled.caching import fresh
 @fresh
 def twice_called(x):
     return called(called(x))
+"""
+OUTER_OF_TYPES = """
+import numba
+from inner import {name}
+from taxel_server.runtimes.compiled.caching import fresh
+
+@numba.njit(cache=True)
+@fresh
+def added(given):
+    return given.x + 2
+
+class twice_called:
+    stats = added.stats
+    def __new__(cls, x):
+        return added({name}(x))
 """
 
 
@@ -71,13 +86,21 @@ def test_the_fingerprint_is_of_names_and_content(tmp_path: Path, name: str) -> N
     assert fingerprint(tmp_path) != before
 
 
-def test_the_function_itself_stays_as_it_is() -> None:
-    factor = 3
+def test_a_type_that_is_gone_is_not_asked_for(tmp_path: Path) -> None:
+    for name in ("Before", "After"):
+        (tmp_path / "inner.py").write_text(
+            f"from typing import NamedTuple\n\nclass {name}(NamedTuple):\n    x: int\n"
+        )
+        (tmp_path / "outer.py").write_text(OUTER_OF_TYPES.format(name=name))
+        assert call(tmp_path) == (22, 0)
+        assert call(tmp_path) == (22, 1)
 
-    def scaled(x: int, offset: int = 1) -> int:
-        """Says what it does."""
-        return x * factor + offset
 
-    closing = fresh(scaled)
-    assert (closing.__name__, closing.__doc__, closing.__defaults__) == ("scaled", scaled.__doc__, (1,))
-    assert [cell.cell_contents for cell in closing.__closure__ or ()][:-1] == [factor]
+def test_what_another_version_left_is_removed(tmp_path: Path) -> None:
+    cache = tmp_path / "deep" / "__pycache__"
+    cache.mkdir(parents=True)
+    kept = {"walk.walk-1f-20.py311.nbi", "walk.walk-1f-20.py311.1.nbc", "walk.cpython-311.pyc"}
+    for name in {*kept, "walk.walk-2f-20.py311.nbi", "walk.walk-20.py311.1.nbc"}:
+        (cache / name).touch()
+    forget(tmp_path, "1f")
+    assert {path.name for path in cache.iterdir()} == kept

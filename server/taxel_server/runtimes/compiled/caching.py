@@ -1,13 +1,14 @@
 """Keeps numba's cache from giving code of another version.
 
 Numba compiles a cached function again when its own file has changed, but not when a file has that it
-calls into. What is added here is part of numba's key: a fingerprint of all files that may be called.
+calls into. What is added here goes into the names of numba's files: a fingerprint of all that may be
+called.
 """
 
 import hashlib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
-from types import CellType, FunctionType
 from typing import Any, Final, TypeVar
 
 _RUNTIMES: Final = Path(__file__).parent.parent
@@ -24,19 +25,24 @@ def fingerprint(folder: Path) -> str:
     return total.hexdigest()
 
 
-_FINGERPRINT: Final = fingerprint(_RUNTIMES)
+def forget(folder: Path, kept: str) -> None:
+    """Removes what numba keeps beside the code below a folder, but for files with a fingerprint."""
+    for path in folder.rglob("__pycache__/*.nb[ic]"):
+        if f"-{kept}-" not in path.name:
+            # Another process may be first, or the folder may be another user's.
+            with suppress(OSError):
+                path.unlink()
+
+
+_FINGERPRINT: Final = fingerprint(_RUNTIMES)[:16]
+forget(_RUNTIMES, _FINGERPRINT)
 
 
 def fresh(function: _Function) -> _Function:
     """A function, about to be compiled, that the cache gives only as long as no runtime's file changes.
 
-    Numba's key has a hash of what a function closes over: it closes over the fingerprint, too.
+    Numba names a function's files after it. A file of another version is not even opened: it may refer
+    to types that are gone.
     """
-    assert isinstance(function, FunctionType)
-    code = function.__code__
-    closure = (*(function.__closure__ or ()), CellType(_FINGERPRINT))
-    closing = code.replace(co_freevars=(*code.co_freevars, "_fingerprint"))
-    result = FunctionType(closing, function.__globals__, function.__name__, function.__defaults__, closure)
-    result.__qualname__, result.__doc__ = function.__qualname__, function.__doc__
-    result.__module__ = function.__module__
-    return result  # type: ignore[return-value]
+    function.__qualname__ += f"-{_FINGERPRINT}"
+    return function
