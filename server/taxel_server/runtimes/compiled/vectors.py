@@ -172,6 +172,17 @@ def not_above(_context, left, right):  # type: ignore[no-untyped-def]
     return Vector(1, left.lanes)(left, right), generate
 
 
+@intrinsic(prefer_literal=True)
+def splat_float(_context, _value, lanes):  # type: ignore[no-untyped-def]
+    """A float32 in every lane."""
+    vector = FloatVector(lanes.literal_value)
+
+    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+        return spread(builder, arguments[0], vector.lanes)
+
+    return vector(types.float32, lanes), generate
+
+
 @intrinsic
 def neither(_context, left, right):  # type: ignore[no-untyped-def]
     """A mask of the lanes that two masks leave out."""
@@ -180,6 +191,18 @@ def neither(_context, left, right):  # type: ignore[no-untyped-def]
         return builder.not_(builder.or_(*arguments))
 
     return left(left, right), generate
+
+
+@intrinsic
+def count(_context, mask):  # type: ignore[no-untyped-def]
+    """How many lanes a mask has."""
+
+    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+        bits = ir.IntType(mask.lanes)
+        number = builder.ctpop(builder.bitcast(arguments[0], bits))
+        return builder.zext(number, _WORD)
+
+    return types.intp(mask), generate
 
 
 @intrinsic

@@ -1,13 +1,12 @@
-"""Ranks: inputs as small integers that compare with a forest's thresholds as the floats do.
+"""Columns: a forest's thresholds, sorted, so that small integers compare with them as the floats do.
 
 A column is one (feature, default direction, run of cuts), its cuts sorted. The rank of x in it is
-the number of cuts <= x, so that x < cuts[bin] exactly where rank <= bin. A missing value has rank 0
-in the columns of nodes that then go left, and the highest rank in the others': nothing tests for
-it any more. Ranks and bins are stored less 2**(bits - 1), as signed integers.
+the number of cuts <= x, so that x < cuts[bin] exactly where rank <= bin. Ranks and bins are stored less
+2**(bits - 1), as signed integers.
 """
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numba
 import numpy as np
@@ -15,12 +14,7 @@ from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.caching import fresh
 from taxel_server.runtimes.compiled.plans import array_at
-from taxel_server.runtimes.compiled.vectors import load_floats, not_above, plus, select, splat, store
 from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.words import elements, floats_at
-
-ROWS: Final = 8
-"""Rows that are ranked, and go through a group of trees, at once."""
 
 
 @dataclass(frozen=True)
@@ -85,13 +79,13 @@ class Columns:
         return comparison
 
     @property
-    def ranking(self) -> "Ranking":
-        """What it takes to rank rows."""
-        return Ranking(self.feature, self.default_left, self.start, self.cuts)
+    def plain(self) -> "PlainColumns":
+        """For compiled code."""
+        return PlainColumns(self.feature, self.default_left, self.start, self.cuts)
 
 
-class Ranking(NamedTuple):
-    """Columns as compiled code takes them."""
+class PlainColumns(NamedTuple):
+    """Columns as compiled code takes them, their cuts one after the other."""
 
     feature: NDArray[np.int32]
     default_left: NDArray[np.bool_]
@@ -101,64 +95,11 @@ class Ranking(NamedTuple):
 
 @numba.njit(cache=True)
 @fresh
-def ranking_at(plan, entry):  # type: ignore[no-untyped-def]
-    """The ranking that begins at an entry of a plan."""
-    return Ranking(
+def columns_at(plan, entry):  # type: ignore[no-untyped-def]
+    """The columns that begin at an entry of a plan."""
+    return PlainColumns(
         array_at(plan, entry, np.int32),
         array_at(plan, entry + 1, np.bool_),
         array_at(plan, entry + 2, np.int64),
         array_at(plan, entry + 3, np.float32),
     )
-
-
-class RankScratch(NamedTuple):
-    """What ranking some rows writes to: their values of a feature, and their places among its cuts."""
-
-    x: NDArray[np.float32]
-    places: NDArray[np.int64]
-
-    @classmethod
-    def make(cls) -> Self:
-        """Memory for ROWS rows."""
-        return cls(np.zeros(ROWS, dtype=np.float32), np.zeros(ROWS, dtype=np.int64))
-
-
-@numba.njit(cache=True)
-@fresh
-def rank_scratch_at(memory, entry):  # type: ignore[no-untyped-def]
-    """The RankScratch that begins at an entry of a scratch's plan."""
-    return RankScratch(array_at(memory, entry, np.float32), array_at(memory, entry + 1, np.int64))
-
-
-@numba.njit(cache=True, nogil=True)
-@fresh
-def _find_places(cuts, scratch):  # type: ignore[no-untyped-def]
-    """How many of the cuts are <= x, for ROWS rows in step; 0 for a missing value."""
-    start, length = cuts.ctypes.data, cuts.size
-    x, low = load_floats(scratch.x.ctypes.data, ROWS), splat(0, 64, ROWS)
-    while length > 1:
-        half = length >> 1
-        reached = not_above(floats_at(elements(start + 4 * (half - 1), low, 4)), x)
-        low = plus(low, select(reached, splat(half, 64, ROWS), splat(0, 64, ROWS)))
-        length -= half
-    reached = not_above(floats_at(elements(start, low, 4)), x)
-    store(scratch.places.ctypes.data, plus(low, select(reached, splat(1, 64, ROWS), splat(0, 64, ROWS))))
-
-
-@numba.njit(cache=True, nogil=True)
-@fresh
-def rank_rows(ranking, scales, windows, first, rows, highest, bias, size, scratch, ranks):  # type: ignore[no-untyped-def]
-    """Ranks [row][column] of at most ROWS rows, less the bias; 0 or `highest` for a missing value."""
-    for column in range(ranking.feature.size):
-        feature = ranking.feature[column]
-        for row in range(rows):
-            x = windows[first + row, feature]
-            if scales.applied:
-                x = (x - scales.input_mean[feature]) / scales.input_std[feature]
-            scratch.x[row] = x
-        _find_places(ranking.cuts[ranking.start[column] : ranking.start[column + 1]], scratch)
-        for row in range(rows):
-            place = scratch.places[row]
-            if np.isnan(scratch.x[row]) and not ranking.default_left[column]:
-                place = highest
-            ranks[row * size + column] = place - bias

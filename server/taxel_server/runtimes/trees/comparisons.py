@@ -21,21 +21,21 @@ def _load_feature(scales, windows, first, feature, x):  # type: ignore[no-untype
 
 @numba.njit(cache=True, nogil=True)
 @fresh
-def compare(ranking, scales, windows, first, x, comparisons):  # type: ignore[no-untyped-def]
+def compare(columns, scales, windows, first, x, comparisons):  # type: ignore[no-untyped-def]
     """Makes all comparisons with a block of rows: a bit is set where a row goes right."""
     values, words = x.ctypes.data, x.size // 64
     feature = -1
-    for column in range(ranking.feature.size):
-        if feature != ranking.feature[column]:
-            feature = ranking.feature[column]
+    for column in range(columns.feature.size):
+        if feature != columns.feature[column]:
+            feature = columns.feature[column]
             _load_feature(scales, windows, first, feature, x)
-        start, stop = ranking.start[column], ranking.start[column + 1]
+        start, stop = columns.start[column], columns.start[column + 1]
         for word in range(words):
             part = values + 256 * word
             # Two loops: in one, LLVM would choose between their results bit by bit.
-            if ranking.default_left[column]:
+            if columns.default_left[column]:
                 for place in range(start, stop):
-                    comparisons[place * words + word] = not_below(part, ranking.cuts[place], False)
+                    comparisons[place * words + word] = not_below(part, columns.cuts[place], False)
             else:
                 for place in range(start, stop):
-                    comparisons[place * words + word] = not_below(part, ranking.cuts[place], True)
+                    comparisons[place * words + word] = not_below(part, columns.cuts[place], True)

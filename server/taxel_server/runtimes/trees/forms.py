@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.kernel import Kernel
-from taxel_server.runtimes.trees.columns import ROWS, Columns
+from taxel_server.runtimes.trees.columns import Columns
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
 from taxel_server.runtimes.trees.lanes_layout import can_stand_side_by_side
 from taxel_server.runtimes.trees.linked_form import LinkedKernel
+from taxel_server.runtimes.trees.ranks import ROWS
 from taxel_server.runtimes.trees.rows_form import RowsForm, RowsKernel
 from taxel_server.runtimes.trees.rows_layout import MOST_LEAVES
 from taxel_server.runtimes.trees.scales import Scales

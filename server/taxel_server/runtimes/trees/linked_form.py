@@ -10,10 +10,10 @@ from taxel_server.runtimes.compiled.caching import fresh
 from taxel_server.runtimes.compiled.kernel import CompiledKernel
 from taxel_server.runtimes.compiled.plans import Scratch, array_at, pack
 from taxel_server.runtimes.compiled.vectors import integer_at
-from taxel_server.runtimes.trees.columns import ROWS, RankScratch, rank_rows, rank_scratch_at, ranking_at
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
 from taxel_server.runtimes.trees.linked_layout import LinkedLayout
+from taxel_server.runtimes.trees.ranks import ROWS, Ranking, rank_rows, ranking_at
 from taxel_server.runtimes.trees.scales import Scales, put_rows, scales_at
 
 _WALKERS: Final = 16
@@ -49,8 +49,9 @@ class LinkedKernel(CompiledKernel):
             len(columns) + 1,
             forest.base_score,
         )
-        self._kept = (layout, scales)
-        super().__init__(_evaluate, pack(columns.ranking, self._trees, scales))
+        ranking = Ranking.of(columns)
+        self._kept = (ranking, layout, scales)
+        super().__init__(_evaluate, pack(ranking, self._trees, scales))
 
     def _scratch(self) -> Scratch:
         """Memory for one evaluation at a time."""
@@ -59,7 +60,7 @@ class LinkedKernel(CompiledKernel):
             np.empty(ROWS * len(self._trees.base_score), dtype=np.float32),
             np.empty(2 * _WALKERS, dtype=np.int64),
         )
-        return Scratch((*own, *RankScratch.make()))
+        return Scratch(own)
 
 
 @numba.njit(cache=True)
@@ -105,14 +106,14 @@ def _walk(trees, scratch, rows):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, nogil=True)
 @fresh
 def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
-    ranking, trees, scales = ranking_at(plan, 0), _trees_at(plan, 4), scales_at(plan, 10)
+    ranking, trees, scales = ranking_at(plan, 0), _trees_at(plan, 5), scales_at(plan, 11)
     scratch = _Scratch(
         array_at(memory, 0, np.uint16), array_at(memory, 1, np.float32), array_at(memory, 2, np.int64)
     )
-    places, outputs = rank_scratch_at(memory, 3), trees.base_score.size
+    outputs = trees.base_score.size
     for start in range(0, windows.shape[0], ROWS):
         rows = min(ROWS, windows.shape[0] - start)
-        rank_rows(ranking, scales, windows, start, rows, 65535, 0, trees.ranks, places, scratch.ranks)
+        rank_rows(ranking, scales, windows, start, rows, 65535, 0, trees.ranks, scratch.ranks)
         for row in range(rows):
             scratch.sums[row * outputs : (row + 1) * outputs] = trees.base_score
         _walk(trees, scratch, rows)

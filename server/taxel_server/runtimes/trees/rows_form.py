@@ -11,7 +11,7 @@ from taxel_server.runtimes.compiled.caching import fresh
 from taxel_server.runtimes.compiled.kernel import CompiledKernel
 from taxel_server.runtimes.compiled.plans import Scratch, array_at, pack, together
 from taxel_server.runtimes.trees.calls import call
-from taxel_server.runtimes.trees.columns import Columns, ranking_at
+from taxel_server.runtimes.trees.columns import Columns, columns_at
 from taxel_server.runtimes.trees.comparisons import compare
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
@@ -142,7 +142,7 @@ class RowsKernel(CompiledKernel):
             form.base_score,
             lane,
         )
-        super().__init__(_evaluate, pack(form.columns.ranking, *self._parts, self._sums, scales))
+        super().__init__(_evaluate, pack(form.columns.plain, *self._parts, self._sums, scales))
 
     def _scratch(self) -> Scratch:
         """Memory for one evaluation at a time."""
@@ -215,13 +215,13 @@ def _find_exits(part, output, sums, scratch):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, nogil=True)
 @fresh
 def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
-    ranking, narrow, wide = ranking_at(plan, 0), _part_at(plan, 4), _part_at(plan, 10)
+    columns, narrow, wide = columns_at(plan, 0), _part_at(plan, 4), _part_at(plan, 10)
     sums, scales, scratch = _sums_at(plan, 16), scales_at(plan, 23), _scratch_at(memory)
     lanes = sums.lane.size
     exits, totals = scratch.exits.ctypes.data, scratch.sums.ctypes.data
     for first in range(0, windows.shape[0], lanes):
         rows = min(lanes, windows.shape[0] - first)
-        compare(ranking, scales, windows, first, scratch.x, scratch.comparisons)
+        compare(columns, scales, windows, first, scratch.x, scratch.comparisons)
         for output in range(sums.base_score.size):
             _find_exits(narrow, output, sums, scratch)
             _find_exits(wide, output, sums, scratch)

@@ -12,18 +12,12 @@ from taxel_server.runtimes.compiled.kernel import CompiledKernel
 from taxel_server.runtimes.compiled.plans import Scratch, array_at, pack, together
 from taxel_server.runtimes.compiled.processor import register_bytes
 from taxel_server.runtimes.trees.calls import call
-from taxel_server.runtimes.trees.columns import (
-    ROWS,
-    Columns,
-    RankScratch,
-    rank_rows,
-    rank_scratch_at,
-    ranking_at,
-)
+from taxel_server.runtimes.trees.columns import Columns
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
 from taxel_server.runtimes.trees.lanes_layout import MOST_TWIGS, TrunksLayout, table_size
 from taxel_server.runtimes.trees.lookups import interleaved_lane
+from taxel_server.runtimes.trees.ranks import ROWS, Ranking, rank_rows, ranking_at
 from taxel_server.runtimes.trees.scales import Scales, put_rows, scales_at
 from taxel_server.runtimes.trees.trees_in_lanes import add_leaves, find_exits, put_exits, trees_at_once
 
@@ -102,8 +96,9 @@ class TreesKernel(CompiledKernel):
             size,
             forest.base_score,
         )
-        self._kept = (columns, nodes, counts, seats, leaves, scales)
-        super().__init__(_evaluate, pack(columns.ranking, self._trees, scales))
+        ranking = Ranking.of(columns)
+        self._kept = (ranking, nodes, counts, seats, leaves, scales)
+        super().__init__(_evaluate, pack(ranking, self._trees, scales))
 
     @staticmethod
     def fits(index: InOrder) -> bool:
@@ -120,7 +115,7 @@ class TreesKernel(CompiledKernel):
             np.empty(ROWS * len(self._trees.base_score), dtype=np.float32),
             np.zeros(1, dtype=np.int64),
         )
-        return Scratch((*own, *RankScratch.make()))
+        return Scratch(own)
 
 
 def _batches(output_tree: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -207,7 +202,7 @@ def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, nogil=True)
 @fresh
 def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
-    ranking, trees, scales = ranking_at(plan, 0), _trees_at(plan, 4), scales_at(plan, 20)
+    ranking, trees, scales = ranking_at(plan, 0), _trees_at(plan, 5), scales_at(plan, 21)
     scratch = _Scratch(
         array_at(memory, 0, np.int8),
         array_at(memory, 1, np.uint8),
@@ -216,10 +211,9 @@ def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
         array_at(memory, 4, np.float32),
         array_at(memory, 5, np.int64),
     )
-    places = rank_scratch_at(memory, 6)
     for start in range(0, windows.shape[0], ROWS):
         rows = min(ROWS, windows.shape[0] - start)
-        rank_rows(ranking, scales, windows, start, rows, 255, 128, trees.ranks, places, scratch.ranks)
+        rank_rows(ranking, scales, windows, start, rows, 255, 128, trees.ranks, scratch.ranks)
         for output in range(trees.base_score.size):
             scratch.sums[output * ROWS : (output + 1) * ROWS] = trees.base_score[output]
         _visit(trees, scratch, rows)

@@ -23,9 +23,9 @@ from taxel_server.runtimes.compiled.vectors import (
     store,
     unbias,
 )
-from taxel_server.runtimes.trees.columns import ROWS
 from taxel_server.runtimes.trees.lanes_layout import COLUMNS_AT, LIMITS_AT, LINE, MASKS_AT
 from taxel_server.runtimes.trees.lookups import interleave, lookup
+from taxel_server.runtimes.trees.ranks import ROWS
 from taxel_server.runtimes.trees.words import bytes_at, elements, floats_at, lowest_common_bit, widen
 
 OUTPUTS_AT_ONCE: Final = 8

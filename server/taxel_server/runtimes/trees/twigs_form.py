@@ -11,14 +11,7 @@ from taxel_server.runtimes.compiled.caching import fresh
 from taxel_server.runtimes.compiled.kernel import CompiledKernel
 from taxel_server.runtimes.compiled.plans import Scratch, array_at, pack, together
 from taxel_server.runtimes.trees.calls import call
-from taxel_server.runtimes.trees.columns import (
-    ROWS,
-    Columns,
-    RankScratch,
-    rank_rows,
-    rank_scratch_at,
-    ranking_at,
-)
+from taxel_server.runtimes.trees.columns import Columns
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
 from taxel_server.runtimes.trees.lanes_layout import (
@@ -29,6 +22,7 @@ from taxel_server.runtimes.trees.lanes_layout import (
     count_twigs,
     table_size,
 )
+from taxel_server.runtimes.trees.ranks import ROWS, Ranking, rank_rows, ranking_at
 from taxel_server.runtimes.trees.scales import Scales, put_rows, scales_at
 from taxel_server.runtimes.trees.trees_in_lanes import (
     OUTPUTS_AT_ONCE,
@@ -130,8 +124,9 @@ class TwigsKernel(CompiledKernel):
             -(-groups.parts * groups.outputs // OUTPUTS_AT_ONCE) * OUTPUTS_AT_ONCE,
             forest.base_score,
         )
-        self._kept = (columns, nodes, first, lines, scales)
-        super().__init__(_evaluate, pack(columns.ranking, self._trees, scales))
+        ranking = Ranking.of(columns)
+        self._kept = (ranking, nodes, first, lines, scales)
+        super().__init__(_evaluate, pack(ranking, self._trees, scales))
 
     @staticmethod
     def fits(forest: Forest, index: InOrder) -> bool:
@@ -153,7 +148,7 @@ class TwigsKernel(CompiledKernel):
             np.zeros(ROWS * self._trees.lanes + OUTPUTS_AT_ONCE, dtype=np.float32),
             np.empty(ROWS * self._trees.width, dtype=np.float32),
         )
-        return Scratch((*own, *RankScratch.make()))
+        return Scratch(own)
 
 
 @numba.njit(cache=True)
@@ -200,7 +195,7 @@ def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, nogil=True)
 @fresh
 def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
-    ranking, trees, scales = ranking_at(plan, 0), _trees_at(plan, 4), scales_at(plan, 19)
+    ranking, trees, scales = ranking_at(plan, 0), _trees_at(plan, 5), scales_at(plan, 20)
     scratch = _Scratch(
         array_at(memory, 0, np.int8),
         array_at(memory, 1, np.uint16),
@@ -209,10 +204,10 @@ def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
         array_at(memory, 4, np.float32),
         array_at(memory, 5, np.float32),
     )
-    places, outputs = rank_scratch_at(memory, 6), trees.base_score.size
+    outputs = trees.base_score.size
     for start in range(0, windows.shape[0], ROWS):
         rows = min(ROWS, windows.shape[0] - start)
-        rank_rows(ranking, scales, windows, start, rows, 255, 128, trees.ranks, places, scratch.ranks)
+        rank_rows(ranking, scales, windows, start, rows, 255, 128, trees.ranks, scratch.ranks)
         for row in range(rows):
             scratch.sums[row * trees.width : row * trees.width + outputs] = trees.base_score
         _visit(trees, scratch, rows)
