@@ -175,7 +175,8 @@ def test_code_for_greater_processors_compiles() -> None:
 from taxel_server.runtimes.trees import leaf_sums, rows_as_bits, trees_in_lanes
 from taxel_server.runtimes.compiled.processor import register_bytes
 assert register_bytes() == 64
-assert all(trees_in_lanes.find_exits(columns, bits) for columns in (16, 48, 128, 256) for bits in (8, 16))
+kinds = ((8, True), (8, False), (16, False))
+assert all(trees_in_lanes.find_exits(columns, *kind) for columns in (16, 48, 128, 256) for kind in kinds)
 assert all(trees_in_lanes.add_twigs(columns) for columns in (16, 48, 128, 256))
 assert trees_in_lanes.find_twigs(8) and trees_in_lanes.find_twigs(16)
 assert trees_in_lanes.put_exits() and trees_in_lanes.add_leaves()

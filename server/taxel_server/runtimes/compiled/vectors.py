@@ -235,15 +235,38 @@ def plus(_context, left, right):  # type: ignore[no-untyped-def]
     return left(left, right), generate
 
 
-@intrinsic
-def unbias(_context, vector):  # type: ignore[no-untyped-def]
-    """Signed integers plus 2**(bits - 1), as unsigned ones."""
+@intrinsic(prefer_literal=True)
+def lowest_bits(_context, vector, bits):  # type: ignore[no-untyped-def]
+    """Integers of which only so many bits are kept."""
 
     def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        bias = ir.Constant(llvm_type(vector), [1 << (vector.bits - 1)] * vector.lanes)
-        return builder.xor(arguments[0], bias)
+        kept = ir.Constant(llvm_type(vector), [(1 << bits.literal_value) - 1] * vector.lanes)
+        return builder.and_(arguments[0], kept)
 
-    return vector(vector), generate
+    return vector(vector, bits), generate
+
+
+@intrinsic
+def plus_within(_context, left, right):  # type: ignore[no-untyped-def]
+    """The sums of two vectors of signed integers; the greatest one where a sum is too large."""
+
+    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+        kind = llvm_type(left)
+        name = f"llvm.sadd.sat.v{left.lanes}i{left.bits}"
+        function = builder.module.declare_intrinsic(name, (), ir.FunctionType(kind, [kind, kind]))
+        return builder.call(function, arguments)
+
+    return left(left, right), generate
+
+
+@intrinsic
+def minus(_context, left, right):  # type: ignore[no-untyped-def]
+    """The differences of two vectors of integers, lane by lane."""
+
+    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+        return builder.sub(*arguments)
+
+    return left(left, right), generate
 
 
 @intrinsic(prefer_literal=True)

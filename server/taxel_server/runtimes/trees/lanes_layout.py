@@ -34,34 +34,45 @@ LIMITS_AT: Final = COLUMNS_AT + TWIG
 MASKS_AT: Final = LIMITS_AT + TWIG
 
 MOST_TWIGS: Final = {8: 127, 16: 32767}
-"""Twigs of the largest tree whose exits fit signed integers of so many bits; one value blocks a lane."""
+"""Twigs of the largest tree whose exits fit signed integers of so many bits."""
+
+COLUMN_BITS: Final = 5
+"""What a column takes of the byte that it shares with a distance, where both are small."""
+
+_LAST_COLUMN: Final = 2**COLUMN_BITS - 1
+_MOST_DISTANT: Final = 2 ** (8 - COLUMN_BITS) - 1
 
 _TABLE_SIZES: Final = (16, 32, 48, 64, 128, 256)
-"""How many columns a row's byte ranks may have, padded."""
+"""How many columns a row's byte ranks may have, padded with ranks of 0, at least one."""
 
 
 def can_stand_side_by_side(columns: Columns) -> bool:
     """Whether the processor can look up the ranks of these columns."""
-    return can_look_up() and len(columns) <= _TABLE_SIZES[-1]
+    return can_look_up() and len(columns) < _TABLE_SIZES[-1]
 
 
 def table_size(columns: Columns) -> int:
     """The length of a row's ranks, of columns that `can_stand_side_by_side`."""
-    return next(size for size in _TABLE_SIZES if size >= len(columns))
+    return next(size for size in _TABLE_SIZES if size > len(columns))
 
 
 @dataclass(frozen=True)
 class TrunksLayout:
     """Trunks by place, in groups of as many as a kernel has lanes.
 
+    A node's distance is how far its left subtree's first twig is behind the twig before the node.
+
     Attributes:
         bits: of the number of a twig in its tree, 8 or 16.
+        packed: whether a node takes two bytes, as its column and distance share one.
         steps: (groups,) int64, nodes of each group's largest trunk.
         start: (groups + 1,) int64, each group's first byte in `nodes`.
-        nodes: (bytes,) uint8, for every step the columns, limits and first twigs of the group's trees.
+        nodes: (bytes,) uint8, for every step the columns, limits and distances of the group's trees, or
+            the columns below the distances, less 128, and the limits.
     """
 
     bits: int
+    packed: bool
     steps: NDArray[np.int64]
     start: NDArray[np.int64]
     nodes: NDArray[np.uint8]
@@ -70,25 +81,29 @@ class TrunksLayout:
     def of(cls, index: InOrder, columns: Columns, trees: NDArray[np.int64], most: int) -> Self:
         """Lays out the trees of (groups, lanes), where -1 is none, with at most so many leaves a twig."""
         twigs = np.append(count_twigs(index, most), 1)
+        distance = _distances(index, most)
+        packed = len(columns) <= _LAST_COLUMN and int(distance.max(initial=0)) <= _MOST_DISTANT
         bits = 8 if twigs.max() <= MOST_TWIGS[8] else 16
+        each = 2 if packed else 2 + bits // 8
         steps = twigs[trees].max(axis=1, initial=1) - 1
-        start = np.concatenate([[0], np.cumsum((2 + bits // 8) * trees.shape[1] * steps)])
-        # What fills up a lane is a node whose first twig is out of reach.
+        start = np.concatenate([[0], np.cumsum(each * trees.shape[1] * steps)])
+        # What fills up a lane is a node where no row goes right: its distance is -1, or its column the one
+        # behind the last, whose rank is below the limit.
         nodes = np.full(start[-1], 255, dtype=np.uint8)
+        if packed:
+            nodes.reshape(-1, 2, trees.shape[1])[:] = [[len(columns) + 128], [127]]
         _put_trunks(
             trees,
             start,
-            bits,
-            most,
+            each,
             index.leaves,
             index.node_start,
             columns.column,
             columns.limit,
-            index.first,
-            index.last,
+            distance,
             nodes,
         )
-        return cls(bits, steps, start, nodes)
+        return cls(bits, packed, steps, start, nodes)
 
 
 @dataclass(frozen=True)
@@ -96,27 +111,27 @@ class TwigsLayout:
     """The twigs of TWIG leaves of trees by place.
 
     Attributes:
-        first: (places,) int32, each tree's first twig; 0 where there is no tree.
-        lines: (twigs, LINE) uint8; the first one has a single leaf, which adds nothing.
+        first: (lanes,) int64, the first twig of each lane's first tree; the others follow in turn.
+        counts: (groups, lanes) int64, each tree's twigs.
+        lines: (twigs, LINE) uint8; where there is no tree is one with a leaf that adds nothing.
     """
 
-    first: NDArray[np.int32]
+    first: NDArray[np.int64]
+    counts: NDArray[np.int64]
     lines: NDArray[np.uint8]
 
     @classmethod
     def of(cls, index: InOrder, columns: Columns, trees: NDArray[np.int64]) -> Self:
         """Lays out the trees of (groups, lanes), where -1 is none."""
-        tree = trees.ravel()
-        count = np.append(count_twigs(index, TWIG), 0)[tree]
+        counts = np.append(count_twigs(index, TWIG), 1)[trees]
+        # A lane that never has a tree reads one line all the time.
+        counts[:-1, (trees < 0).all(axis=0)] = 0
         # Trees visited one after the other lie far apart, or the processor would fetch what is between.
-        apart = np.arange(len(tree)).reshape(trees.shape).T.ravel()
-        ends = np.cumsum(count[apart])
-        first = np.empty(len(tree), dtype=np.int32)
-        first[apart] = 1 + ends - count[apart]
-        first[tree < 0] = 0
-        lines = np.zeros((1 + int(count.sum()), LINE), dtype=np.uint8)
+        tree, apart = trees.T.ravel(), counts.T.ravel()
+        first = np.cumsum(apart) - apart
+        lines = np.zeros((int(counts.sum()), LINE), dtype=np.uint8)
         lines[:, MASKS_AT:] = 255
-        lines[0, :COLUMNS_AT].view(np.float32)[:] = -0.0
+        lines[:, :COLUMNS_AT].view(np.float32)[first[tree < 0]] = -0.0
         _put_twigs(
             tree,
             first,
@@ -130,7 +145,7 @@ class TwigsLayout:
             index.value.view(np.uint8),
             lines,
         )
-        return cls(first, lines)
+        return cls(first[:: len(trees)], counts, lines)
 
 
 def count_twigs(index: InOrder, most: int) -> NDArray[np.int64]:
@@ -142,28 +157,36 @@ def count_twigs(index: InOrder, most: int) -> NDArray[np.int64]:
     return twigs
 
 
+def _distances(index: InOrder, most: int) -> NDArray[np.int64]:
+    """(inner nodes,) The twigs of every trunk node's left subtree but for one; -1 for other nodes."""
+    in_trunk = index.last - index.first >= most
+    before = np.concatenate([[0], np.cumsum(in_trunk)])
+    tree = np.repeat(index.node_start, index.leaves - 1)
+    distances: NDArray[np.int64] = before[:-1] - before[tree + index.first]
+    return np.where(in_trunk, distances, -1)
+
+
 @numba.njit(cache=True, nogil=True)
 @fresh
-def _put_trunks(trees, start, bits, most, leaves, node_start, column, limit, first, last, nodes):  # type: ignore[no-untyped-def]
-    lanes, size = trees.shape[1], bits // 8
-    twig_of = np.zeros(leaves.max() if leaves.size else 0, dtype=np.int64)
+def _put_trunks(trees, start, each, leaves, node_start, column, limit, distance, nodes):  # type: ignore[no-untyped-def]
+    lanes = trees.shape[1]
     for group in range(trees.shape[0]):
         for lane in range(lanes):
-            tree = trees[group, lane]
+            tree, step = trees[group, lane], start[group]
             if tree < 0:
                 continue
-            step = 0
-            for leaf in range(leaves[tree] - 1):
-                twig_of[leaf] = step
-                node = node_start[tree] + leaf
-                if last[node] - first[node] >= most:
-                    place = start[group] + (2 + size) * lanes * step
-                    nodes[place + lane] = column[node]
-                    nodes[place + lanes + lane] = np.uint8(limit[node])
-                    number = twig_of[first[node]] - (1 << (bits - 1))
-                    for byte in range(size):
-                        nodes[place + 2 * lanes + size * lane + byte] = np.uint8(number >> (8 * byte))
-                    step += 1
+            for node in range(node_start[tree], node_start[tree] + leaves[tree] - 1):
+                if distance[node] < 0:
+                    continue
+                nodes[step + lanes + lane] = np.uint8(limit[node])
+                if each == 2:
+                    nodes[step + lane] = np.uint8((distance[node] << COLUMN_BITS | column[node]) - 128)
+                else:
+                    nodes[step + lane] = column[node]
+                    for byte in range(each - 2):
+                        place = step + 2 * lanes + (each - 2) * lane + byte
+                        nodes[place] = np.uint8(distance[node] >> (8 * byte))
+                step += each * lanes
 
 
 @numba.njit(cache=True, nogil=True)

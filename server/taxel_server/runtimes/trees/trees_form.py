@@ -79,7 +79,7 @@ class TreesKernel(CompiledKernel):
         nodes, counts, seats, leaves = together(trunks.nodes, counts.astype(np.uint8), seats, leaves)
         self._spare = spare
         self._trees = _Trees(
-            find_exits(size, trunks.bits),
+            find_exits(size, trunks.bits, trunks.packed),
             put_exits(),
             add_leaves(),
             batch_group,

@@ -14,16 +14,18 @@ from taxel_server.runtimes.compiled.vectors import (
     integer_at,
     load,
     load_floats,
+    lowest_bits,
+    minus,
     neither,
     plus,
+    plus_within,
     prefetch,
     put_word,
     select,
     splat,
     store,
-    unbias,
 )
-from taxel_server.runtimes.trees.lanes_layout import COLUMNS_AT, LIMITS_AT, LINE, MASKS_AT
+from taxel_server.runtimes.trees.lanes_layout import COLUMN_BITS, COLUMNS_AT, LIMITS_AT, LINE, MASKS_AT
 from taxel_server.runtimes.trees.lookups import interleave, lookup
 from taxel_server.runtimes.trees.ranks import ROWS
 from taxel_server.runtimes.trees.words import bytes_at, elements, floats_at, lowest_common_bit, widen
@@ -45,17 +47,24 @@ def trees_at_once() -> int:
 
 
 @cache
-def find_exits(columns: int, bits: int) -> int:
+def find_exits(columns: int, bits: int, packed: bool) -> int:
     """The address of the traversal of one group's trunks by some rows, compiled.
 
-    The function takes the address of the group's nodes (for every step the columns and limits, a byte
-    a tree, and the first twigs), the number of steps, the address of the ranks [row][column], the
-    number of rows, and the address of the exits [row][tree], which it writes; at last what several rows
-    ask for meanwhile, an address and cache lines a step. `columns` is the length of a row's ranks: 16,
-    32, 48, 64, 128 or 256; `bits` those of a twig's number.
+    The function takes the address of the group's nodes, laid out as a TrunksLayout says; the number of
+    steps; the address of the ranks [row][column]; the number of rows; and the address of the exits
+    [row][tree], which it writes; at last what several rows ask for meanwhile, an address and cache lines a
+    step. `columns` is the length of a row's ranks: 16, 32, 48, 64, 128 or 256.
+
+    A row goes right at a node, and from then on the exit is the twig behind the node, if no earlier twig
+    was reached than the first of the node's left subtree: if the node's distance is no less than the number
+    of steps since the exit last changed.
     """
+    return _find_packed_exits(columns) if packed else _find_exits(columns, bits)
+
+
+def _find_exits(columns: int, bits: int) -> int:
     lanes = trees_at_once()
-    size, lowest = (2 + bits // 8) * lanes, -(1 << (bits - 1))
+    size = (2 + bits // 8) * lanes
 
     @numba.cfunc("void(intp, intp, intp, intp, intp, intp, intp)", cache=True)
     @fresh
@@ -63,15 +72,50 @@ def find_exits(columns: int, bits: int) -> int:
         # One row asks for nodes shortly before it needs them; several, for the next group's meanwhile.
         soon = nodes + (AHEAD if rows == 1 else size * steps)
         each = size // 64 if rows == 1 else -(-size // (64 * (rows - 1)))
+        never, one = splat(0, bits, lanes), splat(1, bits, lanes)
         for row in range(rows):
             table = ranks + row * columns
             node = nodes
-            reached = splat(lowest, bits, lanes)
-            number, one = reached, splat(1, bits, lanes)
+            since = never
             for _ in range(steps):
                 rank = lookup(table, columns, load(node, 8, lanes))
                 goes_left = greater(load(node + lanes, 8, lanes), rank)
-                passed_by = greater(load(node + 2 * lanes, bits, lanes), reached)
+                passed_by = greater(since, load(node + 2 * lanes, bits, lanes))
+                if row or rows == 1:
+                    for _ in range(each):
+                        prefetch(soon, 1)
+                        soon += 64
+                    for _ in range(lines):
+                        prefetch(wanted, 2)
+                        wanted += 64
+                since = select(neither(goes_left, passed_by), never, plus(since, one))
+                node += size
+            store(exits + row * lanes * (bits // 8), minus(splat(steps, bits, lanes), since))
+
+    return int(traverse.address)
+
+
+def _find_packed_exits(columns: int) -> int:
+    lanes = trees_at_once()
+    size, least = 2 * lanes, 1 << COLUMN_BITS
+
+    @numba.cfunc("void(intp, intp, intp, intp, intp, intp, intp)", cache=True)
+    @fresh
+    def traverse(nodes, steps, ranks, rows, exits, wanted, lines):  # type: ignore[no-untyped-def]
+        soon = nodes + (AHEAD if rows == 1 else size * steps)
+        each = size // 64 if rows == 1 else -(-size // (64 * (rows - 1)))
+        never, one, further = splat(-128, 8, lanes), splat(1, 8, lanes), splat(least, 8, lanes)
+        for row in range(rows):
+            table = ranks + row * columns
+            node = nodes
+            since = never
+            number = reached = splat(0, 8, lanes)
+            for _ in range(steps):
+                places = load(node, 8, lanes)
+                rank = lookup(table, columns, lowest_bits(places, COLUMN_BITS))
+                goes_left = greater(load(node + lanes, 8, lanes), rank)
+                # Distances are compared as they stand, above the columns.
+                goes_right = neither(goes_left, greater(since, places))
                 if row or rows == 1:
                     for _ in range(each):
                         prefetch(soon, 1)
@@ -80,9 +124,10 @@ def find_exits(columns: int, bits: int) -> int:
                         prefetch(wanted, 2)
                         wanted += 64
                 number = plus(number, one)
-                reached = select(neither(goes_left, passed_by), number, reached)
+                reached = select(goes_right, number, reached)
+                since = select(goes_right, never, plus_within(since, further))
                 node += size
-            store(exits + row * lanes * (bits // 8), unbias(reached))
+            store(exits + row * lanes, reached)
 
     return int(traverse.address)
 
@@ -138,20 +183,24 @@ def add_leaves() -> int:
 def find_twigs(bits: int) -> int:
     """The address of what turns one group's exits into the addresses of its trees' twigs, compiled.
 
-    The function takes the addresses of the trees' first twigs and of all twigs, the number of rows, and
-    the addresses of the exits [row][tree] and of the twigs' addresses [row][tree], which it writes.
+    The function takes the address of the address of every lane's first twig, which it moves on to the
+    lane's next tree, and those of the trees' numbers of twigs; the number of rows; and the addresses of the
+    exits [row][tree] and of the twigs' addresses [row][tree], which it writes. Exits and numbers of twigs
+    take so many bits.
     """
     lanes, size = trees_at_once(), bits // 8
 
     @numba.cfunc("void(intp, intp, intp, intp, intp)", cache=True)
     @fresh
-    def find(first, twigs, rows, exits, places):  # type: ignore[no-untyped-def]
+    def find(first, counts, rows, exits, places):  # type: ignore[no-untyped-def]
         for lane in range(0, lanes, OUTPUTS_AT_ONCE):
-            start = widen(load(first + 4 * lane, 32, OUTPUTS_AT_ONCE))
+            start = load(first + 8 * lane, 64, OUTPUTS_AT_ONCE)
             for row in range(rows):
                 tree = row * lanes + lane
                 reached = widen(load(exits + tree * size, bits, OUTPUTS_AT_ONCE))
-                store(places + 8 * tree, elements(twigs, plus(start, reached), LINE))
+                store(places + 8 * tree, plus(start, elements(0, reached, LINE)))
+            count = widen(load(counts + lane * size, bits, OUTPUTS_AT_ONCE))
+            store(first + 8 * lane, plus(start, elements(0, count, LINE)))
 
     return int(find.address)
 

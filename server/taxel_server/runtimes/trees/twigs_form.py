@@ -15,6 +15,7 @@ from taxel_server.runtimes.trees.columns import Columns
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
 from taxel_server.runtimes.trees.lanes_layout import (
+    LINE,
     MOST_TWIGS,
     TWIG,
     TrunksLayout,
@@ -32,8 +33,8 @@ from taxel_server.runtimes.trees.trees_in_lanes import (
     trees_at_once,
 )
 
-_MOST_BYTES: Final = 2**26
-"""Most memory that trunks may take."""
+_MOST_BYTES: Final = 2**27
+"""Most memory that trunks, and lines for places without a tree, may take."""
 
 
 @dataclass(frozen=True)
@@ -76,9 +77,10 @@ class _Trees(NamedTuple):
     addition: int
     steps: NDArray[np.int64]
     start: NDArray[np.int64]
+    first: NDArray[np.int64]
     nodes: int
-    first: int
-    twigs: int
+    counts: int
+    size: int
     lanes: int
     rounds: int
     outputs: int
@@ -91,6 +93,7 @@ class _Trees(NamedTuple):
 class _Scratch(NamedTuple):
     ranks: NDArray[np.int8]
     exits: NDArray[np.uint16]
+    first: NDArray[np.int64]
     places: NDArray[np.int64]
     ahead: NDArray[np.int64]
     leaves: NDArray[np.float32]
@@ -106,16 +109,18 @@ class TwigsKernel(CompiledKernel):
         trees = groups.trees(forest)
         trunks = TrunksLayout.of(index, columns, trees, TWIG)
         twigs = TwigsLayout.of(index, columns, trees)
-        nodes, first, lines = together(trunks.nodes, twigs.first, twigs.lines)
+        counts = twigs.counts.astype(f"u{trunks.bits // 8}")
+        nodes, counts, lines = together(trunks.nodes, counts, twigs.lines)
         self._trees = _Trees(
-            find_exits(size, trunks.bits),
+            find_exits(size, trunks.bits, trunks.packed),
             find_twigs(trunks.bits),
             add_twigs(size),
             trunks.steps,
             trunks.start,
+            lines.ctypes.data + LINE * twigs.first,
             nodes.ctypes.data,
-            first.ctypes.data,
-            lines.ctypes.data,
+            counts.ctypes.data,
+            trunks.bits // 8,
             trees.shape[1],
             groups.rounds,
             groups.outputs,
@@ -125,24 +130,26 @@ class TwigsKernel(CompiledKernel):
             forest.base_score,
         )
         ranking = Ranking.of(columns)
-        self._kept = (ranking, nodes, first, lines, scales)
+        self._kept = (ranking, nodes, counts, lines, scales)
         super().__init__(_evaluate, pack(ranking, self._trees, scales))
 
     @staticmethod
     def fits(forest: Forest, index: InOrder) -> bool:
         """Whether no tree has too many twigs, for trees that can stand side by side.
 
-        A group's trunks take the room of its largest one, so that a few huge trees could fill the memory.
+        A group's trunks take the room of its largest one, so that a few huge trees could fill the memory,
+        and so could the places without a tree of a forest with many trees for one output.
         """
         twigs = int(count_twigs(index, TWIG).max(initial=1))
-        room = 4 * twigs * _Groups.of(forest).count * trees_at_once()
-        return twigs <= MOST_TWIGS[16] and room <= _MOST_BYTES
+        places = _Groups.of(forest).count * trees_at_once()
+        return twigs <= MOST_TWIGS[16] and (4 * twigs + LINE) * places <= _MOST_BYTES
 
     def _scratch(self) -> Scratch:
         """Memory for one evaluation at a time."""
         own = _Scratch(
             np.zeros(ROWS * self._trees.ranks, dtype=np.int8),
             np.zeros(ROWS * self._trees.lanes, dtype=np.uint16),
+            np.zeros(self._trees.lanes, dtype=np.int64),
             np.zeros(ROWS * self._trees.lanes, dtype=np.int64),
             np.zeros(ROWS * self._trees.lanes, dtype=np.int64),
             np.zeros(ROWS * self._trees.lanes + OUTPUTS_AT_ONCE, dtype=np.float32),
@@ -160,7 +167,7 @@ def _trees_at(plan, entry):  # type: ignore[no-untyped-def]
         plan[entry + 2, 0],
         array_at(plan, entry + 3, np.int64),
         array_at(plan, entry + 4, np.int64),
-        plan[entry + 5, 0],
+        array_at(plan, entry + 5, np.int64),
         plan[entry + 6, 0],
         plan[entry + 7, 0],
         plan[entry + 8, 0],
@@ -169,7 +176,8 @@ def _trees_at(plan, entry):  # type: ignore[no-untyped-def]
         plan[entry + 11, 0],
         plan[entry + 12, 0],
         plan[entry + 13, 0],
-        array_at(plan, entry + 14, np.float32),
+        plan[entry + 14, 0],
+        array_at(plan, entry + 15, np.float32),
     )
 
 
@@ -178,13 +186,15 @@ def _trees_at(plan, entry):  # type: ignore[no-untyped-def]
 def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
     """Adds every tree's leaf to the sums; a group's trunks go before the twigs of the group before it."""
     ranks, sums, exits = scratch.ranks.ctypes.data, scratch.sums.ctypes.data, scratch.exits.ctypes.data
-    places, ahead = scratch.places.ctypes.data, scratch.ahead.ctypes.data
+    first, places, ahead = scratch.first.ctypes.data, scratch.places.ctypes.data, scratch.ahead.ctypes.data
     leaves, width = scratch.leaves.ctypes.data, 4 * trees.width
+    scratch.first[:] = trees.first
     for group in range(trees.steps.size + 1):
         if group < trees.steps.size:
             nodes = trees.nodes + trees.start[group]
             call(trees.traversal, (nodes, trees.steps[group], ranks, rows, exits, 0, 0))
-            call(trees.finding, (trees.first + 4 * group * trees.lanes, trees.twigs, rows, exits, ahead))
+            counts = trees.counts + trees.size * group * trees.lanes
+            call(trees.finding, (first, counts, rows, exits, ahead))
         if group:
             totals = sums + 4 * trees.outputs * ((group - 1) % trees.parts)
             given = (ranks, rows, places, ahead, leaves, trees.rounds, trees.outputs, totals, width)
@@ -195,14 +205,15 @@ def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, nogil=True)
 @fresh
 def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
-    ranking, trees, scales = ranking_at(plan, 0), _trees_at(plan, 5), scales_at(plan, 20)
+    ranking, trees, scales = ranking_at(plan, 0), _trees_at(plan, 5), scales_at(plan, 21)
     scratch = _Scratch(
         array_at(memory, 0, np.int8),
         array_at(memory, 1, np.uint16),
         array_at(memory, 2, np.int64),
         array_at(memory, 3, np.int64),
-        array_at(memory, 4, np.float32),
+        array_at(memory, 4, np.int64),
         array_at(memory, 5, np.float32),
+        array_at(memory, 6, np.float32),
     )
     outputs = trees.base_score.size
     for start in range(0, windows.shape[0], ROWS):
