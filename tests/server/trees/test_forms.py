@@ -1,5 +1,7 @@
 """Every form by itself, for numbers of rows that it would not be chosen for too."""
 
+import dataclasses
+import json
 import os
 import subprocess
 import sys
@@ -54,6 +56,10 @@ KERNELS = {
 def check(folder: Path, shape: ForestShape, names: list[str], rows: tuple[int, ...]) -> None:
     path = folder / "model.json"
     write_forest(path, shape, seed=2)
+    check_file(path, shape, names, rows)
+
+
+def check_file(path: Path, shape: ForestShape, names: list[str], rows: tuple[int, ...]) -> None:
     forest = read_forest(path)
     generator = np.random.default_rng(1)
     scales = Scales.of(
@@ -80,6 +86,21 @@ def check(folder: Path, shape: ForestShape, names: list[str], rows: tuple[int, .
 @pytest.mark.parametrize("shape", SHAPES)
 def test_every_form_gives_the_bits_of_the_plain_walk(tmp_path: Path, shape: str) -> None:
     check(tmp_path, SHAPES[shape], KERNELS.get(shape, LARGE), (0, 1, 3, 8, 9, 21, 64, 65, 256, 300))
+
+
+def test_chains_to_the_right_have_small_distances_and_many_twigs(tmp_path: Path) -> None:
+    path, shape = tmp_path / "model.json", SHAPES["chains"]
+    write_forest(path, dataclasses.replace(shape, leaves=1500, depth=2000), seed=2)
+    model = json.loads(path.read_text())
+    for tree in model["learner"]["gradient_booster"]["model"]["trees"]:
+        node = 0
+        while tree["left_children"][node] >= 0:
+            children = tree["left_children"][node], tree["right_children"][node]
+            leaf, node = sorted(children, key=lambda child: tree["left_children"][child] >= 0)
+            parent = tree["parents"][node]
+            tree["left_children"][parent], tree["right_children"][parent] = leaf, node
+    path.write_text(json.dumps(model))
+    check_file(path, shape, LARGE, (1, 9, 64))
 
 
 def test_lesser_processors_give_the_same_bits(tmp_path: Path, lesser_processor: Any) -> None:

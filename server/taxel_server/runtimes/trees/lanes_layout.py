@@ -60,7 +60,7 @@ def table_size(columns: Columns) -> int:
 class TrunksLayout:
     """Trunks by place, in groups of as many as a kernel has lanes.
 
-    A node's distance is how far its left subtree's first twig is behind the twig before the node.
+    A node's distance is how many twigs its left subtree has, but for one.
 
     Attributes:
         bits: of the number of a twig in its tree, 8 or 16.
@@ -82,8 +82,9 @@ class TrunksLayout:
         """Lays out the trees of (groups, lanes), where -1 is none, with at most so many leaves a twig."""
         twigs = np.append(count_twigs(index, most), 1)
         distance = _distances(index, most)
-        packed = len(columns) <= _LAST_COLUMN and int(distance.max(initial=0)) <= _MOST_DISTANT
         bits = 8 if twigs.max() <= MOST_TWIGS[8] else 16
+        small = len(columns) <= _LAST_COLUMN and int(distance.max(initial=0)) <= _MOST_DISTANT
+        packed = bits == 8 and small
         each = 2 if packed else 2 + bits // 8
         steps = twigs[trees].max(axis=1, initial=1) - 1
         start = np.concatenate([[0], np.cumsum(each * trees.shape[1] * steps)])
