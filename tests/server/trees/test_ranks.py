@@ -6,18 +6,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from taxel.manifest import Normalisation
-from taxel_server.runtimes.compiled.plans import pack
+from taxel_server.runtimes.compiled.plans import pack, unpack
 from taxel_server.runtimes.trees.columns import Columns
-from taxel_server.runtimes.trees.ranks import ROWS, Ranking, rank_rows, ranking_at
-from taxel_server.runtimes.trees.scales import Scales, scales_at
+from taxel_server.runtimes.trees.ranks import ROWS, Ranking, rank_rows
+from taxel_server.runtimes.trees.scales import Scales
 
 HIGHEST = 65535
 
 
 @numba.njit
 def rank(plan, windows, ranks):  # type: ignore[no-untyped-def]
-    given = ranking_at(plan, 0), scales_at(plan, 5), windows, 0, len(windows), HIGHEST, 0, ranks.shape[1]
-    rank_rows(*given, ranks.ravel())
+    ranking, scales = unpack(plan, Ranking, Scales)
+    rank_rows(ranking, scales, windows, 0, len(windows), HIGHEST, 0, ranks.shape[1], ranks.ravel())
 
 
 def columns_of(lengths: list[int], generator: np.random.Generator) -> Columns:

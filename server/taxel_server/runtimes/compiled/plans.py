@@ -1,13 +1,13 @@
 """Hands many arrays to a compiled function as one: calling it with each of them costs microseconds."""
 
 import mmap
-from typing import Any, Final
+from typing import Any, Final, get_args, get_type_hints
 
 import numba
 import numpy as np
 from llvmlite import ir
 from numba.core import types
-from numba.extending import intrinsic
+from numba.extending import intrinsic, overload
 from numpy.typing import NDArray
 
 _CACHE_LINE: Final = 64
@@ -17,7 +17,7 @@ _HUGE_PAGE: Final = 2**21
 def pack(*tuples: tuple[Any, ...]) -> NDArray[np.int64]:
     """Two integers for every entry: an array's address and size, or a number and 0.
 
-    The arrays must be contiguous and outlive the plan, which does not hold them.
+    The arrays must be contiguous and outlive the plan, which does not hold them. `unpack` reads a plan.
     """
     entries = []
     for entry in (entry for entries in tuples for entry in entries):
@@ -77,3 +77,31 @@ def _pointer(_context, _address):  # type: ignore[no-untyped-def]
 def array_at(plan, entry, dtype):  # type: ignore[no-untyped-def]
     """The array that an entry of a plan describes, of one axis."""
     return numba.carray(_pointer(plan[entry, 0]), plan[entry, 1], dtype)
+
+
+def unpack(plan: NDArray[np.int64], *kinds: type) -> Any:
+    """In compiled code, the named tuples that a plan was packed from, given their classes.
+
+    Entries are read as the classes' annotations say: `int`, `bool`, or `NDArray` of some type.
+    """
+    raise NotImplementedError("only compiled code can unpack a plan")
+
+
+@overload(unpack)
+def _unpack(_plan, *kinds):  # type: ignore[no-untyped-def]
+    names: dict[str, Any] = {"array_at": array_at}
+    tuples, entry = [], 0
+    for number, kind in enumerate(kinds):
+        names[f"kind_{number}"] = kind.instance_class
+        fields = []
+        for hint in get_type_hints(kind.instance_class).values():
+            if hint in (int, bool):
+                fields.append(f"_plan[{entry}, 0]" + (" != 0" if hint is bool else ""))
+            else:
+                names[f"type_{entry}"] = get_args(get_args(hint)[1])[0]
+                fields.append(f"array_at(_plan, {entry}, type_{entry})")
+            entry += 1
+        tuples.append(f"kind_{number}({', '.join(fields)}),")
+    # What numba compiles has to name every field.
+    exec(f"def read(_plan, *kinds):\n    return ({' '.join(tuples)})", names)
+    return names["read"]

@@ -8,12 +8,9 @@ the number of cuts <= x, so that x < cuts[bin] exactly where rank <= bin. Ranks 
 from dataclasses import dataclass
 from typing import NamedTuple, Self
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.compiled.caching import fresh
-from taxel_server.runtimes.compiled.plans import array_at
 from taxel_server.runtimes.trees.in_order import InOrder
 
 
@@ -91,15 +88,3 @@ class PlainColumns(NamedTuple):
     default_left: NDArray[np.bool_]
     start: NDArray[np.int64]
     cuts: NDArray[np.float32]
-
-
-@numba.njit(cache=True)
-@fresh
-def columns_at(plan, entry):  # type: ignore[no-untyped-def]
-    """The columns that begin at an entry of a plan."""
-    return PlainColumns(
-        array_at(plan, entry, np.int32),
-        array_at(plan, entry + 1, np.bool_),
-        array_at(plan, entry + 2, np.int64),
-        array_at(plan, entry + 3, np.float32),
-    )

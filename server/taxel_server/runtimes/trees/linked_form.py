@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.caching import fresh
 from taxel_server.runtimes.compiled.kernel import CompiledKernel
-from taxel_server.runtimes.compiled.plans import Scratch, array_at, pack
+from taxel_server.runtimes.compiled.plans import Scratch, pack, unpack
 from taxel_server.runtimes.compiled.vectors import integer_at
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
 from taxel_server.runtimes.trees.linked_layout import LinkedLayout
-from taxel_server.runtimes.trees.ranks import ROWS, Ranking, rank_rows, ranking_at
-from taxel_server.runtimes.trees.scales import Scales, put_rows, scales_at
+from taxel_server.runtimes.trees.ranks import ROWS, Ranking, rank_rows
+from taxel_server.runtimes.trees.scales import Scales, put_rows
 
 _WALKERS: Final = 16
 """Walks that advance in turn, so that one need not wait for another's memory."""
@@ -63,19 +63,6 @@ class LinkedKernel(CompiledKernel):
         return Scratch(own)
 
 
-@numba.njit(cache=True)
-@fresh
-def _trees_at(plan, entry):  # type: ignore[no-untyped-def]
-    return _Trees(
-        array_at(plan, entry, np.int64),
-        array_at(plan, entry + 1, np.int32),
-        plan[entry + 2, 0],
-        array_at(plan, entry + 3, np.float32),
-        plan[entry + 4, 0],
-        array_at(plan, entry + 5, np.float32),
-    )
-
-
 @numba.njit(cache=True, nogil=True)
 @fresh
 def _walk(trees, scratch, rows):  # type: ignore[no-untyped-def]
@@ -106,10 +93,8 @@ def _walk(trees, scratch, rows):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, nogil=True)
 @fresh
 def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
-    ranking, trees, scales = ranking_at(plan, 0), _trees_at(plan, 5), scales_at(plan, 11)
-    scratch = _Scratch(
-        array_at(memory, 0, np.uint16), array_at(memory, 1, np.float32), array_at(memory, 2, np.int64)
-    )
+    ranking, trees, scales = unpack(plan, Ranking, _Trees, Scales)
+    (scratch,) = unpack(memory, _Scratch)
     outputs = trees.base_score.size
     for start in range(0, windows.shape[0], ROWS):
         rows = min(ROWS, windows.shape[0] - start)

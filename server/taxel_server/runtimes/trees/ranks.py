@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.caching import fresh
-from taxel_server.runtimes.compiled.plans import array_at, together
+from taxel_server.runtimes.compiled.plans import together
 from taxel_server.runtimes.compiled.vectors import count, load_floats, not_above, splat_float
 from taxel_server.runtimes.trees.columns import Columns
 
@@ -69,19 +69,6 @@ def _levels(cuts: NDArray[np.float32]) -> list[NDArray[np.float32]]:
     if len(level) == _BLOCK:
         return [level]
     return [*_levels(level[_BLOCK - 1 : -1 : _BLOCK]), level]
-
-
-@numba.njit(cache=True)
-@fresh
-def ranking_at(plan, entry):  # type: ignore[no-untyped-def]
-    """The ranking that begins at an entry of a plan."""
-    return Ranking(
-        array_at(plan, entry, np.int32),
-        array_at(plan, entry + 1, np.bool_),
-        plan[entry + 2, 0],
-        array_at(plan, entry + 3, np.int64),
-        array_at(plan, entry + 4, np.float32),
-    )
 
 
 @numba.njit(cache=True, nogil=True)

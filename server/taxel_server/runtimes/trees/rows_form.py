@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.caching import fresh
 from taxel_server.runtimes.compiled.kernel import CompiledKernel
-from taxel_server.runtimes.compiled.plans import Scratch, array_at, pack, together
+from taxel_server.runtimes.compiled.plans import Scratch, pack, together, unpack
 from taxel_server.runtimes.trees.calls import call
-from taxel_server.runtimes.trees.columns import Columns, columns_at
+from taxel_server.runtimes.trees.columns import Columns, PlainColumns
 from taxel_server.runtimes.trees.comparisons import compare
 from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
@@ -20,7 +20,7 @@ from taxel_server.runtimes.trees.leaf_tables import LEAVES, write_leaf_tables
 from taxel_server.runtimes.trees.lookups import assembled_lane
 from taxel_server.runtimes.trees.rows_as_bits import find_exits, memory_words
 from taxel_server.runtimes.trees.rows_layout import GROUP, LeafNumbers, RowsLayout, split_sets
-from taxel_server.runtimes.trees.scales import Scales, restore, scales_at
+from taxel_server.runtimes.trees.scales import Scales, restore
 
 _GROUP: Final = GROUP.itemsize
 
@@ -158,45 +158,6 @@ class RowsKernel(CompiledKernel):
         )
 
 
-@numba.njit(cache=True)
-@fresh
-def _part_at(plan, entry):  # type: ignore[no-untyped-def]
-    return _Part(
-        array_at(plan, entry, np.int64),
-        plan[entry + 1, 0],
-        plan[entry + 2, 0],
-        plan[entry + 3, 0],
-        plan[entry + 4, 0],
-        plan[entry + 5, 0],
-    )
-
-
-@numba.njit(cache=True)
-@fresh
-def _sums_at(plan, entry):  # type: ignore[no-untyped-def]
-    return _Sums(
-        array_at(plan, entry, np.int64),
-        array_at(plan, entry + 1, np.int64),
-        plan[entry + 2, 0],
-        plan[entry + 3, 0],
-        plan[entry + 4, 0],
-        array_at(plan, entry + 5, np.float32),
-        array_at(plan, entry + 6, np.int64),
-    )
-
-
-@numba.njit(cache=True)
-@fresh
-def _scratch_at(plan):  # type: ignore[no-untyped-def]
-    return _Scratch(
-        array_at(plan, 0, np.float32),
-        array_at(plan, 1, np.int64),
-        array_at(plan, 2, np.int64),
-        array_at(plan, 3, np.uint8),
-        array_at(plan, 4, np.float32),
-    )
-
-
 @numba.njit(cache=True, nogil=True)
 @fresh
 def _find_exits(part, output, sums, scratch):  # type: ignore[no-untyped-def]
@@ -215,8 +176,8 @@ def _find_exits(part, output, sums, scratch):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, nogil=True)
 @fresh
 def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
-    columns, narrow, wide = columns_at(plan, 0), _part_at(plan, 4), _part_at(plan, 10)
-    sums, scales, scratch = _sums_at(plan, 16), scales_at(plan, 23), _scratch_at(memory)
+    columns, narrow, wide, sums, scales = unpack(plan, PlainColumns, _Part, _Part, _Sums, Scales)
+    (scratch,) = unpack(memory, _Scratch)
     lanes = sums.lane.size
     exits, totals = scratch.exits.ctypes.data, scratch.sums.ctypes.data
     for first in range(0, windows.shape[0], lanes):

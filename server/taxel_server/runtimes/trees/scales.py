@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from taxel.manifest import Normalisation
 from taxel.scaling import Scaler
 from taxel_server.runtimes.compiled.caching import fresh
-from taxel_server.runtimes.compiled.plans import array_at
 
 
 class Scales(NamedTuple):
@@ -27,19 +26,6 @@ class Scales(NamedTuple):
         inputs = Scaler.of(normalisation.input_mean, normalisation.input_std)
         outputs = Scaler.of(normalisation.output_mean, normalisation.output_std)
         return cls(not normalisation.folded, inputs.mean, inputs.std, outputs.mean, outputs.std)
-
-
-@numba.njit(cache=True)
-@fresh
-def scales_at(plan, entry):  # type: ignore[no-untyped-def]
-    """The scales that begin at an entry of a plan."""
-    return Scales(
-        plan[entry, 0] != 0,
-        array_at(plan, entry + 1, np.float32),
-        array_at(plan, entry + 2, np.float32),
-        array_at(plan, entry + 3, np.float32),
-        array_at(plan, entry + 4, np.float32),
-    )
 
 
 @numba.njit(cache=True, nogil=True)

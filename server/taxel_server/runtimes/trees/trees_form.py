@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.caching import fresh
 from taxel_server.runtimes.compiled.kernel import CompiledKernel
-from taxel_server.runtimes.compiled.plans import Scratch, array_at, pack, together
+from taxel_server.runtimes.compiled.plans import Scratch, pack, together, unpack
 from taxel_server.runtimes.compiled.processor import register_bytes
 from taxel_server.runtimes.trees.calls import call
 from taxel_server.runtimes.trees.columns import Columns
@@ -17,8 +17,8 @@ from taxel_server.runtimes.trees.forest import Forest
 from taxel_server.runtimes.trees.in_order import InOrder
 from taxel_server.runtimes.trees.lanes_layout import MOST_TWIGS, TrunksLayout, table_size
 from taxel_server.runtimes.trees.lookups import interleaved_lane
-from taxel_server.runtimes.trees.ranks import ROWS, Ranking, rank_rows, ranking_at
-from taxel_server.runtimes.trees.scales import Scales, put_rows, scales_at
+from taxel_server.runtimes.trees.ranks import ROWS, Ranking, rank_rows
+from taxel_server.runtimes.trees.scales import Scales, put_rows
 from taxel_server.runtimes.trees.trees_in_lanes import add_leaves, find_exits, put_exits, trees_at_once
 
 _BATCH: Final = 2800
@@ -141,29 +141,6 @@ def _places(
     return np.concatenate(places), np.array(groups)
 
 
-@numba.njit(cache=True)
-@fresh
-def _trees_at(plan, entry):  # type: ignore[no-untyped-def]
-    return _Trees(
-        plan[entry, 0],
-        plan[entry + 1, 0],
-        plan[entry + 2, 0],
-        array_at(plan, entry + 3, np.int64),
-        array_at(plan, entry + 4, np.int64),
-        array_at(plan, entry + 5, np.int64),
-        array_at(plan, entry + 6, np.int64),
-        array_at(plan, entry + 7, np.int64),
-        array_at(plan, entry + 8, np.int64),
-        plan[entry + 9, 0],
-        plan[entry + 10, 0],
-        plan[entry + 11, 0],
-        plan[entry + 12, 0],
-        plan[entry + 13, 0],
-        plan[entry + 14, 0],
-        array_at(plan, entry + 15, np.float32),
-    )
-
-
 @numba.njit(cache=True, nogil=True)
 @fresh
 def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
@@ -202,15 +179,8 @@ def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, nogil=True)
 @fresh
 def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
-    ranking, trees, scales = ranking_at(plan, 0), _trees_at(plan, 5), scales_at(plan, 21)
-    scratch = _Scratch(
-        array_at(memory, 0, np.int8),
-        array_at(memory, 1, np.uint8),
-        array_at(memory, 2, np.int64),
-        array_at(memory, 3, np.int64),
-        array_at(memory, 4, np.float32),
-        array_at(memory, 5, np.int64),
-    )
+    ranking, trees, scales = unpack(plan, Ranking, _Trees, Scales)
+    (scratch,) = unpack(memory, _Scratch)
     for start in range(0, windows.shape[0], ROWS):
         rows = min(ROWS, windows.shape[0] - start)
         rank_rows(ranking, scales, windows, start, rows, 255, 128, trees.ranks, scratch.ranks)
