@@ -46,6 +46,19 @@ def trees_at_once() -> int:
     return min(4 * register_bytes(), _MOST_LANES)
 
 
+@numba.njit(cache=True)
+@fresh
+def _ask(address, lines, level):  # type: ignore[no-untyped-def]
+    """Asks for cache lines, to be in the cache of a level, 1 or 2; the address behind them."""
+    for _ in range(lines):
+        if level == 1:
+            prefetch(address, 1)
+        else:
+            prefetch(address, 2)
+        address += 64
+    return address
+
+
 @cache
 def find_exits(columns: int, bits: int, packed: bool) -> int:
     """The address of the traversal of one group's trunks by some rows, compiled.
@@ -82,12 +95,7 @@ def _find_exits(columns: int, bits: int) -> int:
                 goes_left = greater(load(node + lanes, 8, lanes), rank)
                 passed_by = greater(since, load(node + 2 * lanes, bits, lanes))
                 if row or rows == 1:
-                    for _ in range(each):
-                        prefetch(soon, 1)
-                        soon += 64
-                    for _ in range(lines):
-                        prefetch(wanted, 2)
-                        wanted += 64
+                    soon, wanted = _ask(soon, each, 1), _ask(wanted, lines, 2)
                 since = select(neither(goes_left, passed_by), never, plus(since, one))
                 node += size
             store(exits + row * lanes * (bits // 8), minus(splat(steps, bits, lanes), since))
@@ -117,12 +125,7 @@ def _find_packed_exits(columns: int) -> int:
                 # Distances are compared as they stand, above the columns.
                 goes_right = neither(goes_left, greater(since, places))
                 if row or rows == 1:
-                    for _ in range(each):
-                        prefetch(soon, 1)
-                        soon += 64
-                    for _ in range(lines):
-                        prefetch(wanted, 2)
-                        wanted += 64
+                    soon, wanted = _ask(soon, each, 1), _ask(wanted, lines, 2)
                 number = plus(number, one)
                 reached = select(goes_right, number, reached)
                 since = select(goes_right, never, plus_within(since, further))
