@@ -74,9 +74,9 @@ def _pointer(_context, _address):  # type: ignore[no-untyped-def]
 
 
 @numba.njit
-def array_at(plan, entry, dtype):  # type: ignore[no-untyped-def]
-    """The array that an entry of a plan describes, of one axis."""
-    return numba.carray(_pointer(plan[entry, 0]), plan[entry, 1], dtype)
+def array_at(address, size, dtype):  # type: ignore[no-untyped-def]
+    """The array of one axis that an entry of a plan describes."""
+    return numba.carray(_pointer(address), size, dtype)
 
 
 def unpack(plan: NDArray[np.int64], *kinds: type) -> Any:
@@ -89,7 +89,7 @@ def unpack(plan: NDArray[np.int64], *kinds: type) -> Any:
 
 @overload(unpack)
 def _unpack(_plan, *kinds):  # type: ignore[no-untyped-def]
-    names: dict[str, Any] = {"array_at": array_at}
+    names: dict[str, Any] = {"__name__": __name__, "array_at": array_at}
     tuples, entry = [], 0
     for number, kind in enumerate(kinds):
         names[f"kind_{number}"] = kind.instance_class
@@ -99,7 +99,7 @@ def _unpack(_plan, *kinds):  # type: ignore[no-untyped-def]
                 fields.append(f"_plan[{entry}, 0]" + (" != 0" if hint is bool else ""))
             else:
                 names[f"type_{entry}"] = get_args(get_args(hint)[1])[0]
-                fields.append(f"array_at(_plan, {entry}, type_{entry})")
+                fields.append(f"array_at(_plan[{entry}, 0], _plan[{entry}, 1], type_{entry})")
             entry += 1
         tuples.append(f"kind_{number}({', '.join(fields)}),")
     # What numba compiles has to name every field.

@@ -250,11 +250,13 @@ def _carry_out(step, memory, weights):  # type: ignore[no-untyped-def]
 @fresh
 def evaluate(plan, scratch, windows, result):  # type: ignore[no-untyped-def]
     """Fills the rows of a result with what a program makes of windows."""
-    steps, weights = array_at(plan, 0, np.int64), plan[1, 0]
+    steps, weights = array_at(plan[0, 0], plan[0, 1], np.int64), plan[1, 0]
     window, channels = plan[2, 0], plan[3, 0]
-    memory = array_at(scratch, 0, np.float32)
+    memory = array_at(scratch[0, 0], scratch[0, 1], np.float32)
     for row in range(windows.shape[0]):
-        memory[window : window + windows.shape[1]] = windows[row]
+        for place in range(windows.shape[1]):
+            memory[window + place] = windows[row, place]
         for first in range(0, steps.size, WORDS):
             _carry_out(steps[first : first + WORDS], memory, weights)
-        result[row] = memory[channels : channels + result.shape[1]]
+        for channel in range(result.shape[1]):
+            result[row, channel] = memory[channels + channel]

@@ -202,7 +202,8 @@ def _put_twigs(  # type: ignore[no-untyped-def]
         line, begin = first_twig[place], 0
         for leaf in range(leaves[tree]):
             seat, source = leaf - begin, 4 * (leaf_start[tree] + leaf)
-            lines[line, 4 * seat : 4 * seat + 4] = value[source : source + 4]
+            for byte in range(4):
+                lines[line, 4 * seat + byte] = value[source + byte]
             if leaf == leaves[tree] - 1:
                 break
             node = node_start[tree] + leaf

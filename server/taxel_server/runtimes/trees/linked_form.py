@@ -100,6 +100,7 @@ def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
         rows = min(ROWS, windows.shape[0] - start)
         rank_rows(ranking, scales, windows, start, rows, 65535, 0, trees.ranks, scratch.ranks)
         for row in range(rows):
-            scratch.sums[row * outputs : (row + 1) * outputs] = trees.base_score
+            for output in range(outputs):
+                scratch.sums[row * outputs + output] = trees.base_score[output]
         _walk(trees, scratch, rows)
         put_rows(scales, scratch.sums, outputs, 1, start, rows, result)

@@ -165,7 +165,8 @@ def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
     ranks, sums, exits = scratch.ranks.ctypes.data, scratch.sums.ctypes.data, scratch.exits.ctypes.data
     first, places, ahead = scratch.first.ctypes.data, scratch.places.ctypes.data, scratch.ahead.ctypes.data
     leaves, width = scratch.leaves.ctypes.data, 4 * trees.width
-    scratch.first[:] = trees.first
+    for lane in range(trees.lanes):
+        scratch.first[lane] = trees.first[lane]
     for group in range(trees.steps.size + 1):
         if group < trees.steps.size:
             nodes = trees.nodes + trees.start[group]
@@ -189,6 +190,7 @@ def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
         rows = min(ROWS, windows.shape[0] - start)
         rank_rows(ranking, scales, windows, start, rows, 255, 128, trees.ranks, scratch.ranks)
         for row in range(rows):
-            scratch.sums[row * trees.width : row * trees.width + outputs] = trees.base_score
+            for output in range(outputs):
+                scratch.sums[row * trees.width + output] = trees.base_score[output]
         _visit(trees, scratch, rows)
         put_rows(scales, scratch.sums, trees.width, 1, start, rows, result)

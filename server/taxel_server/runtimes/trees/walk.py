@@ -33,7 +33,8 @@ def walk(forest: Forest, scales: Scales, windows: NDArray[np.float32]) -> NDArra
 @fresh
 def _walk(roots, outputs, left, right, feature, default_left, value, base_score, windows, result):  # type: ignore[no-untyped-def]
     for row in range(windows.shape[0]):
-        result[row] = base_score
+        for output in range(base_score.size):
+            result[row, output] = base_score[output]
         for tree in range(outputs.size):
             root = roots[tree]
             node = root
