@@ -60,6 +60,8 @@ PARAM = ("learner", "learner_model_param")
         (("learner", "gradient_booster"), "name", "dart", r"gradient_booster\.name.*gbtree.*'dart'"),
         (("learner", "gradient_booster"), "name", "gblinear", "'gblinear'"),
         (("learner", "objective"), "name", "reg:logistic", r"objective\.name.*'reg:logistic'"),
+        (("learner", "gradient_booster", "model"), "trees", [], r"model\.trees: .* at least 1 item"),
+        (TREE, "left_children", [], r"trees\.1\.left_children.*\[\]"),
         (PARAM, "num_class", "3", "num_class"),
         (PARAM, "num_feature", "0", "num_feature"),
         (PARAM, "base_score", "[1.0, 2.0]", "base_score"),

@@ -97,7 +97,7 @@ def _base_score(param: LearnerParam) -> NDArray[np.float32]:
 def _check_outputs(outputs: NDArray[np.int32], trees: int, targets: int) -> None:
     if len(outputs) != trees:
         raise ArtifactError(f"tree_info has {len(outputs)} entries: expected one for each of {trees} trees")
-    if trees and not 0 <= outputs.min() <= outputs.max() < targets:
+    if not 0 <= outputs.min() <= outputs.max() < targets:
         raise ArtifactError(f"tree_info names outputs {outputs.min()} to {outputs.max()} of {targets}")
 
 

@@ -37,7 +37,8 @@ class ScannedText:
 
     Attributes:
         text: (bytes,) uint8, the whole text.
-        skeleton: the same JSON in which every array of numbers is `[i]`, i its place in `spans`.
+        skeleton: the same JSON in which every array of numbers, but for empty ones, is `[i]`, i its place
+            in `spans`.
         spans: (arrays, 3) int64, first byte after the bracket, the closing bracket, and the length.
     """
 
@@ -145,9 +146,9 @@ def _scan(text, position, in_string, found, piece, table):  # type: ignore[no-un
                 numbers += text[end] == _COMMA
                 blank = blank and _BLANK[text[end]]
                 end += 1
-            if end < text.size and text[end] == _CLOSE:
-                table[count, 0], table[count, 1] = position, end
-                table[count, 2] = 0 if blank else numbers + 1
+            # An empty array may be one of anything.
+            if end < text.size and text[end] == _CLOSE and not blank:
+                table[count, 0], table[count, 1], table[count, 2] = position, end, numbers + 1
                 length = _write_integer(piece, length, found + count)
                 count += 1
                 position = end

@@ -41,8 +41,8 @@ class Tree(TypedDict):
 class Trees(_Part):
     """The trees and the output that each adds to."""
 
+    trees: Annotated[list[Tree], Field(min_length=1)]
     tree_info: Array
-    trees: list[Tree]
 
 
 class GradientBooster(_Part):
