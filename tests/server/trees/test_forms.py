@@ -17,6 +17,8 @@ from taxel_bench.forests import ForestShape, write_forest
 from taxel_server.runtimes.compiled.kernel import Kernel
 from taxel_server.runtimes.trees import forms, twigs_form
 from taxel_server.runtimes.trees.forms import Forms, Timed
+from taxel_server.runtimes.trees.in_order import InOrder
+from taxel_server.runtimes.trees.lanes_layout import MOST_TWIGS, TWIG, count_twigs
 from taxel_server.runtimes.trees.parse import read_forest
 from taxel_server.runtimes.trees.scales import Scales
 from taxel_server.runtimes.trees.walk import walk
@@ -100,6 +102,7 @@ def test_chains_to_the_right_have_small_distances_and_many_twigs(tmp_path: Path)
             parent = tree["parents"][node]
             tree["left_children"][parent], tree["right_children"][parent] = leaf, node
     path.write_text(json.dumps(model))
+    assert count_twigs(InOrder.of(read_forest(path)), TWIG).max() > MOST_TWIGS[8]
     check_file(path, shape, LARGE, (1, 9, 64))
 
 

@@ -83,8 +83,12 @@ def unpack(plan: NDArray[np.int64], *kinds: type) -> Any:
     """In compiled code, the named tuples that a plan was packed from, given their classes.
 
     Entries are read as the classes' annotations say: `int`, `bool`, or `NDArray` of some type.
+
+    Raises:
+        TypeError: it is called by plain Python.
     """
-    raise NotImplementedError("only compiled code can unpack a plan")
+    names = ", ".join(kind.__name__ for kind in kinds)
+    raise TypeError(f"plain Python unpacks {len(plan)} entries as {names}: expected compiled code")
 
 
 @overload(unpack)
