@@ -7,7 +7,7 @@ from pydantic import Field, FiniteFloat, StringConstraints, model_validator
 from taxel.channels import CHANNELS
 from taxel.corrections import AppliedEffect
 from taxel.errors import InvalidArgument
-from taxel.parts import Part, Positive
+from taxel.schema import Positive, Schema
 from taxel.windows import PERIOD_NS, ExtraFeature, WindowSpec
 
 SCHEMA: Final = 1
@@ -23,7 +23,7 @@ Version = Annotated[str, StringConstraints(pattern=r"^[1-9][0-9]{0,8}$")]
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 
 
-class Tensor(Part):
+class Tensor(Schema):
     """A tensor as the Open Inference Protocol describes it; -1 stands for the batch axis."""
 
     name: str
@@ -31,7 +31,7 @@ class Tensor(Part):
     shape: tuple[Literal[-1], Annotated[int, Field(gt=0)]]
 
 
-class WindowLayout(Part):
+class WindowLayout(Schema):
     """The window that a model was trained on, spelled out so that nothing is left to memory.
 
     `features` names every column in order: those of the input combination, then the extras of the
@@ -101,7 +101,7 @@ class WindowLayout(Part):
         return self
 
 
-class Normalisation(Part):
+class Normalisation(Schema):
     """Mean and standard deviation of what the model file takes and gives, over the training part.
 
     `folded` says that the model file already takes raw windows and gives counts; otherwise
@@ -115,7 +115,7 @@ class Normalisation(Part):
     folded: bool = False
 
 
-class Source(Part):
+class Source(Schema):
     """One recording that a model was trained on."""
 
     name: str
@@ -124,7 +124,7 @@ class Source(Part):
     sha256: Sha256
 
 
-class Training(Part):
+class Training(Schema):
     """How a model came to be: enough to make it again."""
 
     family: str
@@ -136,7 +136,7 @@ class Training(Part):
     metrics: dict[str, Any]
 
 
-class Imported(Part):
+class Imported(Schema):
     """What a model was made from that another program trained; how it came to be is not known."""
 
     format: str
@@ -144,7 +144,7 @@ class Imported(Part):
     sha256: Sha256
 
 
-class Parity(Part):
+class Parity(Schema):
     """How far the artifact's predictions are from those of what it was made from, in counts."""
 
     windows: int
@@ -152,7 +152,7 @@ class Parity(Part):
     tolerance: Positive
 
 
-class RoundedWeights(Part):
+class RoundedWeights(Schema):
     """What rounding the weights costs on held-out windows, against what was measured.
 
     Attributes:
@@ -175,7 +175,7 @@ class RoundedWeights(Part):
         return self.norm_mae / self.float32_norm_mae - 1
 
 
-class ModelFile(Part):
+class ModelFile(Schema):
     """The model's bytes."""
 
     name: Annotated[str, StringConstraints(pattern=r"^model\.(onnx|json)$")]
@@ -183,7 +183,7 @@ class ModelFile(Part):
     size: Annotated[int, Field(gt=0)]
 
 
-class Manifest(Part):
+class Manifest(Schema):
     """Everything there is to know of an artifact besides its weights.
 
     `training` says how it came to be, or `imported` what it was made from: one of the two.

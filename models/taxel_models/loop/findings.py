@@ -3,12 +3,12 @@
 from typing import Any, Final
 
 from taxel.corrections import Parameter
-from taxel.parts import Part
+from taxel.schema import Schema
 
 SCHEMA: Final = 1
 
 
-class FoundEffect(Part):
+class FoundEffect(Schema):
     """An effect that was named.
 
     Attributes:
@@ -43,7 +43,7 @@ class FoundEffect(Part):
     served: bool
 
 
-class RejectedEffect(Part):
+class RejectedEffect(Schema):
     """A candidate that was not named.
 
     Attributes:
@@ -62,7 +62,7 @@ class RejectedEffect(Part):
     reason: str
 
 
-class PairedTest(Part):
+class PairedTest(Schema):
     """Whether the error fell, block by block of the evaluation part.
 
     Attributes:
@@ -83,7 +83,7 @@ class PairedTest(Part):
     p_value: float
 
 
-class Unexplained(Part):
+class Unexplained(Schema):
     """What is left on the evaluation part.
 
     Attributes:
@@ -99,7 +99,7 @@ class Unexplained(Part):
     autocorrelation: dict[str, float]
 
 
-class Findings(Part):
+class Findings(Schema):
     """Everything the loop found.
 
     Attributes:

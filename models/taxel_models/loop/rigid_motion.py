@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from taxel.corrections import Frame
-from taxel.parts import Matrix, Vector
+from taxel.schema import Matrix, Vector
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Left
 from taxel_models.loop.evidence import Evidence, predict_all

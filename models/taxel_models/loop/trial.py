@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from taxel.channels import COUNTS_MAX
 from taxel.manifest import Manifest
-from taxel.parts import Part
+from taxel.schema import Schema
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.choice import LEAST_SHARE
@@ -39,7 +39,7 @@ FIGURES: Final = {"creep": "time_constant", "lag": "lag", "frame": "angle"}
 """Parameters that are marked: time constants, delays, angles."""
 
 
-class Round(Part):
+class Round(Schema):
     """One round.
 
     Attributes:
@@ -72,7 +72,7 @@ class Round(Part):
     parameter_error: float | None
 
 
-class Summary(Part):
+class Summary(Schema):
     """What the rounds come to.
 
     Attributes:

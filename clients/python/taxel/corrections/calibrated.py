@@ -11,7 +11,7 @@ from typing_extensions import override
 from taxel.channels import CHANNELS
 from taxel.corrections.calibration import CALIBRATION_AGE, CALIBRATION_EXTRAS
 from taxel.corrections.term import BaseTerm, Columns
-from taxel.parts import NotNegative, PerChannel, Positive
+from taxel.schema import NotNegative, PerChannel, Positive
 
 
 class Calibrated(BaseTerm):

@@ -11,14 +11,14 @@ from taxel.corrections.mix import Mix
 from taxel.corrections.places import Places
 from taxel.corrections.substitute import Substitute
 from taxel.corrections.weighted import Weighted
-from taxel.parts import ChannelName, Part
+from taxel.schema import ChannelName, Schema
 from taxel.windows.combinations import MOST_SHIFT
 
 Term = Annotated[Weighted | Calibrated | Places | Mix | Limit | Substitute, Field(discriminator="kind")]
 """Any of the terms, told apart by `kind`."""
 
 
-class Parameter(Part):
+class Parameter(Schema):
     """A fitted parameter with its interval, where there is one."""
 
     name: str
@@ -28,7 +28,7 @@ class Parameter(Part):
     high: FiniteFloat | None = None
 
 
-class AppliedEffect(Part):
+class AppliedEffect(Schema):
     """An effect that a base model lacks and that a corrected model adds to it.
 
     Attributes:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator
 
-from taxel.parts import Matrix, Part, Vector
+from taxel.schema import Matrix, Schema, Vector
 from taxel.windows import WindowSpec
 
 _ORTHONORMAL: Final = 1e-6
@@ -29,7 +29,7 @@ def _rotation(matrix: Matrix) -> Matrix:
 Rotation = Annotated[Matrix, AfterValidator(_rotation)]
 
 
-class Frame(Part):
+class Frame(Schema):
     """Every position and force of a window, before the base model sees it.
 
     position' = position_rotation @ position + position_translation, m;

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from taxel.corrections.term import BaseTerm, Columns
-from taxel.parts import PerChannel
+from taxel.schema import PerChannel
 
 
 class Limit(BaseTerm):

@@ -10,7 +10,7 @@ from typing_extensions import override
 
 from taxel.channels import CHANNELS
 from taxel.corrections.term import BaseTerm, Columns
-from taxel.parts import ChannelName, PerChannel
+from taxel.schema import ChannelName, PerChannel
 
 
 class Leak(NamedTuple):

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from typing_extensions import override
 
 from taxel.corrections.term import BaseTerm, Columns
-from taxel.parts import PerChannel, Positive, Vector
+from taxel.schema import PerChannel, Positive, Vector
 
 _POSITION: Final = ("x", "y", "z")
 _FORCE: Final = ("fx", "fy", "fz")

@@ -9,7 +9,7 @@ from typing_extensions import override
 
 from taxel.channels import CHANNELS
 from taxel.corrections.term import BaseTerm, Columns
-from taxel.parts import ChannelName
+from taxel.schema import ChannelName
 
 
 class Substitute(BaseTerm):

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.parts import Part
+from taxel.schema import Schema
 
 Columns = Mapping[str, NDArray[np.float64]]
 """Features of n windows by name, each (n,)."""
 
 
-class BaseTerm(Part, ABC):
+class BaseTerm(Schema, ABC):
     """A term of a corrected model: counts = p + Σ terms(p, columns), then the substitutions.
 
     Every term is computed from the base model's own prediction p, so that their order does not

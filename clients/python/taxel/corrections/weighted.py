@@ -10,7 +10,7 @@ from typing_extensions import override
 
 from taxel.channels import CHANNELS, COUNTS_MAX, ELECTRODE_COLUMNS
 from taxel.corrections.term import BaseTerm, Columns
-from taxel.parts import PerChannel
+from taxel.schema import PerChannel
 
 ONE: Final = "one"
 """The feature that is always 1, for an offset or a gain; its reference is 0."""

@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from pydantic import FiniteFloat
 
 from taxel.errors import InvalidArgument
-from taxel.parts import Part
+from taxel.schema import Schema
 from taxel.windows.history import HistoryFeature, history_columns
 from taxel.windows.samples import Samples, resample
 
 
-class ExtraFeature(Part):
+class ExtraFeature(Schema):
     """A value that a model takes beside its window, such as the sensor's temperature `tdc`.
 
     One with a `history` is computed by the window builder; any other is given by whoever knows it.

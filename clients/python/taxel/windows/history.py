@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from typing_extensions import override
 
-from taxel.parts import NotNegative, Part, Positive
+from taxel.schema import NotNegative, Positive, Schema
 from taxel.windows.combinations import PERIOD_NS
 from taxel.windows.samples import Samples
 
@@ -38,7 +38,7 @@ def followed(which: Followed, ticks: NDArray[np.float64]) -> NDArray[np.float64]
     return {"fx": x, "fy": y, "fz": z}[which]
 
 
-class Recursive(Part, ABC):
+class Recursive(Schema, ABC):
     """A feature with a state y that follows u, starting at the segment's first u.
 
     Attributes:
@@ -62,7 +62,7 @@ class Recursive(Part, ABC):
         return self.value(y, u)
 
 
-class Lagged(Part, ABC):
+class Lagged(Schema, ABC):
     """A feature of a tick and the one `lag` ticks before it, or the segment's first if that is nearer."""
 
     lag: ClassVar[int]
@@ -169,7 +169,7 @@ class Speed(Lagged):
         return speed
 
 
-class Elapsed(Part):
+class Elapsed(Schema):
     """Time since the first sample of a recording or stream, within limits: clip(t, start, end) - start, s.
 
     A gap does not restart it. Beyond `end_s` it stays, so that nothing is extrapolated.

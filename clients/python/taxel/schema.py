@@ -7,7 +7,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat
 from taxel.channels import CHANNELS
 
 
-class Part(BaseModel):
+class Schema(BaseModel):
     """A part of a manifest: it never changes, and unknown fields are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
