@@ -1,6 +1,6 @@
 """The `bench` command."""
 
-from taxel.commands.frame import failing_clearly, new_app
+from taxel.commands.cli import failing_clearly, new_app
 from taxel_bench.compare.command import compare
 from taxel_bench.load.command import load
 from taxel_bench.run.command import run

@@ -7,7 +7,7 @@ from typing import Final
 
 from rich.progress import Progress, TaskID
 
-from taxel.commands.frame import ERR
+from taxel.commands.cli import ERR
 
 Watch = Callable[[float], None]
 """Told between calls how much is done; never during one."""

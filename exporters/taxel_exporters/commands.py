@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from taxel.commands.frame import ERR, OUT, Json, print_json
+from taxel.commands.cli import ERR, OUT, Json, print_json
 from taxel.errors import SettingsError
 from taxel.manifest import Manifest
 from taxel_exporters.card import rounding

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from taxel.atomic import check_folder_place
-from taxel.commands.frame import ERR, OUT, Json, print_json
+from taxel.commands.cli import ERR, OUT, Json, print_json
 from taxel.errors import SettingsError
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Final, Literal
 
 import typer
 
-from taxel.commands.frame import ERR, OUT, Json
+from taxel.commands.cli import ERR, OUT, Json
 from taxel.errors import ArtifactError
 from taxel.predictor import ModelInfo
 from taxel_server.options import ServerOptions

@@ -11,7 +11,7 @@ from click.testing import Result
 from typer.testing import CliRunner
 
 import taxel
-from taxel.commands.frame import failing_clearly
+from taxel.commands.cli import failing_clearly
 from taxel_exporters import corrected
 from taxel_exporters.loop import loop
 from taxel_models.loop.blocks import cut

@@ -9,7 +9,7 @@ import typer
 from typer.testing import CliRunner, Result
 
 from taxel.channels import CHANNELS
-from taxel.commands.frame import failing_clearly
+from taxel.commands.cli import failing_clearly
 from taxel.errors import SettingsError
 from taxel_models.commands.recording import recording as command
 from taxel_models.recordings import Recording, read_ruppel, write_ruppel

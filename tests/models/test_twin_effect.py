@@ -10,7 +10,7 @@ import typer
 from click.testing import Result
 from typer.testing import CliRunner
 
-from taxel.commands.frame import failing_clearly
+from taxel.commands.cli import failing_clearly
 from taxel_models.commands.twin import twin
 from taxel_models.recordings import read_ruppel, write_ruppel
 from taxel_models.twin import simulate

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from taxel.commands.frame import ERR, OUT, Json, print_json
+from taxel.commands.cli import ERR, OUT, Json, print_json
 
 
 def compare(

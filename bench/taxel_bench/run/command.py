@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from taxel.commands.frame import OUT, Json, print_json
+from taxel.commands.cli import OUT, Json, print_json
 from taxel.errors import SettingsError
 from taxel_bench.options import Repetitions, Seconds, Seed, parse_batches
 

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from taxel.atomic import check_folder_place, whole_folder
-from taxel.commands.frame import OUT, Json, print_json
+from taxel.commands.cli import OUT, Json, print_json
 from taxel.errors import SettingsError
 from taxel.windows import COMBINATIONS
 from taxel_bench.options import Repetitions, Seconds, Seed, parse_batches, parse_numbers

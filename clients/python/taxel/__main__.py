@@ -1,5 +1,5 @@
 """`python -m taxel`: the `taxel` command, for where its script is not on the path."""
 
-from taxel.commands.frame import main
+from taxel.commands.cli import main
 
 main()

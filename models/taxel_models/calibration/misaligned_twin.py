@@ -14,7 +14,7 @@ from rich.progress import track
 from rich.table import Table
 from scipy.spatial.transform import Rotation
 
-from taxel.commands.frame import Json, failing_clearly, print_json
+from taxel.commands.cli import Json, failing_clearly, print_json
 from taxel_models.calibration.calibration import Calibration, calibrate, in_sensor_frame
 from taxel_models.calibration.limits import TOUCH_N
 from taxel_models.calibration.motion import Motion

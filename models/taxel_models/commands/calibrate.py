@@ -7,7 +7,7 @@ import typer
 from rich.progress import Progress
 from rich.table import Table
 
-from taxel.commands.frame import ERR, OUT, Json, print_json
+from taxel.commands.cli import ERR, OUT, Json, print_json
 from taxel_models.calibration.limits import LIGHT_N, TOUCH_N, Limits
 
 _DISTANCES = ("mean", "median", "rms")

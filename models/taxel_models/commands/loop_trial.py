@@ -8,7 +8,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from taxel.atomic import check_file_place, whole_file
-from taxel.commands.frame import ERR, OUT, Json, print_json
+from taxel.commands.cli import ERR, OUT, Json, print_json
 from taxel.commands.models import Repository
 
 if TYPE_CHECKING:

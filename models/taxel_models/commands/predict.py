@@ -11,7 +11,7 @@ from rich.progress import track
 
 from taxel.atomic import check_file_place, check_folder_place
 from taxel.channels import CHANNELS
-from taxel.commands.frame import ERR, OUT, Json, print_json
+from taxel.commands.cli import ERR, OUT, Json, print_json
 from taxel.commands.models import Connect, Repository, open_source
 from taxel.errors import SettingsError
 from taxel.predictor import Predictor

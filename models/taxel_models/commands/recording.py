@@ -8,7 +8,7 @@ import typer
 from rich.progress import Progress
 from rich.table import Table
 
-from taxel.commands.frame import ERR, OUT, Json, print_json
+from taxel.commands.cli import ERR, OUT, Json, print_json
 
 if TYPE_CHECKING:
     from taxel_models.recordings import Recording

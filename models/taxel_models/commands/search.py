@@ -10,7 +10,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from taxel.commands.frame import ERR, OUT, Json, print_json
+from taxel.commands.cli import ERR, OUT, Json, print_json
 
 if TYPE_CHECKING:
     from distributed import Client

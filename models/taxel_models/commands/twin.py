@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from taxel.atomic import check_file_place, whole_file
-from taxel.commands.frame import OUT, Json, print_json
+from taxel.commands.cli import OUT, Json, print_json
 from taxel.errors import SettingsError
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from scipy import stats
 
 from taxel.artifacts import folder_of, read
 from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
-from taxel.commands.frame import Json, failing_clearly, print_json
+from taxel.commands.cli import Json, failing_clearly, print_json
 from taxel.errors import SettingsError
 from taxel_models.calibration.light_contacts import LightContacts
 from taxel_models.calibration.limits import Limits

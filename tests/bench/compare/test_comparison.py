@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from taxel.artifacts import folder_of
-from taxel.commands.frame import failing_clearly, new_app
+from taxel.commands.cli import failing_clearly, new_app
 from taxel.errors import SettingsError, Unavailable
 from taxel_bench.compare.command import compare
 from taxel_bench.compare.comparison import Comparison, Plan, _prepared, run_comparison

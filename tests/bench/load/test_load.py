@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 import taxel
-from taxel.commands.frame import failing_clearly, new_app
+from taxel.commands.cli import failing_clearly, new_app
 from taxel.errors import TaxelError, Unavailable
 from taxel_bench.load.clients import ready_clients
 from taxel_bench.load.command import load
@@ -138,7 +138,7 @@ def test_a_client_process_that_dies_is_told(endpoint: str) -> None:
 def test_interrupted_it_leaves_no_process(endpoint: str) -> None:
     """Ctrl-C reaches the whole group; nothing but one line is said."""
     program = (
-        "from taxel.commands.frame import failing_clearly\n"
+        "from taxel.commands.cli import failing_clearly\n"
         "from taxel_bench.load.command import load\n"
         "import signal\n"
         "import typer\n"

@@ -9,7 +9,7 @@ import typer
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from taxel.commands.frame import failing_clearly
+from taxel.commands.cli import failing_clearly
 from taxel_models.calibration.misaligned_twin import moved
 from taxel_models.calibration.motion import Motion
 from taxel_models.commands.calibrate import calibrate

@@ -7,7 +7,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from taxel.commands.frame import failing_clearly
+from taxel.commands.cli import failing_clearly
 from taxel.errors import SettingsError
 from taxel_models.commands.search import search
 from taxel_models.commands.train import train

@@ -7,7 +7,7 @@ import pytest
 import typer
 from typer.testing import CliRunner, Result
 
-from taxel.commands.frame import failing_clearly
+from taxel.commands.cli import failing_clearly
 from taxel_models.commands.study import study as command
 from taxel_models.recordings import Recording, write_ruppel
 from taxel_models.study.plan import StudyPlan

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from taxel.artifacts import folder_of, read
 from taxel.channels import CHANNELS
-from taxel.commands.frame import failing_clearly
+from taxel.commands.cli import failing_clearly
 from taxel.errors import SettingsError
 from taxel_models.shipped import shipped_repository
 from taxel_models.study.published import ROWS

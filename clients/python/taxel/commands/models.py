@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from taxel.commands.frame import OUT, Json, print_json
+from taxel.commands.cli import OUT, Json, print_json
 from taxel.errors import SettingsError
 from taxel.predictor import PredictorSource
 

@@ -1,4 +1,4 @@
-"""What every command shares: how commands are found, how they print, how they fail.
+"""The `taxel` command line: how commands are found, how they print, how they fail.
 
 Results go to stdout, progress and errors to stderr; `--json` prints one object. Exit 0 is
 success, 2 bad use, 1 any other failure. rich honours `NO_COLOR` and drops colour and progress
@@ -86,7 +86,7 @@ def build() -> typer.Typer:
     app = new_app("Taxel plays a BioTac tactile fingertip for robot simulators.")
 
     @app.callback()
-    def frame(
+    def root(
         version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True)] = False,
     ) -> None:
         """Taxel plays a BioTac tactile fingertip for robot simulators."""
