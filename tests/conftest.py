@@ -7,8 +7,8 @@ import pytest
 from hypothesis import settings
 
 from taxel_models.training import trained as trained_models
-from taxel_models.training.split import SplitPlan
-from taxel_models.training.train import TrainingPlan, train
+from taxel_models.training.split import SplitSettings
+from taxel_models.training.train import TrainingSettings, train
 from taxel_models.twin import simulate
 
 CHECKOUT = Path(__file__).resolve().parent.parent
@@ -22,7 +22,7 @@ settings.load_profile("taxel")
 def trained_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small XGBoost model for input combination 1, trained on a few seconds of the twin."""
     hyperparameters = {"n_estimators": 8, "max_depth": 4, "eta": 0.4, "min_child_weight": 5}
-    plan = TrainingPlan("xgb", 1, SplitPlan("chunks"), overrides=hyperparameters)
+    plan = TrainingSettings("xgb", 1, SplitSettings("chunks"), overrides=hyperparameters)
     model, held_out = train([simulate(8000, 3)], plan)
     folder = tmp_path_factory.mktemp("training") / "trained"
     trained_models.save(model, held_out, folder)

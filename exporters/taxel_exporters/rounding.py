@@ -6,7 +6,7 @@ from typing import Final
 from taxel.errors import ArtifactError
 from taxel.manifest import RoundedWeights
 from taxel_exporters.parity import predict_both
-from taxel_models.evaluation.metrics import Errors
+from taxel_models.evaluation.metrics import ErrorMetrics
 from taxel_models.training.dataset import Examples
 from taxel_models.training.trained import TrainedModel
 
@@ -28,8 +28,8 @@ def check_rounding(
     """
     found, expected = predict_both(repository, name, trained, held_out)
     std = trained.record.normalisation.output_std
-    rounded = Errors.of(held_out.channels, found, std).norm_mae
-    exact = Errors.of(held_out.channels, expected, std).norm_mae
+    rounded = ErrorMetrics.of(held_out.channels, found, std).norm_mae
+    exact = ErrorMetrics.of(held_out.channels, expected, std).norm_mae
     if not rounded <= exact * (1 + LARGEST_RISE):
         raise ArtifactError(
             f"rounded weights: normalised MAE {rounded:.5g} on {len(held_out)} held-out windows, with "

@@ -5,7 +5,7 @@ import pytest
 
 import taxel
 from taxel.artifacts import folder_of, read
-from taxel_models.evaluation.metrics import Errors
+from taxel_models.evaluation.metrics import ErrorMetrics
 from taxel_models.shipped import shipped_repository
 from taxel_models.training.dataset import examples
 from taxel_models.twin import simulate
@@ -35,5 +35,5 @@ def test_each_says_what_it_is_and_does_it(name: str) -> None:
         predicted = source.predictor(name).predict(found.windows)
     std = manifest.normalisation.output_std
     mean = np.broadcast_to(np.float32(manifest.normalisation.output_mean), predicted.shape)
-    ours, baseline = (Errors.of(found.channels, each, std).norm_mae for each in (predicted, mean))
+    ours, baseline = (ErrorMetrics.of(found.channels, each, std).norm_mae for each in (predicted, mean))
     assert ours < 0.6 * baseline

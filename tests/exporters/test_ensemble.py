@@ -13,8 +13,8 @@ from taxel_bench.server_process import running_server
 from taxel_exporters.export import export
 from taxel_models.families.registry import family, resolve
 from taxel_models.training import trained as trained_models
-from taxel_models.training.split import SplitPlan
-from taxel_models.training.train import TrainingPlan, train
+from taxel_models.training.split import SplitSettings
+from taxel_models.training.train import TrainingSettings, train
 from taxel_models.training.trained import TrainedModel
 from taxel_models.twin import simulate
 
@@ -33,7 +33,7 @@ OVERRIDES = {
 def repository(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A repository with an ensemble of three families, and the model it was exported from."""
     folder = tmp_path_factory.mktemp("ensemble")
-    plan = TrainingPlan("ensemble", 1, SplitPlan("chunks"), overrides=OVERRIDES)
+    plan = TrainingSettings("ensemble", 1, SplitSettings("chunks"), overrides=OVERRIDES)
     model, held_out = train([simulate(4000, 3)], plan)
     trained_models.save(model, held_out, folder / "trained")
     manifest = export(folder / "trained", folder / "repository")
@@ -85,7 +85,9 @@ def test_remote_and_local_agree_on_the_spread(repository: Path, windows: np.ndar
 
 
 def test_a_measured_temperature_reaches_only_the_members_that_take_it(tmp_path: Path) -> None:
-    plan = TrainingPlan("ensemble", 1, SplitPlan("chunks"), overrides=OVERRIDES, temperature="measured")
+    plan = TrainingSettings(
+        "ensemble", 1, SplitSettings("chunks"), overrides=OVERRIDES, temperature="measured"
+    )
     model, held_out = train([simulate(4000, 3)], plan)
     trained_models.save(model, held_out, tmp_path / "trained")
     manifest = export(tmp_path / "trained", tmp_path / "repository")

@@ -21,8 +21,8 @@ from taxel_exporters.export import export
 from taxel_exporters.onnx_int8 import with_int8_weights
 from taxel_exporters.weights import Weights
 from taxel_models.training import trained as trained_models
-from taxel_models.training.split import SplitPlan
-from taxel_models.training.train import TrainingPlan, train
+from taxel_models.training.split import SplitSettings
+from taxel_models.training.train import TrainingSettings, train
 from taxel_models.twin import simulate
 
 
@@ -36,7 +36,7 @@ def dense_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "patience": 0,
         "learning_rate": 0.001,
     }
-    plan = TrainingPlan("ffnn", 1, SplitPlan("chunks"), overrides=overrides)
+    plan = TrainingSettings("ffnn", 1, SplitSettings("chunks"), overrides=overrides)
     model, held_out = train([simulate(4000, 3)], plan)
     folder = tmp_path_factory.mktemp("dense") / "trained"
     trained_models.save(model, held_out, folder)

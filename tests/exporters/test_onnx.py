@@ -14,8 +14,8 @@ from taxel_exporters.export import export
 from taxel_exporters.onnx_file import IR_VERSION, OPSET
 from taxel_exporters.onnx_trees import trees_onnx
 from taxel_models.training import trained as trained_models
-from taxel_models.training.split import SplitPlan
-from taxel_models.training.train import TrainingPlan, train
+from taxel_models.training.split import SplitSettings
+from taxel_models.training.train import TrainingSettings, train
 from taxel_models.training.trained import TrainedModel
 from taxel_models.twin import simulate
 
@@ -35,8 +35,8 @@ NETWORKS: dict[str, dict[str, Any]] = {
 
 def train_network(folder: Path, name: str, **changes: Any) -> Path:
     overrides = {**NETWORKS[name], **QUICK}
-    plan = TrainingPlan(
-        name, changes.pop("combination", 1), SplitPlan("chunks"), overrides=overrides, **changes
+    plan = TrainingSettings(
+        name, changes.pop("combination", 1), SplitSettings("chunks"), overrides=overrides, **changes
     )
     model, held_out = train([simulate(4000, 3)], plan)
     trained_models.save(model, held_out, folder / "trained")

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from taxel.errors import InvalidArgument
-from taxel_models.evaluation.metrics import Errors
+from taxel_models.evaluation.metrics import ErrorMetrics
 
 
 def test_the_four_figures_of_the_papers_tables() -> None:
     rng = np.random.default_rng(1)
     measured, predicted = rng.normal(size=(50, 21)), rng.normal(size=(50, 21)).astype(np.float32)
     std = rng.uniform(1, 9, 21)
-    errors = Errors.of(measured, predicted, tuple(std))
+    errors = ErrorMetrics.of(measured, predicted, tuple(std))
     difference = np.abs(measured - predicted)
     assert errors.mae == pytest.approx(difference.mean())
     assert errors.norm_mae == pytest.approx((difference / std).mean())
@@ -26,4 +26,4 @@ def test_the_four_figures_of_the_papers_tables() -> None:
 def test_what_cannot_be_compared_is_refused(rows: int, columns: int) -> None:
     measured = np.zeros((4 if rows else 0, 21))
     with pytest.raises(InvalidArgument, match="expected the same"):
-        Errors.of(measured, np.zeros((rows, columns), np.float32), (1.0,) * 21)
+        ErrorMetrics.of(measured, np.zeros((rows, columns), np.float32), (1.0,) * 21)

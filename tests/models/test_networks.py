@@ -16,7 +16,7 @@ from taxel_models.families.networks.network import NetworkFamily, NetworkModel, 
 from taxel_models.families.registry import family, resolve
 from taxel_models.recordings import Recording
 from taxel_models.training import trained as trained_models
-from taxel_models.training.train import TrainingPlan, train
+from taxel_models.training.train import TrainingSettings, train
 
 Make = Callable[..., Recording]
 
@@ -44,8 +44,8 @@ def network(name: str, combination: int) -> torch.nn.Module:
     return kind.build(shape, resolve(kind, combination, {}))
 
 
-def plan(name: str, **changes: Any) -> TrainingPlan:
-    return TrainingPlan(
+def plan(name: str, **changes: Any) -> TrainingSettings:
+    return TrainingSettings(
         **{"model": name, "combination": 1, "overrides": {**SMALL[name], **QUICK}, **changes}
     )
 

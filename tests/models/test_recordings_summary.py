@@ -13,8 +13,8 @@ from taxel.commands.cli import failing_clearly
 from taxel.errors import SettingsError
 from taxel_models.commands.recording import recording as command
 from taxel_models.recordings import Recording, read_ruppel, write_ruppel
-from taxel_models.recordings.drawing import draw
 from taxel_models.recordings.recording import AUXILIARY
+from taxel_models.recordings.recording_plot import draw
 from taxel_models.recordings.summary import summarise
 
 

@@ -11,7 +11,7 @@ from taxel.errors import SettingsError
 from taxel.windows import COMBINATIONS, WindowSpec, build_windows
 from taxel_models.recordings import Recording
 from taxel_models.training.dataset import Dataset, examples
-from taxel_models.training.split import CHUNK_ROWS, Part, SplitPlan, split
+from taxel_models.training.split import CHUNK_ROWS, SplitSettings, Subset, split
 
 Make = Callable[..., Recording]
 several = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
@@ -21,11 +21,11 @@ several = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], 
 @given(st.lists(st.integers(30, 2500), min_size=20, max_size=40), st.integers(0, 99))
 def test_trials_are_held_out_whole(make_recording: Make, segment_rows: list[int], seed: int) -> None:
     recording = make_recording(segment_rows)
-    (parts,) = split([recording], SplitPlan("auto", seed=seed))
+    (parts,) = split([recording], SplitSettings("auto", seed=seed))
     of_segment = [set(parts[segment].tolist()) for segment in recording.segments]
     assert all(len(found) == 1 for found in of_segment)
-    tests = sum(found == {Part.TEST} for found in of_segment)
-    validations = sum(found == {Part.VALIDATION} for found in of_segment)
+    tests = sum(found == {Subset.TEST} for found in of_segment)
+    validations = sum(found == {Subset.VALIDATION} for found in of_segment)
     assert tests == validations == round(0.1 * len(segment_rows))
 
 
@@ -33,7 +33,7 @@ def test_trials_are_held_out_whole(make_recording: Make, segment_rows: list[int]
 @given(st.lists(st.integers(30, 6000), min_size=4, max_size=8), st.integers(0, 99))
 def test_chunks_are_held_out_whole(make_recording: Make, segment_rows: list[int], seed: int) -> None:
     recording = make_recording(segment_rows)
-    (parts,) = split([recording], SplitPlan("chunks", seed=seed))
+    (parts,) = split([recording], SplitSettings("chunks", seed=seed))
     for segment in recording.segments:
         for start in range(segment.start, segment.stop, CHUNK_ROWS):
             assert len(set(parts[start : min(start + CHUNK_ROWS, segment.stop)].tolist())) == 1
@@ -42,7 +42,7 @@ def test_chunks_are_held_out_whole(make_recording: Make, segment_rows: list[int]
 
 def test_the_seed_decides(make_recording: Make) -> None:
     recording = make_recording([100] * 40)
-    first, again, other = (split([recording], SplitPlan("trials", seed=s))[0] for s in (1, 1, 2))
+    first, again, other = (split([recording], SplitSettings("trials", seed=s))[0] for s in (1, 1, 2))
     np.testing.assert_array_equal(first, again)
     assert (first != other).any()
 
@@ -51,13 +51,13 @@ def test_the_seed_decides(make_recording: Make) -> None:
 def test_no_sample_serves_two_parts(make_recording: Make, combination: int) -> None:
     recording = make_recording([5300, 4100])
     spec = WindowSpec.of(combination)
-    data = Dataset.of([recording], spec, SplitPlan("chunks", seed=3))
-    (parts,) = split([recording], SplitPlan("chunks", seed=3))
+    data = Dataset.of([recording], spec, SplitSettings("chunks", seed=3))
+    (parts,) = split([recording], SplitSettings("chunks", seed=3))
     # The parts' windows are exactly those of each part's rows taken as recordings of their own.
     for part, found in (
-        (Part.TRAIN, data.train),
-        (Part.VALIDATION, data.validation),
-        (Part.TEST, data.test),
+        (Subset.TRAIN, data.train),
+        (Subset.VALIDATION, data.validation),
+        (Subset.TEST, data.test),
     ):
         alone = examples(recording.rows(parts == part), spec)
         np.testing.assert_array_equal(found.windows, alone.windows)
@@ -70,22 +70,22 @@ def test_no_sample_serves_two_parts(make_recording: Make, combination: int) -> N
 def test_the_test_rows_come_back_as_recordings(make_recording: Make) -> None:
     recordings = [make_recording([900] * 25, seed) for seed in (1, 2)]
     spec = WindowSpec.of(1)
-    data = Dataset.of(recordings, spec, SplitPlan(seed=1))
+    data = Dataset.of(recordings, spec, SplitSettings(seed=1))
     windows = np.concatenate([examples(recording, spec).windows for recording in data.test_recordings])
     np.testing.assert_array_equal(windows, data.test.windows)
 
 
 def test_too_little_to_split_is_refused(make_recording: Make) -> None:
     with pytest.raises(SettingsError, match="too few"):
-        split([make_recording([1500])], SplitPlan())
+        split([make_recording([1500])], SplitSettings())
 
 
 def test_segments_shorter_than_a_window_are_refused(make_recording: Make) -> None:
     with pytest.raises(SettingsError, match="no window"):
-        Dataset.of([make_recording([15] * 30)], WindowSpec.of(1), SplitPlan())
+        Dataset.of([make_recording([15] * 30)], WindowSpec.of(1), SplitSettings())
 
 
 @pytest.mark.parametrize(("test", "validation"), [(0, 0.1), (0.5, 0.5), (-0.1, 0.2), (0.1, 1.2)])
 def test_shares_that_leave_a_part_empty_are_refused(test: float, validation: float) -> None:
     with pytest.raises(SettingsError, match="expected shares"):
-        SplitPlan(test=test, validation=validation)
+        SplitSettings(test=test, validation=validation)

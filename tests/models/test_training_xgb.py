@@ -16,8 +16,8 @@ from taxel_models.families.registry import family, resolve
 from taxel_models.recordings import Recording
 from taxel_models.training import trained as trained_models
 from taxel_models.training.dataset import Dataset
-from taxel_models.training.split import SplitPlan
-from taxel_models.training.train import TrainingPlan, train
+from taxel_models.training.split import SplitSettings
+from taxel_models.training.train import TrainingSettings, train
 
 Make = Callable[..., Recording]
 SMALL = {"n_estimators": 6, "max_depth": 3, "eta": 0.5, "min_child_weight": 5}
@@ -28,8 +28,8 @@ def recording(make_recording: Make) -> Recording:
     return make_recording([400] * 25)
 
 
-def small_plan(**changes: object) -> TrainingPlan:
-    return TrainingPlan(**{"model": "xgb", "combination": 2, "overrides": SMALL, **changes})  # type: ignore[arg-type]
+def small_plan(**changes: object) -> TrainingSettings:
+    return TrainingSettings(**{"model": "xgb", "combination": 2, "overrides": SMALL, **changes})  # type: ignore[arg-type]
 
 
 def test_the_same_seed_gives_the_same_model_on_any_number_of_cores(recording: Recording) -> None:
@@ -47,7 +47,7 @@ def test_it_learns_and_reports_beside_the_mean_predictor(recording: Recording) -
     metrics = model.record.training.metrics
     assert metrics["test"]["norm_mae"] < 0.8 * metrics["mean_predictor"]["norm_mae"]
     assert set(metrics["test"]["per_channel"]) == set(CHANNELS)
-    data = Dataset.of([recording], model.spec, SplitPlan())
+    data = Dataset.of([recording], model.spec, SplitSettings())
     predicted = model.predict(data.test.windows)
     mae = np.abs(predicted - data.test.channels).mean()
     assert metrics["test"]["mae"] == pytest.approx(mae, rel=1e-6)
@@ -56,7 +56,7 @@ def test_it_learns_and_reports_beside_the_mean_predictor(recording: Recording) -
 
 def test_statistics_come_from_the_training_part_alone(recording: Recording) -> None:
     model, _ = train([recording], small_plan())
-    data = Dataset.of([recording], WindowSpec.of(2), SplitPlan())
+    data = Dataset.of([recording], WindowSpec.of(2), SplitSettings())
     normalisation = model.record.normalisation
     np.testing.assert_allclose(normalisation.output_mean, data.train.channels.mean(axis=0), rtol=1e-6)
     np.testing.assert_allclose(normalisation.output_std, data.train.channels.std(axis=0), rtol=1e-6)
@@ -68,7 +68,7 @@ def test_statistics_come_from_the_training_part_alone(recording: Recording) -> N
 def test_a_channel_is_what_xgboost_alone_would_fit(recording: Recording) -> None:
     """One channel against XGBRegressor on the same numbers with the same settings."""
     model, _ = train([recording], small_plan(overrides={**SMALL, "early_stopping_rounds": 0}))
-    data = Dataset.of([recording], WindowSpec.of(2), SplitPlan())
+    data = Dataset.of([recording], WindowSpec.of(2), SplitSettings())
     normalisation = model.record.normalisation
     scale = lambda values, mean, std: (values - np.float32(mean)) / np.float32(std)  # noqa: E731
     windows = scale(data.train.windows, normalisation.input_mean, normalisation.input_std)

@@ -27,8 +27,8 @@ def demo(
     import taxel
     from taxel_bench.demo.replay import replay
     from taxel_bench.server_process import running_server
-    from taxel_models.evaluation.metrics import Errors
-    from taxel_models.evaluation.table import error_table
+    from taxel_models.evaluation.error_table import error_table
+    from taxel_models.evaluation.metrics import ErrorMetrics
     from taxel_models.shipped import shipped_repository
     from taxel_models.twin import simulate
 
@@ -57,7 +57,7 @@ def demo(
             watch=lambda done: progress.update(bar, completed=done),
         )
     manifest = predictor.manifest
-    errors = Errors.of(flat_out.measured, flat_out.predicted, manifest.normalisation.output_std)
+    errors = ErrorMetrics.of(flat_out.measured, flat_out.predicted, manifest.normalisation.output_std)
     runs = {"100 Hz": paced, "flat out": flat_out}
     if as_json:
         timings = {name: {**run.latencies.report(), "late": run.late} for name, run in runs.items()}

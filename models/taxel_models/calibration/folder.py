@@ -13,7 +13,7 @@ from typing import Final
 
 from taxel.atomic import whole_folder
 from taxel_models.calibration.calibration import Calibration, in_sensor_frame
-from taxel_models.calibration.drawing import draw_contacts, draw_nearest
+from taxel_models.calibration.contact_plots import draw_contacts, draw_nearest
 from taxel_models.recordings import Recording, write_ruppel
 from taxel_models.twin.sensor import Sensor
 

@@ -95,13 +95,13 @@ def _compare(
     report: Path | None,
     as_json: bool,
 ) -> None:
-    from taxel_models.evaluation.metrics import Errors
-    from taxel_models.evaluation.table import error_table
+    from taxel_models.evaluation.error_table import error_table
+    from taxel_models.evaluation.metrics import ErrorMetrics
 
     normalisation = predictor.manifest.normalisation
-    errors = Errors.of(measured, predicted, normalisation.output_std)
+    errors = ErrorMetrics.of(measured, predicted, normalisation.output_std)
     if report is not None:
-        from taxel_models.evaluation.report import write_report
+        from taxel_models.evaluation.evaluation_report import write_report
 
         write_report(
             report,

@@ -34,7 +34,7 @@ def recording(path: Source, plot: Plot = None, output: Output = None, as_json: J
     if output is not None:
         write_ruppel(read, output)
     if plot is not None:
-        from taxel_models.recordings.drawing import draw
+        from taxel_models.recordings.recording_plot import draw
 
         draw(read, plot)
     summary = summarise(read)

@@ -67,15 +67,15 @@ def search(
     from taxel_models.commands.train import parse_settings
     from taxel_models.recordings import read_recording
     from taxel_models.search.objective import fit_task
-    from taxel_models.search.plan import SearchPlan
-    from taxel_models.search.report import WINNER, summary, write_report
     from taxel_models.search.run import search as run
+    from taxel_models.search.search_results import WINNER, summary, write_report
+    from taxel_models.search.search_settings import SearchSettings
 
     output = output.resolve()
     with _progress() as progress, _cluster(scheduler) as client:
         bar = progress.add_task("reading", total=1.0, note="")
         recordings = [read_recording(path) for path in data]
-        plan = SearchPlan.of(
+        plan = SearchSettings.of(
             recordings,
             family=model,
             combination=inputs,

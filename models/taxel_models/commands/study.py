@@ -68,13 +68,18 @@ def study(
     """Compare models and input combinations by cross-validation, as the paper does."""
     from taxel_models.commands.train import parse_settings
     from taxel_models.study.cluster import cluster_runner
-    from taxel_models.study.plan import PROTOCOLS, StudyPlan, parse_combinations, parse_overrides
-    from taxel_models.study.report import RESULTS, describe, scale_statement, write_report
     from taxel_models.study.run import Study, compute_here, run_study
     from taxel_models.study.store import Store
+    from taxel_models.study.study_report import RESULTS, describe, scale_statement, write_report
+    from taxel_models.study.study_settings import (
+        PROTOCOLS,
+        StudySettings,
+        parse_combinations,
+        parse_overrides,
+    )
     from taxel_models.study.summary import Summary
 
-    plan = StudyPlan(
+    plan = StudySettings(
         models=tuple(name.strip() for name in models.split(",")),
         combinations=parse_combinations(inputs),
         protocols=PROTOCOLS if protocol == "both" else (protocol,),

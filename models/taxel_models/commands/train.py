@@ -60,8 +60,8 @@ def train(
     from taxel.atomic import check_folder_place
     from taxel_models.recordings import read_recording
     from taxel_models.training.hyperparameters import read_hyperparameters
-    from taxel_models.training.split import SplitPlan
-    from taxel_models.training.train import TrainingPlan
+    from taxel_models.training.split import SplitSettings
+    from taxel_models.training.train import TrainingSettings
     from taxel_models.training.train import train as fit
     from taxel_models.training.trained import RECORD, save
 
@@ -69,10 +69,10 @@ def train(
     check_folder_place(output, replacing=RECORD if overwrite else None)
     found = read_hyperparameters(hyperparameters, model, inputs) if hyperparameters else {}
     output.parent.mkdir(parents=True, exist_ok=True)
-    plan = TrainingPlan(
+    plan = TrainingSettings(
         model=model,
         combination=inputs,
-        split=SplitPlan(holdout, test, validation, split_seed),
+        split=SplitSettings(holdout, test, validation, split_seed),
         seed=seed,
         overrides=found | parse_settings(settings or []) | ({"members": members} if members else {}),
         temperature=temperature,

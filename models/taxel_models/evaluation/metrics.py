@@ -11,7 +11,7 @@ from taxel.errors import InvalidArgument
 
 
 @dataclass(frozen=True)
-class Errors:
+class ErrorMetrics:
     """Mean absolute errors of one set of predictions.
 
     Attributes:

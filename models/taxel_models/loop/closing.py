@@ -9,7 +9,7 @@ from scipy import stats
 
 from taxel.corrections import Parameter
 from taxel.manifest import Manifest
-from taxel_models.evaluation.metrics import Errors
+from taxel_models.evaluation.metrics import ErrorMetrics
 from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import FOLDS, Blocks, cut
@@ -164,8 +164,8 @@ def _findings(
             )
             for one in attribution.rejected
         ),
-        before=Errors.of(measured, evidence.predicted[rows], spread).report(),
-        after=Errors.of(measured, after[rows], spread).report(),
+        before=ErrorMetrics.of(measured, evidence.predicted[rows], spread).report(),
+        after=ErrorMetrics.of(measured, after[rows], spread).report(),
         test=_paired(evidence, blocks, after, spread),
         unexplained=remainder(evidence, evidence.measured - after, noise.differences, rows),
     )

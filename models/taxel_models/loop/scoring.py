@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from taxel.channels import ELECTRODE_COLUMNS
-from taxel_models.evaluation.resampled import corrected_error
+from taxel_models.evaluation.standard_error import corrected_standard_error
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.moments import Moments
@@ -112,7 +112,7 @@ def difference_test(by_fold: Floats) -> tuple[float, float]:
     """t and one-sided p of the corrected resampled t-test: whether the mean over folds is above 0."""
     folds = len(by_fold)
     # Each fold is tested on one part and fitted to the others.
-    t = float(by_fold.mean()) / max(corrected_error(by_fold, 1.0 / max(folds - 1, 1)), 1e-12)
+    t = float(by_fold.mean()) / max(corrected_standard_error(by_fold, 1.0 / max(folds - 1, 1)), 1e-12)
     return t, float(stats.t.sf(t, folds - 1))
 
 

@@ -11,8 +11,8 @@ from taxel.atomic import whole_file
 from taxel.channels import CHANNELS, ELECTRODES
 from taxel.errors import RecordingError, SettingsError
 from taxel.windows import Samples
+from taxel_models.recordings.csv_table import TimeColumn, read_table
 from taxel_models.recordings.recording import AUXILIARY, Recording
-from taxel_models.recordings.table import TimeColumn, read_table
 
 TIME: Final = "%time"
 POSITION: Final = tuple(f"field.position.{axis}" for axis in "xyz")

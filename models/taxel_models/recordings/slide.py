@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS, ELECTRODE_COLUMNS, ELECTRODES
 from taxel.errors import RecordingError
 from taxel.windows.samples import GAP_NS
+from taxel_models.recordings.csv_table import Table, TimeColumn, read_table
 from taxel_models.recordings.glitches import glitches
 from taxel_models.recordings.recording import AUXILIARY, Recording
-from taxel_models.recordings.table import Table, TimeColumn, read_table
 
 OUTSIDE: Final = "outside the robot streams"
 GLITCH: Final = "electrode glitch"

@@ -12,7 +12,7 @@ from taxel.windows import WindowSpec
 from taxel_models.families.family import FitTask
 from taxel_models.families.registry import family, resolve
 from taxel_models.recordings import Recording
-from taxel_models.search.plan import SearchPlan
+from taxel_models.search.search_settings import SearchSettings
 from taxel_models.search.spaces import search_space
 from taxel_models.training.dataset import Dataset
 from taxel_models.training.train import Scalers
@@ -24,7 +24,7 @@ TASK: Final = "task"
 """The name under which the task travels to workers."""
 
 
-def fit_task(recordings: Sequence[Recording], plan: SearchPlan, jobs: int) -> FitTask:
+def fit_task(recordings: Sequence[Recording], plan: SearchSettings, jobs: int) -> FitTask:
     """The training and the validation part, z-scored by the training part; the test part stays unseen.
 
     Raises:
@@ -36,7 +36,7 @@ def fit_task(recordings: Sequence[Recording], plan: SearchPlan, jobs: int) -> Fi
     return FitTask(spec, scalers.apply(data.train), scalers.apply(data.validation), plan.seed, jobs)
 
 
-def hyperparameters_of(plan: SearchPlan, values: Mapping[str, Any]) -> dict[str, Any]:
+def hyperparameters_of(plan: SearchSettings, values: Mapping[str, Any]) -> dict[str, Any]:
     """A configuration as the family's hyperparameters, with those that are held."""
     plain = {
         name: value.item() if isinstance(value, np.generic) else value for name, value in values.items()
@@ -53,7 +53,7 @@ class Objective:
         task: to fit to; none where it is scattered to workers instead.
     """
 
-    plan: SearchPlan
+    plan: SearchSettings
     task: FitTask | None
 
     def cost(

@@ -19,7 +19,7 @@ from typing_extensions import override
 from taxel.errors import ArtifactError, TaxelError
 from taxel_models.families.family import FitTask, Progress, unseen
 from taxel_models.search.objective import TASK, Objective, hyperparameters_of
-from taxel_models.search.plan import SearchPlan
+from taxel_models.search.search_settings import SearchSettings
 from taxel_models.search.spaces import search_space
 
 STATE: Final = "smac"
@@ -70,7 +70,7 @@ class Outcome:
 
 
 class _Scenario(Scenario):  # type: ignore[misc]
-    """A scenario that continues whatever its folder holds: `SearchPlan.keep` has compared the settings.
+    """A scenario that continues whatever its folder holds: `SearchSettings.keep` has compared the settings.
 
     SMAC would ask on the terminal where folder or code have moved.
     """
@@ -100,7 +100,7 @@ class _Watch(Callback):  # type: ignore[misc]
 
 
 def search(
-    plan: SearchPlan,
+    plan: SearchSettings,
     task: FitTask,
     folder: Path,
     *,
@@ -157,7 +157,7 @@ def search(
     return _outcome(plan, smac)
 
 
-def _outcome(plan: SearchPlan, smac: HyperparameterOptimizationFacade) -> Outcome:
+def _outcome(plan: SearchSettings, smac: HyperparameterOptimizationFacade) -> Outcome:
     history = smac.runhistory
     trials = tuple(
         Trial(

@@ -11,11 +11,11 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from taxel import __version__
 from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
-from taxel_models.evaluation.metrics import Errors
+from taxel_models.evaluation.metrics import ErrorMetrics
 from taxel_models.families.family import FitTask, History, Progress, unseen
 from taxel_models.families.registry import family
 from taxel_models.study.fold_data import FoldData
-from taxel_models.study.plan import Cell, Protocol
+from taxel_models.study.study_settings import Cell, Protocol
 from taxel_models.study.sweep import TemperatureSweep, sweep_temperature
 
 Metric = Literal["mae", "norm_mae", "rmse", "norm_rmse"]
@@ -45,7 +45,7 @@ class ChannelErrors(BaseModel):
         cls, measured: NDArray[np.float64], predicted: NDArray[np.float32], std: NDArray[np.float32]
     ) -> Self:
         """Compare (n, 21) counts; `std` (21,) are the deviations that normalise."""
-        absolute = Errors.of(measured, predicted, std)
+        absolute = ErrorMetrics.of(measured, predicted, std)
         rmse = np.sqrt(np.square(measured - predicted).mean(axis=0))
         return cls(
             mae=tuple(absolute.channel_mae.tolist()),
@@ -64,7 +64,7 @@ class CellResult(BaseModel):
     """What is kept of a finished cell.
 
     Attributes:
-        key: `StudyPlan.key`, of everything the result depends on.
+        key: `StudySettings.key`, of everything the result depends on.
         fold: counted from 0.
         parameters: learnable ones; for trees their nodes.
         windows: in each part.

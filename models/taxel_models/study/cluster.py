@@ -10,8 +10,8 @@ from taxel_models.families.family import Progress
 from taxel_models.study.cell import CellResult, compute
 from taxel_models.study.fold_data import fold_data
 from taxel_models.study.folds import Partition
-from taxel_models.study.plan import Protocol
 from taxel_models.study.run import Batch, Runner
+from taxel_models.study.study_settings import Protocol
 from taxel_models.training.cluster import connect
 
 

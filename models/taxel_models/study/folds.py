@@ -16,8 +16,8 @@ from taxel.errors import SettingsError
 from taxel.windows import PERIOD_NS, WindowSpec
 from taxel.windows.combinations import COMBINATIONS
 from taxel_models.recordings import Recording
-from taxel_models.study.plan import Protocol
-from taxel_models.training.split import CHUNK_ROWS, Part, Unit, has_trials, units_of
+from taxel_models.study.study_settings import Protocol
+from taxel_models.training.split import CHUNK_ROWS, Subset, Unit, has_trials, units_of
 
 Numbers = NDArray[np.int64]
 
@@ -69,7 +69,7 @@ def choose_unit(recordings: Sequence[Recording], unit: Unit, folds: int) -> Unit
     """
     if unit != "auto":
         return unit
-    if len(recordings) >= max(folds, len(Part)):
+    if len(recordings) >= max(folds, len(Subset)):
         return "sessions"
     trials = [has_trials(recording) for recording in recordings]
     if any(trials) and not all(trials):
@@ -108,8 +108,8 @@ def _strict(recordings: Sequence[Recording], unit: Unit, folds: int, seed: int) 
     for number, test in enumerate(tests):
         others = np.setdiff1d(order, test)
         validation = np.random.default_rng([seed, number]).choice(others, validations, replace=False)
-        parts = [np.full(len(recording), Part.TRAIN, np.int8) for recording in recordings]
-        for part, chosen in ((Part.TEST, test), (Part.VALIDATION, validation)):
+        parts = [np.full(len(recording), Subset.TRAIN, np.int8) for recording in recordings]
+        for part, chosen in ((Subset.TEST, test), (Subset.VALIDATION, validation)):
             for index in chosen:
                 recording, rows = units[index]
                 parts[recording][rows] = part
@@ -135,14 +135,14 @@ def _strict_fold(recordings: Sequence[Recording], parts: Sequence[NDArray[np.int
         whole = changes[rows - GUARD] == changes[rows + GUARD]
         of_window.append(np.where(whole, part[rows], np.int8(-1)))
     joined = np.concatenate(of_window)
-    numbers = {of_part: np.flatnonzero(joined == of_part) for of_part in Part}
+    numbers = {of_part: np.flatnonzero(joined == of_part) for of_part in Subset}
     for of_part, found in numbers.items():
         if not len(found):
             raise SettingsError(
                 f"fold {number + 1}: the {of_part.name.lower()} part has no window of {2 * GUARD + 1} ticks"
             )
-    train = numbers[Part.TRAIN]
-    return Fold(train, numbers[Part.VALIDATION], numbers[Part.TEST], statistics=train)
+    train = numbers[Subset.TRAIN]
+    return Fold(train, numbers[Subset.VALIDATION], numbers[Subset.TEST], statistics=train)
 
 
 def _as_published(recordings: Sequence[Recording], folds: int, seed: int) -> Partition:

@@ -11,10 +11,10 @@ from taxel_models.recordings import Recording
 from taxel_models.study.cell import CellResult, CellTask, compute
 from taxel_models.study.fold_data import fold_data
 from taxel_models.study.folds import Partition, choose_unit, partition
-from taxel_models.study.plan import Cell, Protocol, StudyPlan
 from taxel_models.study.published import is_published_data
 from taxel_models.study.reduction import reduce_rows
 from taxel_models.study.store import Store
+from taxel_models.study.study_settings import Cell, Protocol, StudySettings
 from taxel_models.training.split import Unit
 
 
@@ -45,7 +45,7 @@ class Study:
         partitions: the folds of each protocol.
     """
 
-    plan: StudyPlan
+    plan: StudySettings
     sources: tuple[Source, ...]
     unit: Unit
     rows: int
@@ -54,7 +54,7 @@ class Study:
     partitions: Mapping[Protocol, Partition]
 
     @classmethod
-    def of(cls, plan: StudyPlan, recordings: Sequence[Recording]) -> Self:
+    def of(cls, plan: StudySettings, recordings: Sequence[Recording]) -> Self:
         """Divide the recordings as planned.
 
         Raises:

@@ -10,7 +10,7 @@ from scipy import stats
 from statsmodels.stats.multitest import multipletests
 
 from taxel.errors import InvalidArgument
-from taxel_models.evaluation.resampled import corrected_error
+from taxel_models.evaluation.standard_error import corrected_standard_error
 
 CONFIDENCE: Final = 0.95
 """Of the intervals."""
@@ -63,7 +63,7 @@ def compare(first: ArrayLike, second: ArrayLike, test_ratio: float) -> Compariso
         raise InvalidArgument(f"errors {one.shape} and {other.shape}: expected (J,) each, J > 1")
     differences = one - other
     folds, mean, deviation = len(one), float(differences.mean()), float(differences.std(ddof=1))
-    error = corrected_error(differences, test_ratio)
+    error = corrected_standard_error(differences, test_ratio)
     reach = float(stats.t.ppf((1 + CONFIDENCE) / 2, folds - 1)) * error
     t = mean / error if error > 0 else None
     p = float(stats.t.cdf(t, folds - 1)) if t is not None else _certain(mean)

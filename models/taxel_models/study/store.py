@@ -10,7 +10,7 @@ from taxel.artifacts import describe
 from taxel.atomic import whole_file
 from taxel.errors import SettingsError
 from taxel_models.study.cell import CellResult
-from taxel_models.study.plan import Cell
+from taxel_models.study.study_settings import Cell
 
 _LOG: Final = logging.getLogger(__name__)
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from taxel.channels import CHANNELS
 from taxel_models.study.cell import CellResult, Metric
-from taxel_models.study.plan import Protocol
 from taxel_models.study.significance import Comparison, compare, corrected
+from taxel_models.study.study_settings import Protocol
 
 METRICS: Final[tuple[Metric, ...]] = get_args(Metric)
 

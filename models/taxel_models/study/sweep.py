@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
-from taxel_models.evaluation.metrics import Errors
+from taxel_models.evaluation.metrics import ErrorMetrics
 from taxel_models.families.family import FittedModel
 from taxel_models.study.fold_data import FoldData
 
@@ -41,7 +41,7 @@ def sweep_temperature(data: FoldData, fitted: FittedModel) -> TemperatureSweep:
     """Test a model that takes the temperature with each that occurs in turn."""
     told = data.tdc_scaler.normalise(data.tdc.astype(np.float32)[:, None])[:, 0]
     errors = [
-        Errors.of(data.measured, data.scaler.restore(_predict_at(data, fitted, one)), data.scaler.std)
+        ErrorMetrics.of(data.measured, data.scaler.restore(_predict_at(data, fitted, one)), data.scaler.std)
         for one in told
     ]
     return TemperatureSweep(

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel_models.study.cell import CellResult
-from taxel_models.study.plan import SWEPT, Protocol
 from taxel_models.study.published import published_temperature
+from taxel_models.study.study_settings import SWEPT, Protocol
+from taxel_models.study.study_tables import Table
 from taxel_models.study.summary import MEAN_PREDICTOR, Summary
 from taxel_models.study.sweep import TemperatureSweep
-from taxel_models.study.tables import Table
 
 _OfFolds = NDArray[np.float64]
 

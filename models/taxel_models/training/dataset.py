@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from taxel.errors import SettingsError
 from taxel.windows import WindowSpec, build_windows
 from taxel_models.recordings import Recording
-from taxel_models.training.split import Part, SplitPlan, split
+from taxel_models.training.split import SplitSettings, Subset, split
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Dataset:
     test_recordings: tuple[Recording, ...]
 
     @classmethod
-    def of(cls, recordings: Sequence[Recording], spec: WindowSpec, plan: SplitPlan) -> Self:
+    def of(cls, recordings: Sequence[Recording], spec: WindowSpec, plan: SplitSettings) -> Self:
         """Split recordings and build their windows.
 
         A window belongs to a part if every sample it is built from does; those that straddle two
@@ -76,14 +76,14 @@ class Dataset:
         """
         ticks = [recording.ticks() for recording in recordings]
         row_parts = split(ticks, plan)
-        found: dict[Part, list[Examples]] = {part: [] for part in Part}
+        found: dict[Subset, list[Examples]] = {part: [] for part in Subset}
         for recording, of_row in zip(ticks, row_parts, strict=True):
             windows = build_windows(recording.samples, spec)
             of_window = _part_of_windows(of_row, windows.rows, spec)
-            for part in Part:
+            for part in Subset:
                 chosen = of_window == part
                 found[part].append(Examples.at(recording, windows.values[chosen], windows.rows[chosen]))
-        parts = {part: concatenate(found[part]) for part in Part}
+        parts = {part: concatenate(found[part]) for part in Subset}
         for part, content in parts.items():
             if not len(content):
                 raise SettingsError(
@@ -91,11 +91,11 @@ class Dataset:
                     f"the {spec.look_back + spec.look_ahead + 1} samples of one, or too few"
                 )
         held_out = [
-            recording.rows(of_row == Part.TEST)
+            recording.rows(of_row == Subset.TEST)
             for recording, of_row in zip(ticks, row_parts, strict=True)
-            if (of_row == Part.TEST).any()
+            if (of_row == Subset.TEST).any()
         ]
-        return cls(parts[Part.TRAIN], parts[Part.VALIDATION], parts[Part.TEST], tuple(held_out))
+        return cls(parts[Subset.TRAIN], parts[Subset.VALIDATION], parts[Subset.TEST], tuple(held_out))
 
     def counts(self) -> dict[str, int]:
         """Windows in each part."""

@@ -20,7 +20,7 @@ _TRIALS_FROM: Final = 20
 Unit = Literal["auto", "trials", "chunks", "sessions"]
 
 
-class Part(IntEnum):
+class Subset(IntEnum):
     """What a row is used for."""
 
     TRAIN = 0
@@ -29,7 +29,7 @@ class Part(IntEnum):
 
 
 @dataclass(frozen=True)
-class SplitPlan:
+class SplitSettings:
     """How to divide recordings.
 
     Attributes:
@@ -62,8 +62,8 @@ class SplitPlan:
         }
 
 
-def split(recordings: Sequence[Recording], plan: SplitPlan) -> list[NDArray[np.int8]]:
-    """The `Part` of every row of every recording.
+def split(recordings: Sequence[Recording], plan: SplitSettings) -> list[NDArray[np.int8]]:
+    """The `Subset` of every row of every recording.
 
     Units are drawn from all recordings together.
 
@@ -78,10 +78,10 @@ def split(recordings: Sequence[Recording], plan: SplitPlan) -> list[NDArray[np.i
             f"{len(units)} trials or chunks in all: too few for a training, a validation and a test part"
         )
     order = np.random.default_rng(plan.seed).permutation(len(units))
-    parts = [np.full(len(recording), Part.TRAIN, dtype=np.int8) for recording in recordings]
+    parts = [np.full(len(recording), Subset.TRAIN, dtype=np.int8) for recording in recordings]
     for place, number in enumerate(order[: tests + validations]):
         index, unit = units[number]
-        parts[index][unit] = Part.TEST if place < tests else Part.VALIDATION
+        parts[index][unit] = Subset.TEST if place < tests else Subset.VALIDATION
     return parts
 
 

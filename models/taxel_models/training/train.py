@@ -14,12 +14,12 @@ from taxel.errors import SettingsError
 from taxel.manifest import Normalisation, Source, Training
 from taxel.scaling import Scaler
 from taxel.windows import WindowSpec
-from taxel_models.evaluation.metrics import Errors
+from taxel_models.evaluation.metrics import ErrorMetrics
 from taxel_models.families.family import FitPart, FitTask, FittedModel, Progress, unseen
 from taxel_models.families.registry import family, resolve
 from taxel_models.recordings import Recording
 from taxel_models.training.dataset import Dataset, Examples
-from taxel_models.training.split import SplitPlan
+from taxel_models.training.split import SplitSettings
 from taxel_models.training.trained import Temperature, TrainedModel, TrainedRecord
 
 TemperatureUse = Literal["measured", "mean", "none"]
@@ -28,7 +28,7 @@ TEMPERATURE_USES: Final[tuple[TemperatureUse, ...]] = ("measured", "mean", "none
 
 
 @dataclass(frozen=True)
-class TrainingPlan:
+class TrainingSettings:
     """What to train.
 
     Attributes:
@@ -44,7 +44,7 @@ class TrainingPlan:
 
     model: str
     combination: int
-    split: SplitPlan = field(default_factory=SplitPlan)
+    split: SplitSettings = field(default_factory=SplitSettings)
     seed: int = 0
     overrides: dict[str, Any] = field(default_factory=dict)
     temperature: TemperatureUse = "mean"
@@ -76,7 +76,7 @@ class Scalers:
 
 
 def train(
-    recordings: Sequence[Recording], plan: TrainingPlan, progress: Progress = unseen
+    recordings: Sequence[Recording], plan: TrainingSettings, progress: Progress = unseen
 ) -> tuple[TrainedModel, tuple[Recording, ...]]:
     """Fit a model and evaluate it on the test part.
 
@@ -160,12 +160,12 @@ def _metrics(
     def errors(measured_temperature: bool) -> dict[str, Any]:
         z_scores = fitted.predict(part.windows, part.temperature if measured_temperature else None)
         predicted = scalers.channels.restore(z_scores)
-        return Errors.of(test.channels, predicted, scalers.channels.std).report()
+        return ErrorMetrics.of(test.channels, predicted, scalers.channels.std).report()
 
     mean: NDArray[np.float32] = np.broadcast_to(scalers.channels.mean, (len(test), len(CHANNELS)))
     found = {
         "test": errors(temperature is not None and temperature.served),
-        "mean_predictor": Errors.of(test.channels, mean, scalers.channels.std).report(),
+        "mean_predictor": ErrorMetrics.of(test.channels, mean, scalers.channels.std).report(),
     }
     if temperature is not None:
         found["test_measured_temperature"] = errors(True)

@@ -5,7 +5,7 @@ import pytest
 from taxel_models.families.family import FitTask
 from taxel_models.recordings import Recording
 from taxel_models.search.objective import fit_task
-from taxel_models.search.plan import SearchPlan
+from taxel_models.search.search_settings import SearchSettings
 from taxel_models.twin import simulate
 
 TINY_XGB = {"n_estimators": 1, "max_depth": 2}
@@ -18,13 +18,13 @@ def recording() -> Recording:
 
 
 @pytest.fixture(scope="session")
-def planned(recording: Recording) -> Callable[..., tuple[SearchPlan, FitTask]]:
+def planned(recording: Recording) -> Callable[..., tuple[SearchSettings, FitTask]]:
     """A search of a few seconds: its plan, and the task to fit to."""
 
-    def plan(family: str = "xgb", **settings: object) -> tuple[SearchPlan, FitTask]:
+    def plan(family: str = "xgb", **settings: object) -> tuple[SearchSettings, FitTask]:
         tiny = {"xgb": TINY_XGB, "transformer": TINY_TRANSFORMER}[family]
         chosen = {"trials": 4, "held": tiny, "unit": "chunks", **settings}
-        made = SearchPlan.of([recording], family=family, **chosen)
+        made = SearchSettings.of([recording], family=family, **chosen)
         return made, fit_task([recording], made, 1)
 
     return plan

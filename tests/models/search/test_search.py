@@ -12,11 +12,11 @@ from taxel.errors import ArtifactError, SettingsError, TaxelError, Unavailable
 from taxel_models.families.family import FitTask
 from taxel_models.families.registry import family, resolve
 from taxel_models.search.objective import WORST
-from taxel_models.search.plan import SearchPlan
 from taxel_models.search.run import search
+from taxel_models.search.search_settings import SearchSettings
 from taxel_models.training.cluster import connect
 
-Planned = Callable[..., tuple[SearchPlan, FitTask]]
+Planned = Callable[..., tuple[SearchSettings, FitTask]]
 
 
 def test_the_winner_has_the_least_cost_and_the_cost_is_that_of_its_fit(

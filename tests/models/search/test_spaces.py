@@ -4,7 +4,7 @@ import pytest
 
 from taxel.errors import SettingsError
 from taxel_models.families.registry import family, resolve
-from taxel_models.search.plan import SearchPlan
+from taxel_models.search.search_settings import SearchSettings
 from taxel_models.search.spaces import LEARNING_RATES, search_space
 
 
@@ -74,4 +74,4 @@ def test_what_is_set_is_not_searched() -> None:
 )
 def test_what_cannot_be_searched_is_refused(settings: dict[str, object], message: str) -> None:
     with pytest.raises(SettingsError, match=message):
-        SearchPlan.of([], **settings)
+        SearchSettings.of([], **settings)

@@ -10,7 +10,7 @@ from typer.testing import CliRunner, Result
 from taxel.commands.cli import failing_clearly
 from taxel_models.commands.study import study as command
 from taxel_models.recordings import Recording, write_ruppel
-from taxel_models.study.plan import StudyPlan
+from taxel_models.study.study_settings import StudySettings
 from taxel_models.twin import simulate
 
 
@@ -27,9 +27,9 @@ def twin_csv(twin: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def small_plan() -> StudyPlan:
+def small_plan() -> StudySettings:
     """Two models, two combinations, three folds; a network as small as one can be."""
-    return StudyPlan(
+    return StudySettings(
         models=("network-b", "xgb"),
         combinations=(1, 2),
         folds=3,

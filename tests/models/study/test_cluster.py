@@ -8,16 +8,16 @@ from distributed import LocalCluster
 from taxel.errors import SettingsError, Unavailable
 from taxel_models.recordings import Recording
 from taxel_models.study.cluster import cluster_runner
-from taxel_models.study.plan import StudyPlan
 from taxel_models.study.run import Study, compute_here, run_study
 from taxel_models.study.store import Store
+from taxel_models.study.study_settings import StudySettings
 
 
 @pytest.fixture
 def study(twin: Recording) -> Study:
     """Trees alone, so that workers need not load torch."""
     overrides = {"xgb": {"n_estimators": 3, "max_depth": 3}}
-    return Study.of(StudyPlan(("xgb",), (1, 8), folds=3, overrides=overrides), [twin])
+    return Study.of(StudySettings(("xgb",), (1, 8), folds=3, overrides=overrides), [twin])
 
 
 def test_two_workers_find_what_one_process_finds(study: Study, tmp_path: Path) -> None:

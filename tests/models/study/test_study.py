@@ -19,12 +19,12 @@ from taxel_models.families.registry import family
 from taxel_models.recordings import Recording, read_ruppel
 from taxel_models.study.cell import CellResult
 from taxel_models.study.fold_data import fold_data
-from taxel_models.study.plan import PROTOCOLS, StudyPlan
-from taxel_models.study.report import describe, write_report
 from taxel_models.study.run import Study, compute_here, run_study
 from taxel_models.study.store import Store
+from taxel_models.study.study_report import describe, write_report
+from taxel_models.study.study_settings import PROTOCOLS, StudySettings
+from taxel_models.study.study_tables import leak_table, models_table, results_table, windows_table
 from taxel_models.study.summary import Summary, leak
-from taxel_models.study.tables import leak_table, models_table, results_table, windows_table
 
 Run = Callable[..., Result]
 XGB_1 = ("xgb", 1)
@@ -38,7 +38,7 @@ def without_times(results: list[CellResult]) -> list[dict[str, object]]:
 
 @pytest.fixture(scope="module")
 def finished(
-    twin: Recording, small_plan: StudyPlan, tmp_path_factory: pytest.TempPathFactory
+    twin: Recording, small_plan: StudySettings, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Study, Store, list[CellResult]]:
     study = Study.of(replace(small_plan, protocols=("strict", "paper")), [twin])
     store = Store(tmp_path_factory.mktemp("study") / "out")
@@ -185,7 +185,7 @@ def test_a_killed_study_goes_on(twin_csv: Path, tmp_path: Path) -> None:
     kept = {path: path.stat().st_mtime_ns for path in out.glob("cells/*.json")}
     assert 0 < len(kept) < 6
 
-    plan = StudyPlan(("xgb",), (1, 2), folds=3, overrides={"xgb": settings})
+    plan = StudySettings(("xgb",), (1, 2), folds=3, overrides={"xgb": settings})
     study = Study.of(plan, [read_ruppel(twin_csv)])
     resumed = run_study(study, Store(out), compute_here, 1)
     assert {path: path.stat().st_mtime_ns for path in kept} == kept

@@ -15,10 +15,10 @@ from taxel_models.families.registry import family, resolve
 from taxel_models.recordings import Recording
 from taxel_models.study.cell import CellResult
 from taxel_models.study.fold_data import fold_data
-from taxel_models.study.plan import SWEPT, StudyPlan
-from taxel_models.study.report import describe, write_report
 from taxel_models.study.run import Study, compute_here, run_study
 from taxel_models.study.store import Store
+from taxel_models.study.study_report import describe, write_report
+from taxel_models.study.study_settings import SWEPT, StudySettings
 from taxel_models.study.summary import Summary
 from taxel_models.study.sweep import sweep_temperature
 from taxel_models.study.temperature import Temperature, temperature_table
@@ -27,7 +27,7 @@ Swept = tuple[Study, Store, list[CellResult]]
 
 
 @pytest.fixture(scope="module")
-def swept(twin: Recording, small_plan: StudyPlan, tmp_path_factory: pytest.TempPathFactory) -> Swept:
+def swept(twin: Recording, small_plan: StudySettings, tmp_path_factory: pytest.TempPathFactory) -> Swept:
     study = Study.of(replace(small_plan, combinations=(1,), temperature=True), [twin])
     store = Store(tmp_path_factory.mktemp("swept") / "out")
     return study, store, run_study(study, store, compute_here, 1)
@@ -40,7 +40,7 @@ def temperature(swept: Swept) -> Temperature:
     return found
 
 
-def test_each_temperature_is_told_as_the_model_was_fitted(swept: Swept, small_plan: StudyPlan) -> None:
+def test_each_temperature_is_told_as_the_model_was_fitted(swept: Swept, small_plan: StudySettings) -> None:
     """A Network B's errors in counts, from counts that are z-scored here as its training data were."""
     data = fold_data(swept[0].partitions["strict"], 1, 0)
     few = replace(data, tdc=data.tdc[[0, len(data.tdc) // 2, -1]])
@@ -139,7 +139,7 @@ def test_a_study_without_network_b_cannot_sweep(
     twin_csv: Path, tmp_path: Path, taxel_study: Callable[..., Result]
 ) -> None:
     with pytest.raises(SettingsError, match="network-b"):
-        StudyPlan(models=("network-b",), combinations=(2,), temperature=True)
+        StudySettings(models=("network-b",), combinations=(2,), temperature=True)
     result = taxel_study("--data", twin_csv, "-o", tmp_path / "out", "--models", "xgb", "--temperature")
     assert result.exit_code == 2
     assert "--temperature" in result.stderr

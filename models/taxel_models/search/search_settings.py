@@ -12,7 +12,7 @@ from taxel.errors import ArtifactError, SettingsError
 from taxel_models.families.registry import family, resolve
 from taxel_models.recordings import Recording
 from taxel_models.search.spaces import search_space
-from taxel_models.training.split import SplitPlan, Unit
+from taxel_models.training.split import SplitSettings, Unit
 
 PLAN: Final = "search.json"
 
@@ -20,7 +20,7 @@ _SEARCHED: Final = ("neurons", "activations", "epochs")
 """Hyperparameters that follow from several dimensions of a space, or from a trial's budget."""
 
 
-class SearchPlan(BaseModel):
+class SearchSettings(BaseModel):
     """The settings of a search; the same ones continue it.
 
     Attributes:
@@ -32,7 +32,7 @@ class SearchPlan(BaseModel):
         least_epochs: the smallest.
         held: hyperparameters that are set instead of searched.
         seed: of every random choice.
-        unit: of `SplitPlan`, as are `test`, `validation` and `split_seed`.
+        unit: of `SplitSettings`, as are `test`, `validation` and `split_seed`.
         data: name of each recording, by sha256.
     """
 
@@ -54,7 +54,7 @@ class SearchPlan(BaseModel):
     data: dict[str, str] = {}
 
     @model_validator(mode="after")
-    def _budgets_in_order(self) -> "SearchPlan":
+    def _budgets_in_order(self) -> "SearchSettings":
         if self.least_epochs > self.epochs:
             raise ValueError(f"least_epochs {self.least_epochs} is above epochs {self.epochs}")
         return self
@@ -75,9 +75,9 @@ class SearchPlan(BaseModel):
         return plan
 
     @property
-    def split(self) -> SplitPlan:
+    def split(self) -> SplitSettings:
         """How the recordings are divided."""
-        return SplitPlan(self.unit, self.test, self.validation, self.split_seed)
+        return SplitSettings(self.unit, self.test, self.validation, self.split_seed)
 
     def check(self) -> None:
         """Refuse what can be refused before any work is done.

@@ -12,8 +12,8 @@ from taxel.atomic import whole_folder
 from taxel.manifest import Normalisation
 from taxel.windows.samples import GAP_NS
 from taxel_models.evaluation import FIGURES
-from taxel_models.evaluation.drawing import draw_errors, draw_traces
-from taxel_models.evaluation.metrics import Errors
+from taxel_models.evaluation.error_plots import draw_errors, draw_traces
+from taxel_models.evaluation.metrics import ErrorMetrics
 
 _CHUNK: Final = 1000
 """Most windows of a stretch that one point of the box plot stands for."""
@@ -41,10 +41,10 @@ def write_report(
         SettingsError: something else than a report stands at `folder`.
     """
     std = normalisation.output_std
-    errors = Errors.of(measured, predicted, std)
+    errors = ErrorMetrics.of(measured, predicted, std)
     means = np.broadcast_to(np.asarray(normalisation.output_mean, np.float32), predicted.shape)
-    baseline = Errors.of(measured, means, std)
-    stretches = [Errors.of(measured[rows], predicted[rows], std) for rows in _stretches(time_ns)]
+    baseline = ErrorMetrics.of(measured, means, std)
+    stretches = [ErrorMetrics.of(measured[rows], predicted[rows], std) for rows in _stretches(time_ns)]
     by_stretch = np.stack([stretch.channel_norm_mae for stretch in stretches])
     raw = {
         "about": about,
@@ -70,7 +70,7 @@ def _stretches(time_ns: NDArray[np.int64]) -> list[slice]:
     ]
 
 
-def _markdown(about: dict[str, Any], errors: Errors, baseline: Errors) -> str:
+def _markdown(about: dict[str, Any], errors: ErrorMetrics, baseline: ErrorMetrics) -> str:
     head = "".join(f"- {name}: {value}\n" for name, value in about.items())
     rows = [
         ("**all 21**", errors.mae, errors.norm_mae, baseline.norm_mae),

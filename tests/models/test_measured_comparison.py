@@ -5,7 +5,16 @@ from pathlib import Path
 import pytest
 
 from taxel_models.twin import simulate
-from taxel_models.twin.evidence import BINS_N, FINGERS, MOVED, PRESSED, RISE, comparable, figures, lasa
+from taxel_models.twin.measured_comparison import (
+    BINS_N,
+    FINGERS,
+    MOVED,
+    PRESSED,
+    RISE,
+    comparable,
+    figures,
+    lasa,
+)
 
 TOLERANCE = 0.4
 """A ball on a round fingertip and a flat plate under it are not the same contact."""

@@ -3,10 +3,10 @@
 from rich.table import Table
 
 from taxel.channels import CHANNELS
-from taxel_models.evaluation.metrics import Errors
+from taxel_models.evaluation.metrics import ErrorMetrics
 
 
-def error_table(errors: Errors) -> Table:
+def error_table(errors: ErrorMetrics) -> Table:
     """One row a channel, then the paper's two averages."""
     table = Table("channel", "MAE, counts", "norm. MAE")
     for column in table.columns[1:]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
-from taxel_models.evaluation.metrics import Errors
+from taxel_models.evaluation.metrics import ErrorMetrics
 
 mpl.use("Agg")
 
@@ -19,7 +19,7 @@ _SHOWN_SECONDS: Final = 20.0
 _MEASURED, _PREDICTED = "#444444", "#d1495b"
 
 
-def draw_errors(errors: Errors, by_stretch: NDArray[np.float64], title: str, path: Path) -> None:
+def draw_errors(errors: ErrorMetrics, by_stretch: NDArray[np.float64], title: str, path: Path) -> None:
     """A box a channel: how its normalised MAE varies over stretches, and its mean as a dot.
 
     Args:

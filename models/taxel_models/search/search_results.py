@@ -15,10 +15,10 @@ from typing import Any, Final
 
 from taxel import __version__
 from taxel.atomic import whole_file
-from taxel_models.search.drawing import draw_trials
+from taxel_models.search.cost_plot import draw_trials
 from taxel_models.search.objective import WORST
-from taxel_models.search.plan import SearchPlan
 from taxel_models.search.run import Outcome, Trial
+from taxel_models.search.search_settings import SearchSettings
 from taxel_models.training.hyperparameters import FoundHyperparameters
 
 WINNER: Final = "hyperparameters.json"
@@ -26,7 +26,7 @@ BEST: Final = 10
 """Rows of the table."""
 
 
-def write_report(plan: SearchPlan, outcome: Outcome, folder: Path) -> None:
+def write_report(plan: SearchSettings, outcome: Outcome, folder: Path) -> None:
     """Write the results; each file appears whole or not at all, and replaces an earlier one."""
     found = FoundHyperparameters(
         family=plan.family,
@@ -58,7 +58,7 @@ def summary(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def _markdown(plan: SearchPlan, outcome: Outcome) -> str:
+def _markdown(plan: SearchSettings, outcome: Outcome) -> str:
     best = outcome.best(BEST)
     names = list(dict.fromkeys(name for trial in best for name in trial.hyperparameters))
     head = ["trial", "normalised MAE", "epochs", "parameters", *names]

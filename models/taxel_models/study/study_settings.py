@@ -43,7 +43,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class StudyPlan:
+class StudySettings:
     """What to compare, and on how much.
 
     Attributes:

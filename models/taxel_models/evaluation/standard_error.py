@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def corrected_error(by_fold: NDArray[np.float64], test_ratio: float) -> float:
+def corrected_standard_error(by_fold: NDArray[np.float64], test_ratio: float) -> float:
     """Standard error of the mean over folds: sqrt((1/J + n2/n1) var), with J - 1 degrees of freedom.
 
     Args:

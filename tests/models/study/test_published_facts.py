@@ -13,7 +13,7 @@ from taxel.commands.cli import failing_clearly
 from taxel.errors import SettingsError
 from taxel_models.shipped import shipped_repository
 from taxel_models.study.published import ROWS
-from taxel_models.study.twin_facts import Fact, main, model_facts, recording_facts, within
+from taxel_models.study.published_facts import Fact, main, model_facts, recording_facts, within
 from taxel_models.twin import simulate
 
 

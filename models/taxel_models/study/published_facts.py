@@ -1,4 +1,4 @@
-"""The twin beside the published data set: `python -m taxel_models.study.twin_facts` prints the table.
+"""The twin beside the published data set: `python -m taxel_models.study.published_facts` prints the table.
 
 Each published fact has a stated range; the twin's figure is in it or not. Facts about the recording are
 taken from a fresh twin, facts about a model's errors from the manifest of a Network B that was trained on

@@ -1,4 +1,4 @@
-"""The twin beside real fingers: `python -m taxel_models.twin.evidence LASA_FOLDER` prints the table.
+"""The twin beside real fingers: `python -m taxel_models.twin.measured_comparison LASA_FOLDER` prints both.
 
 The LASA recordings (two BioTac fingers, pressed with their tips on a flat force sensor) have forces
 and electrodes only: no position, pressure, temperature or untouched rows. Their changes are therefore

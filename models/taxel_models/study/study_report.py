@@ -10,17 +10,17 @@ from typing import Any, Final
 from taxel import __version__
 from taxel.atomic import whole_file
 from taxel_models.study.cell import CellResult
-from taxel_models.study.drawing import (
+from taxel_models.study.run import Study
+from taxel_models.study.study_plots import (
     draw_channels,
     draw_combination_bars,
     draw_combination_boxes,
     draw_losses,
     draw_temperature,
 )
-from taxel_models.study.plan import Protocol
-from taxel_models.study.run import Study
+from taxel_models.study.study_settings import Protocol
+from taxel_models.study.study_tables import Table, leak_table, models_table, results_table, windows_table
 from taxel_models.study.summary import Summary, leak
-from taxel_models.study.tables import Table, leak_table, models_table, results_table, windows_table
 from taxel_models.study.temperature import Temperature, temperature_table
 
 FIGURES: Final = "study.json"

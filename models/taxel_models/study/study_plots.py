@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 
 from taxel.channels import CHANNELS
 from taxel_models.study.cell import CellResult
-from taxel_models.study.plan import SWEPT
+from taxel_models.study.study_settings import SWEPT
 from taxel_models.study.summary import MEAN_PREDICTOR, Summary
 from taxel_models.study.temperature import Temperature
 

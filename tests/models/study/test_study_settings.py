@@ -9,9 +9,9 @@ import pytest
 
 from taxel.errors import SettingsError
 from taxel_models.recordings import Recording
-from taxel_models.study.plan import Cell, StudyPlan, parse_combinations, parse_overrides
 from taxel_models.study.published import ROWS, TDC_SUM, is_published_data
 from taxel_models.study.reduction import reduce_rows
+from taxel_models.study.study_settings import Cell, StudySettings, parse_combinations, parse_overrides
 
 Make = Callable[..., Recording]
 
@@ -51,21 +51,21 @@ def test_an_override_without_a_model_is_refused(name: str) -> None:
 )
 def test_a_plan_that_cannot_be_is_refused(wrong: dict[str, Any], text: str) -> None:
     with pytest.raises(SettingsError, match=text):
-        StudyPlan(**wrong)
+        StudySettings(**wrong)
 
 
 def test_an_unknown_hyperparameter_is_refused() -> None:
     with pytest.raises(SettingsError, match="depth"):
-        StudyPlan(models=("xgb",), overrides={"xgb": {"depth": 3}}).check()
+        StudySettings(models=("xgb",), overrides={"xgb": {"depth": 3}}).check()
 
 
 def test_a_full_study_has_320_cells_a_protocol() -> None:
-    cells = StudyPlan(protocols=("strict", "paper")).cells()
+    cells = StudySettings(protocols=("strict", "paper")).cells()
     assert len(cells) == len(set(cells)) == 2 * 4 * 8 * 10
 
 
 def test_the_key_tells_everything_that_matters_apart() -> None:
-    plan = StudyPlan(models=("xgb", "ffnn"), combinations=(1, 2))
+    plan = StudySettings(models=("xgb", "ffnn"), combinations=(1, 2))
     cell = Cell("strict", 1, 0, "xgb")
     keys = [
         plan.key(cell, ["a"], "chunks"),
