@@ -22,8 +22,8 @@ settings.load_profile("taxel")
 def trained_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small XGBoost model for input combination 1, trained on a few seconds of the twin."""
     hyperparameters = {"n_estimators": 8, "max_depth": 4, "eta": 0.4, "min_child_weight": 5}
-    plan = TrainingSettings("xgb", 1, SplitSettings("chunks"), overrides=hyperparameters)
-    model, held_out = train([simulate(8000, 3)], plan)
+    settings = TrainingSettings("xgb", 1, SplitSettings("chunks"), overrides=hyperparameters)
+    model, held_out = train([simulate(8000, 3)], settings)
     folder = tmp_path_factory.mktemp("training") / "trained"
     trained_models.save(model, held_out, folder)
     return folder

@@ -1,8 +1,8 @@
-"""The zenoh service: hands inference to the batcher, and every other query to the desk.
+"""The zenoh service: hands inference to the batcher, and every other query to the metadata thread.
 
 zenoh's network threads put queries into a channel, for which they need not wait for Python. One
 thread empties it and hands each query on: to the batcher, whose worker decodes, evaluates and
-answers, or to the desk, so that a server that computes still tells its health and refuses at once.
+answers, or to the metadata thread, so that a server that computes still tells its health and refuses at once.
 Only a single window that finds the server idle is answered by this thread itself.
 """
 
@@ -18,11 +18,11 @@ from zenoh.handlers import FifoChannel, Handler
 from taxel.errors import Internal, RequestError, ResourceExhausted
 from taxel.protocol import InferRequest, InferResponse, model_key, pack_infer_response
 from taxel_server.batcher import Batcher
-from taxel_server.desk import Desk, reply
 from taxel_server.engine import Engine, LoadedModel
 from taxel_server.envelopes import RequestReader
-from taxel_server.information import Information
 from taxel_server.jobs import Job
+from taxel_server.metadata import ServerMetadata
+from taxel_server.metadata_thread import MetadataThread, reply
 from taxel_server.options import ServerOptions
 from taxel_server.session import open_session
 
@@ -91,8 +91,10 @@ class Service:
             max_queue_rows=options.max_queue_rows,
             max_queue_requests=options.max_queue_requests,
         )
-        information = Information(engine, lambda: self._ready, self._batcher.statistics)
-        self._desk = Desk(lambda key: information.answer(key.removeprefix(f"{options.prefix}/")))
+        metadata = ServerMetadata(engine, lambda: self._ready, self._batcher.statistics)
+        self._metadata_thread = MetadataThread(
+            lambda key: metadata.answer(key.removeprefix(f"{options.prefix}/"))
+        )
         # One queryable for all keys: two that overlap would both answer the same query.
         # `complete` makes one replica answer each query, where the default asks them all.
         self._queryable = self._session.declare_queryable(
@@ -120,7 +122,7 @@ class Service:
         self._batcher.join()
         self._queryable.undeclare()  # type: ignore[no-untyped-call]
         self._receiver.join()
-        self._desk.close()
+        self._metadata_thread.close()
         # Closing waits for a client that has stopped reading, for ten seconds and more.
         farewell = Thread(target=self._session.close, name="taxel-farewell", daemon=True)
         farewell.start()
@@ -147,12 +149,12 @@ class Service:
         except Exception:
             # The receiver outlives a query that cannot be handed on.
             _LOG.exception("a query could not be handed on")
-            self._desk.take(query, Internal("the query failed: the server's log says more"))
+            self._metadata_thread.take(query, Internal("the query failed: the server's log says more"))
 
     def _route(self, query: zenoh.Query, infer: Callable[[Job], None]) -> None:
         model = self._routes.get(str(query.key_expr))
         if model is None:
-            self._desk.take(query)
+            self._metadata_thread.take(query)
             return
         payload = query.payload or _NOTHING
         try:
@@ -160,7 +162,7 @@ class Service:
             infer(QueryJob(query, payload, model, rows, self._reader))
         except RequestError as error:
             _LOG.debug("%s: %s: %s", model.label, error.code, error)
-            self._desk.take(query, error)
+            self._metadata_thread.take(query, error)
 
     def _rows_in(self, size: int, model: LoadedModel) -> int:
         """How many rows a request of so many bytes holds, known before it is decoded.

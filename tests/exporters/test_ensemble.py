@@ -33,8 +33,8 @@ OVERRIDES = {
 def repository(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A repository with an ensemble of three families, and the model it was exported from."""
     folder = tmp_path_factory.mktemp("ensemble")
-    plan = TrainingSettings("ensemble", 1, SplitSettings("chunks"), overrides=OVERRIDES)
-    model, held_out = train([simulate(4000, 3)], plan)
+    settings = TrainingSettings("ensemble", 1, SplitSettings("chunks"), overrides=OVERRIDES)
+    model, held_out = train([simulate(4000, 3)], settings)
     trained_models.save(model, held_out, folder / "trained")
     manifest = export(folder / "trained", folder / "repository")
     assert manifest.gives_spread
@@ -85,10 +85,10 @@ def test_remote_and_local_agree_on_the_spread(repository: Path, windows: np.ndar
 
 
 def test_a_measured_temperature_reaches_only_the_members_that_take_it(tmp_path: Path) -> None:
-    plan = TrainingSettings(
+    settings = TrainingSettings(
         "ensemble", 1, SplitSettings("chunks"), overrides=OVERRIDES, temperature="measured"
     )
-    model, held_out = train([simulate(4000, 3)], plan)
+    model, held_out = train([simulate(4000, 3)], settings)
     trained_models.save(model, held_out, tmp_path / "trained")
     manifest = export(tmp_path / "trained", tmp_path / "repository")
     assert manifest.window.features[-1] == "tdc"

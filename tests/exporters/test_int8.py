@@ -36,8 +36,8 @@ def dense_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "patience": 0,
         "learning_rate": 0.001,
     }
-    plan = TrainingSettings("ffnn", 1, SplitSettings("chunks"), overrides=overrides)
-    model, held_out = train([simulate(4000, 3)], plan)
+    settings = TrainingSettings("ffnn", 1, SplitSettings("chunks"), overrides=overrides)
+    model, held_out = train([simulate(4000, 3)], settings)
     folder = tmp_path_factory.mktemp("dense") / "trained"
     trained_models.save(model, held_out, folder)
     return folder

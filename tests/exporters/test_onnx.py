@@ -35,10 +35,10 @@ NETWORKS: dict[str, dict[str, Any]] = {
 
 def train_network(folder: Path, name: str, **changes: Any) -> Path:
     overrides = {**NETWORKS[name], **QUICK}
-    plan = TrainingSettings(
+    settings = TrainingSettings(
         name, changes.pop("combination", 1), SplitSettings("chunks"), overrides=overrides, **changes
     )
-    model, held_out = train([simulate(4000, 3)], plan)
+    model, held_out = train([simulate(4000, 3)], settings)
     trained_models.save(model, held_out, folder / "trained")
     return folder / "trained"
 

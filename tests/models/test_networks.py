@@ -44,7 +44,7 @@ def network(name: str, combination: int) -> torch.nn.Module:
     return kind.build(shape, resolve(kind, combination, {}))
 
 
-def plan(name: str, **changes: Any) -> TrainingSettings:
+def settings(name: str, **changes: Any) -> TrainingSettings:
     return TrainingSettings(
         **{"model": name, "combination": 1, "overrides": {**SMALL[name], **QUICK}, **changes}
     )
@@ -116,7 +116,7 @@ def test_the_loss_is_the_published_one() -> None:
 @pytest.mark.parametrize("name", SMALL)
 def test_every_family_learns_keeps_and_reads_back(name: str, recording: Recording, tmp_path: Path) -> None:
     overrides = {**SMALL[name], **QUICK, "epochs": 25, "patience": 0}
-    model, held_out = train([recording], plan(name, overrides=overrides))
+    model, held_out = train([recording], settings(name, overrides=overrides))
     metrics = model.record.training.metrics
     assert metrics["test"]["norm_mae"] < 0.9 * metrics["mean_predictor"]["norm_mae"]
     history = model.record.history
@@ -133,7 +133,7 @@ def test_every_family_learns_keeps_and_reads_back(name: str, recording: Recordin
 
 
 def test_the_same_seed_gives_the_same_network(recording: Recording) -> None:
-    first, again, other = (train([recording], plan("ffnn", seed=seed))[0] for seed in (1, 1, 2))
+    first, again, other = (train([recording], settings("ffnn", seed=seed))[0] for seed in (1, 1, 2))
     windows = np.random.default_rng(0).normal(size=(50, 12)).astype(np.float32)
     np.testing.assert_array_equal(first.predict(windows), again.predict(windows))
     assert (first.predict(windows) != other.predict(windows)).any()
@@ -151,11 +151,11 @@ def test_an_interrupted_training_goes_on_as_if_it_had_not_been(
 
     checkpoint = tmp_path / "checkpoint"
     overrides = {**SMALL["transformer"], **QUICK, "dropout": 0.2}
-    whole, _ = train([recording], plan("transformer", overrides=overrides))
+    whole, _ = train([recording], settings("transformer", overrides=overrides))
     with pytest.raises(Interrupted):
-        train([recording], plan("transformer", overrides=overrides, checkpoint=checkpoint), interrupt)
+        train([recording], settings("transformer", overrides=overrides, checkpoint=checkpoint), interrupt)
     assert checkpoint.exists()
-    resumed, _ = train([recording], plan("transformer", overrides=overrides, checkpoint=checkpoint))
+    resumed, _ = train([recording], settings("transformer", overrides=overrides, checkpoint=checkpoint))
     assert resumed.record == whole.record
     assert not checkpoint.exists()
 
@@ -167,10 +167,10 @@ def test_a_checkpoint_of_another_training_is_not_taken(recording: Recording, tmp
         if checkpoint.exists() and not (tmp_path / "copy").exists():
             (tmp_path / "copy").write_bytes(checkpoint.read_bytes())
 
-    train([recording], plan("ffnn", checkpoint=checkpoint), keep_a_copy)
-    alone, _ = train([recording], plan("ffnn", seed=5))
+    train([recording], settings("ffnn", checkpoint=checkpoint), keep_a_copy)
+    alone, _ = train([recording], settings("ffnn", seed=5))
     (tmp_path / "copy").rename(checkpoint)
-    beside, _ = train([recording], plan("ffnn", seed=5, checkpoint=checkpoint))
+    beside, _ = train([recording], settings("ffnn", seed=5, checkpoint=checkpoint))
     assert beside.record == alone.record
 
 
@@ -179,8 +179,8 @@ def test_a_damaged_checkpoint_is_passed_over(
 ) -> None:
     checkpoint = tmp_path / "checkpoint"
     checkpoint.write_bytes(b"damage")
-    beside, _ = train([recording], plan("ffnn", checkpoint=checkpoint))
-    alone, _ = train([recording], plan("ffnn"))
+    beside, _ = train([recording], settings("ffnn", checkpoint=checkpoint))
+    alone, _ = train([recording], settings("ffnn"))
     assert beside.record == alone.record
     assert "training begins anew" in caplog.text
 
@@ -188,12 +188,12 @@ def test_a_damaged_checkpoint_is_passed_over(
 def test_a_training_that_diverges_says_so(recording: Recording) -> None:
     overrides = {**SMALL["ffnn"], **QUICK, "learning_rate": 1e30}
     with pytest.raises(TaxelError, match=r"the loss is .* in epoch \d: .* lower the learning rate"):
-        train([recording], plan("ffnn", overrides=overrides))
+        train([recording], settings("ffnn", overrides=overrides))
 
 
 def test_early_stopping_keeps_the_best_weights(recording: Recording) -> None:
     overrides = {**SMALL["ffnn"], **QUICK, "epochs": 60, "patience": 2, "learning_rate": 0.3}
-    model, _ = train([recording], plan("ffnn", overrides=overrides))
+    model, _ = train([recording], settings("ffnn", overrides=overrides))
     history = model.record.history
     assert len(history.validation) == history.best + 2 < 60
     assert history.validation[history.best - 1] == min(history.validation)
@@ -201,7 +201,7 @@ def test_early_stopping_keeps_the_best_weights(recording: Recording) -> None:
 
 @pytest.mark.parametrize("use", ["measured", "mean", "none"])
 def test_what_becomes_of_the_temperature(use: Any, recording: Recording) -> None:
-    model, _ = train([recording], plan("network-b", temperature=use))
+    model, _ = train([recording], settings("network-b", temperature=use))
     assert isinstance(model.fitted, NetworkModel)
     assert model.fitted.takes_temperature == (use != "none")
     assert model.serves_temperature == (use == "measured")
@@ -215,7 +215,7 @@ def test_what_becomes_of_the_temperature(use: Any, recording: Recording) -> None
 
 
 def test_the_auxiliary_channels_are_fitted_but_not_served(recording: Recording) -> None:
-    model, _ = train([recording], plan("network-b"))
+    model, _ = train([recording], settings("network-b"))
     assert model.fitted.shape.outputs == 23
     assert model.predict(np.zeros((2, 12), np.float32)).shape == (2, 21)
 
@@ -244,5 +244,5 @@ def test_impossible_networks_are_refused(name: str, overrides: dict[str, Any], m
 
 def test_progress_tells_the_current_losses(recording: Recording) -> None:
     notes: list[str] = []
-    train([recording], plan("ffnn"), lambda done, note: notes.append(note))
+    train([recording], settings("ffnn"), lambda done, note: notes.append(note))
     assert all("train" in note and "validation" in note for note in notes)

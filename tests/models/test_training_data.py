@@ -1,4 +1,4 @@
-"""The split holds out whole units, and no window reaches from one part into another."""
+"""The split holds out whole groups, and no window reaches from one part into another."""
 
 from collections.abc import Callable
 

@@ -28,22 +28,22 @@ def recording(make_recording: Make) -> Recording:
     return make_recording([400] * 25)
 
 
-def small_plan(**changes: object) -> TrainingSettings:
+def small_settings(**changes: object) -> TrainingSettings:
     return TrainingSettings(**{"model": "xgb", "combination": 2, "overrides": SMALL, **changes})  # type: ignore[arg-type]
 
 
 def test_the_same_seed_gives_the_same_model_on_any_number_of_cores(recording: Recording) -> None:
-    one, _ = train([recording], small_plan(jobs=1))
-    two, _ = train([recording], small_plan(jobs=3))
+    one, _ = train([recording], small_settings(jobs=1))
+    two, _ = train([recording], small_settings(jobs=3))
     assert one.record == two.record
     for first, second in zip(one.fitted.boosters, two.fitted.boosters, strict=True):
         assert first.save_raw("json") == second.save_raw("json")
-    other, _ = train([recording], small_plan(seed=1))
+    other, _ = train([recording], small_settings(seed=1))
     assert other.record.training.metrics != one.record.training.metrics
 
 
 def test_it_learns_and_reports_beside_the_mean_predictor(recording: Recording) -> None:
-    model, held_out = train([recording], small_plan())
+    model, held_out = train([recording], small_settings())
     metrics = model.record.training.metrics
     assert metrics["test"]["norm_mae"] < 0.8 * metrics["mean_predictor"]["norm_mae"]
     assert set(metrics["test"]["per_channel"]) == set(CHANNELS)
@@ -55,7 +55,7 @@ def test_it_learns_and_reports_beside_the_mean_predictor(recording: Recording) -
 
 
 def test_statistics_come_from_the_training_part_alone(recording: Recording) -> None:
-    model, _ = train([recording], small_plan())
+    model, _ = train([recording], small_settings())
     data = Dataset.of([recording], WindowSpec.of(2), SplitSettings())
     normalisation = model.record.normalisation
     np.testing.assert_allclose(normalisation.output_mean, data.train.channels.mean(axis=0), rtol=1e-6)
@@ -67,7 +67,7 @@ def test_statistics_come_from_the_training_part_alone(recording: Recording) -> N
 
 def test_a_channel_is_what_xgboost_alone_would_fit(recording: Recording) -> None:
     """One channel against XGBRegressor on the same numbers with the same settings."""
-    model, _ = train([recording], small_plan(overrides={**SMALL, "early_stopping_rounds": 0}))
+    model, _ = train([recording], small_settings(overrides={**SMALL, "early_stopping_rounds": 0}))
     data = Dataset.of([recording], WindowSpec.of(2), SplitSettings())
     normalisation = model.record.normalisation
     scale = lambda values, mean, std: (values - np.float32(mean)) / np.float32(std)  # noqa: E731
@@ -95,7 +95,7 @@ def test_an_interrupt_ends_every_channel(recording: Recording) -> None:
 
     overrides = {**SMALL, "n_estimators": 3000, "early_stopping_rounds": 0}
     with pytest.raises(KeyboardInterrupt):
-        train([recording], small_plan(overrides=overrides, jobs=2), interrupt_once)
+        train([recording], small_settings(overrides=overrides, jobs=2), interrupt_once)
     assert len(notes) < 1000
 
 
@@ -107,13 +107,13 @@ def test_early_stopping_keeps_the_best_trees(recording: Recording) -> None:
         np.random.default_rng(0).normal(size=recording.channels.shape),
         recording.auxiliary,
     )
-    plan = small_plan(overrides={**SMALL, "n_estimators": 60, "early_stopping_rounds": 3})
-    model, _ = train([noisy], plan)
+    settings = small_settings(overrides={**SMALL, "n_estimators": 60, "early_stopping_rounds": 3})
+    model, _ = train([noisy], settings)
     assert max(model.record.history.notes["trees"].values()) < 60
 
 
 def test_a_trained_model_is_kept_whole(recording: Recording, tmp_path: Path) -> None:
-    model, held_out = train([recording], small_plan())
+    model, held_out = train([recording], small_settings())
     folder = tmp_path / "trained"
     trained_models.save(model, held_out, folder)
     back = trained_models.load(folder)
@@ -127,7 +127,7 @@ def test_a_trained_model_is_kept_whole(recording: Recording, tmp_path: Path) -> 
 
 
 def test_damage_to_a_trained_model_is_named(recording: Recording, tmp_path: Path) -> None:
-    model, held_out = train([recording], small_plan())
+    model, held_out = train([recording], small_settings())
     folder = tmp_path / "trained"
     trained_models.save(model, held_out, folder)
     (folder / "weights" / "e7.json").write_text("{")

@@ -102,7 +102,7 @@ class WindowLayout(Schema):
 
 
 class Normalisation(Schema):
-    """Mean and standard deviation of what the model file takes and gives, over the training part.
+    """Mean and standard deviation of what the model file takes and gives, over the training set.
 
     `folded` says that the model file already takes raw windows and gives counts; otherwise
     whoever evaluates it normalises before and after.

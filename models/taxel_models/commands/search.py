@@ -60,7 +60,7 @@ def search(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Search the paper's hyperparameter spaces for the least normalised MAE on the validation part.
+    """Search the paper's hyperparameter spaces for the least normalised MAE on the validation set.
 
     `--json` prints output, hyperparameters, cost, epochs, trials, diverged and seconds_fitting.
     """
@@ -75,7 +75,7 @@ def search(
     with _progress() as progress, _cluster(scheduler) as client:
         bar = progress.add_task("reading", total=1.0, note="")
         recordings = [read_recording(path) for path in data]
-        plan = SearchSettings.of(
+        search_settings = SearchSettings.of(
             recordings,
             family=model,
             combination=inputs,
@@ -85,21 +85,21 @@ def search(
             least_epochs=min(least_budget, budget),
             held=parse_settings(settings or []),
             seed=seed,
-            unit=holdout,
+            grouping=holdout,
             test=test,
             validation=validation,
             split_seed=split_seed,
         )
-        task = fit_task(recordings, plan, 1 if client else jobs or os.cpu_count() or 1)
+        task = fit_task(recordings, search_settings, 1 if client else jobs or os.cpu_count() or 1)
         progress.update(bar, description="searching")
         outcome = run(
-            plan,
+            search_settings,
             task,
             output,
             client=client,
             progress=lambda done, note: progress.update(bar, completed=done, note=note),
         )
-        write_report(plan, outcome, output)
+        write_report(search_settings, outcome, output)
     winner = output / WINNER
     if as_json:
         chosen = outcome.winner.hyperparameters

@@ -79,23 +79,23 @@ def study(
     )
     from taxel_models.study.summary import Summary
 
-    plan = StudySettings(
+    study_settings = StudySettings(
         models=tuple(name.strip() for name in models.split(",")),
         combinations=parse_combinations(inputs),
         protocols=PROTOCOLS if protocol == "both" else (protocol,),
         folds=folds,
-        unit=unit,
+        grouping=unit,
         rows=rows,
         seed=seed,
         overrides=parse_overrides(parse_settings(settings or [])),
         temperature=temperature,
     )
-    plan.check()
+    study_settings.check()
     store = Store(output)
-    cells = len(plan.cells())
+    cells = len(study_settings.cells())
     with _progress() as progress:
         bar = progress.add_task("reading", total=cells, note="")
-        chosen = Study.of(plan, _read(data))
+        chosen = Study.of(study_settings, _read(data))
         progress.update(bar, description="cells")
         results = run_study(
             chosen,
@@ -110,7 +110,7 @@ def study(
         print_json({"output": str(store.folder), **describe(chosen, results)})
         return
     OUT.print(scale_statement(chosen).replace("**", ""), markup=False, soft_wrap=True)
-    for name in plan.protocols:
+    for name in study_settings.protocols:
         OUT.print(_table(Summary(name, results)))
     OUT.print(f"Wrote {store.folder / RESULTS}, tables and pictures beside it.", soft_wrap=True)
 

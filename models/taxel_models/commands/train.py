@@ -69,7 +69,7 @@ def train(
     check_folder_place(output, replacing=RECORD if overwrite else None)
     found = read_hyperparameters(hyperparameters, model, inputs) if hyperparameters else {}
     output.parent.mkdir(parents=True, exist_ok=True)
-    plan = TrainingSettings(
+    training_settings = TrainingSettings(
         model=model,
         combination=inputs,
         split=SplitSettings(holdout, test, validation, split_seed),
@@ -92,7 +92,9 @@ def train(
         ]
         progress.reset(bar, description="training", total=1.0, note="")
         trained, held_out = fit(
-            recordings, plan, lambda done, note: progress.update(bar, completed=done, note=note)
+            recordings,
+            training_settings,
+            lambda done, note: progress.update(bar, completed=done, note=note),
         )
         progress.update(bar, description="writing", completed=1.0, note="")
         save(trained, held_out, output, overwrite=overwrite)

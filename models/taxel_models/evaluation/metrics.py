@@ -34,7 +34,7 @@ class ErrorMetrics:
         """Compare (n, 21) measured with (n, 21) predicted counts.
 
         Args:
-            output_std: (21,) standard deviations of the training part, as in the manifest.
+            output_std: (21,) standard deviations of the training set, as in the manifest.
 
         Raises:
             InvalidArgument: shapes disagree or there is nothing to compare.

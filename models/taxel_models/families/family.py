@@ -27,7 +27,7 @@ class Hyperparameters(BaseModel):
 
 
 @dataclass(frozen=True)
-class FitPart:
+class FitData:
     """One part of a data set, z-scored, float32.
 
     Attributes:
@@ -59,8 +59,8 @@ class FitTask:
     """
 
     spec: WindowSpec
-    train: FitPart
-    validation: FitPart
+    train: FitData
+    validation: FitData
     seed: int
     jobs: int
     progress: Progress = unseen
@@ -138,7 +138,7 @@ class Family(ABC):
 
     @abstractmethod
     def fit(self, task: FitTask, hyperparameters: Hyperparameters) -> tuple[FittedModel, History]:
-        """Fit to the training part, stopping early by the validation part."""
+        """Fit to the training set, stopping early by the validation set."""
 
     @abstractmethod
     def load(self, folder: Path) -> FittedModel:

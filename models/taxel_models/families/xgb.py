@@ -30,7 +30,7 @@ Share = Annotated[float, Field(gt=0, le=1)]
 class XgbHyperparameters(Hyperparameters):
     """The paper's search space, and what it left at XGBoost's defaults.
 
-    `early_stopping_rounds`: trees without gain on the validation part before a channel stops;
+    `early_stopping_rounds`: trees without gain on the validation set before a channel stops;
     0 never stops early.
     """
 

@@ -44,7 +44,7 @@ def draw_trials(outcome: Outcome, title: str, file: BinaryIO) -> None:
     axis.yaxis.set_major_formatter("{x:.3g}")
     axis.yaxis.set_minor_formatter("{x:.3g}")
     axis.set_xlabel("trial")
-    axis.set_ylabel("normalised MAE, validation part")
+    axis.set_ylabel("normalised MAE, validation set")
     diverged = sum(trial.cost >= WORST for trial in outcome.trials)
     axis.set_title(title + (f"; {diverged} diverged, not shown" if diverged else ""))
     axis.grid(alpha=0.3, which="both")

@@ -1,4 +1,4 @@
-"""What a search minimises: the normalised MAE on the validation part of a fitted configuration."""
+"""What a search minimises: the normalised MAE on the validation set of a fitted configuration."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,24 +24,24 @@ TASK: Final = "task"
 """The name under which the task travels to workers."""
 
 
-def fit_task(recordings: Sequence[Recording], plan: SearchSettings, jobs: int) -> FitTask:
-    """The training and the validation part, z-scored by the training part; the test part stays unseen.
+def fit_task(recordings: Sequence[Recording], settings: SearchSettings, jobs: int) -> FitTask:
+    """The training and the validation set, z-scored by the training set; the test set stays unseen.
 
     Raises:
         SettingsError: the recordings cannot be divided so.
     """
-    spec = WindowSpec.of(plan.combination)
-    data = Dataset.of(recordings, spec, plan.split)
+    spec = WindowSpec.of(settings.combination)
+    data = Dataset.of(recordings, spec, settings.split)
     scalers = Scalers.fit(data.train)
-    return FitTask(spec, scalers.apply(data.train), scalers.apply(data.validation), plan.seed, jobs)
+    return FitTask(spec, scalers.apply(data.train), scalers.apply(data.validation), settings.seed, jobs)
 
 
-def hyperparameters_of(plan: SearchSettings, values: Mapping[str, Any]) -> dict[str, Any]:
+def hyperparameters_of(settings: SearchSettings, values: Mapping[str, Any]) -> dict[str, Any]:
     """A configuration as the family's hyperparameters, with those that are held."""
     plain = {
         name: value.item() if isinstance(value, np.generic) else value for name, value in values.items()
     }
-    return search_space(plan.family).decode(plain) | plan.held
+    return search_space(settings.family).decode(plain) | settings.held
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,11 @@ class Objective:
     """SMAC's target function.
 
     Attributes:
-        plan: of the search.
+        settings: of the search.
         task: to fit to; none where it is scattered to workers instead.
     """
 
-    plan: SearchSettings
+    settings: SearchSettings
     task: FitTask | None
 
     def cost(
@@ -67,20 +67,21 @@ class Objective:
 
         Args:
             config: in the family's space.
-            seed: SMAC's, not used: every fit has the plan's, so that training the winner repeats it.
+            seed: SMAC's. It is not used: every fit takes the seed of the settings, so that training
+                with the best hyperparameters gives the same model.
             budget: epochs, for networks.
             data_to_scatter: the task, on a worker; the name is SMAC's.
 
         Returns:
-            The normalised MAE on the validation part, and what else is worth keeping.
+            The normalised MAE on the validation set, and what else is worth keeping.
         """
         task = data_to_scatter[TASK] if data_to_scatter is not None else self.task
         assert task is not None
-        chosen = hyperparameters_of(self.plan, config)
+        chosen = hyperparameters_of(self.settings, config)
         if budget is not None:
             chosen["epochs"] = max(1, round(budget))
-        kind = family(self.plan.family)
-        hyperparameters = resolve(kind, self.plan.combination, chosen)
+        kind = family(self.settings.family)
+        hyperparameters = resolve(kind, self.settings.combination, chosen)
         try:
             fitted, history = kind.fit(task, hyperparameters)
         except TaxelError as error:

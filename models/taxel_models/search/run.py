@@ -32,7 +32,7 @@ class Trial:
 
     Attributes:
         number: in the order of starting, from 1.
-        cost: normalised MAE on the validation part.
+        cost: normalised MAE on the validation set.
         epochs: its budget, for networks.
         seconds: that it took.
         hyperparameters: the configuration, as the family's hyperparameters.
@@ -100,7 +100,7 @@ class _Watch(Callback):  # type: ignore[misc]
 
 
 def search(
-    plan: SearchSettings,
+    settings: SearchSettings,
     task: FitTask,
     folder: Path,
     *,
@@ -119,18 +119,18 @@ def search(
         ArtifactError: its state is damaged.
         TaxelError: a trial failed, or none has finished.
     """
-    plan.keep(folder)
-    space = search_space(plan.family)
+    settings.keep(folder)
+    space = search_space(settings.family)
     scenario = _Scenario(
-        configspace=space.build(frozenset(plan.held)),
+        configspace=space.build(frozenset(settings.held)),
         name=STATE,
         output_directory=folder,
         deterministic=True,
-        n_trials=plan.trials,
-        walltime_limit=plan.walltime_s if plan.walltime_s is not None else float("inf"),
-        min_budget=plan.least_epochs if space.by_epochs else None,
-        max_budget=plan.epochs if space.by_epochs else None,
-        seed=plan.seed,
+        n_trials=settings.trials,
+        walltime_limit=settings.walltime_s if settings.walltime_s is not None else float("inf"),
+        min_budget=settings.least_epochs if space.by_epochs else None,
+        max_budget=settings.epochs if space.by_epochs else None,
+        seed=settings.seed,
     )
     facade = MultiFidelityFacade if space.by_epochs else HyperparameterOptimizationFacade
     with _logged_to(folder / LOG), warnings.catch_warnings():
@@ -140,9 +140,9 @@ def search(
         try:
             smac = facade(
                 scenario,
-                Objective(plan, task if client is None else None).cost,
+                Objective(settings, task if client is None else None).cost,
                 logging_level=False,
-                callbacks=[_Watch(progress, plan.trials)],
+                callbacks=[_Watch(progress, settings.trials)],
                 dask_client=client,
             )
         except (json.JSONDecodeError, KeyError) as error:
@@ -154,10 +154,10 @@ def search(
         else:
             with client.as_current():  # SMAC waits for trials with the current client
                 smac.optimize(data_to_scatter={TASK: task})
-    return _outcome(plan, smac)
+    return _outcome(settings, smac)
 
 
-def _outcome(plan: SearchSettings, smac: HyperparameterOptimizationFacade) -> Outcome:
+def _outcome(settings: SearchSettings, smac: HyperparameterOptimizationFacade) -> Outcome:
     history = smac.runhistory
     trials = tuple(
         Trial(
@@ -166,7 +166,7 @@ def _outcome(plan: SearchSettings, smac: HyperparameterOptimizationFacade) -> Ou
             cost=value.cost,
             epochs=None if key.budget is None else max(1, round(key.budget)),
             seconds=value.time,
-            hyperparameters=hyperparameters_of(plan, history.get_config(key.config_id)),
+            hyperparameters=hyperparameters_of(settings, history.get_config(key.config_id)),
             about=value.additional_info,
         )
         for number, (key, value) in enumerate(history.items(), start=1)

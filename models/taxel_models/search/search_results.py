@@ -26,23 +26,23 @@ BEST: Final = 10
 """Rows of the table."""
 
 
-def write_report(plan: SearchSettings, outcome: Outcome, folder: Path) -> None:
+def write_report(settings: SearchSettings, outcome: Outcome, folder: Path) -> None:
     """Write the results; each file appears whole or not at all, and replaces an earlier one."""
     found = FoundHyperparameters(
-        family=plan.family,
-        combination=plan.combination,
+        family=settings.family,
+        combination=settings.combination,
         hyperparameters=outcome.winner.hyperparameters,
-        origin={"taxel_version": __version__, **summary(outcome), "data": plan.data},
+        origin={"taxel_version": __version__, **summary(outcome), "data": settings.data},
     )
     texts = {
         WINNER: found.model_dump_json(indent=1) + "\n",
         "trials.json": json.dumps([asdict(trial) for trial in outcome.trials], indent=1) + "\n",
-        "best.md": _markdown(plan, outcome),
+        "best.md": _markdown(settings, outcome),
     }
     for name, text in texts.items():
         with whole_file(folder / name) as temporary:
             temporary.write_text(text, encoding="utf-8")
-    title = f"search: {plan.family}, input combination {plan.combination}"
+    title = f"search: {settings.family}, input combination {settings.combination}"
     with whole_file(folder / "trials.png") as temporary, temporary.open("wb") as picture:
         draw_trials(outcome, title, picture)
 
@@ -58,13 +58,13 @@ def summary(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def _markdown(plan: SearchSettings, outcome: Outcome) -> str:
+def _markdown(settings: SearchSettings, outcome: Outcome) -> str:
     best = outcome.best(BEST)
     names = list(dict.fromkeys(name for trial in best for name in trial.hyperparameters))
     head = ["trial", "normalised MAE", "epochs", "parameters", *names]
     lines = [
-        f"The best of {len(outcome.trials)} trials of {plan.family}, input combination {plan.combination}. "
-        "Normalised MAE on the validation part.",
+        f"The best of {len(outcome.trials)} trials of {settings.family}, "
+        f"input combination {settings.combination}. Normalised MAE on the validation set.",
         "",
         f"| {' | '.join(head)} |",
         "| --- " * len(head) + "|",

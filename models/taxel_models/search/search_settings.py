@@ -1,4 +1,4 @@
-"""What a search is: everything that its course depends on, kept beside its results."""
+"""The settings of a search: everything that its course depends on, kept beside its results."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,9 +12,9 @@ from taxel.errors import ArtifactError, SettingsError
 from taxel_models.families.registry import family, resolve
 from taxel_models.recordings import Recording
 from taxel_models.search.spaces import search_space
-from taxel_models.training.split import SplitSettings, Unit
+from taxel_models.training.split import Grouping, SplitSettings
 
-PLAN: Final = "search.json"
+SETTINGS_FILE: Final = "search.json"
 
 _SEARCHED: Final = ("neurons", "activations", "epochs")
 """Hyperparameters that follow from several dimensions of a space, or from a trial's budget."""
@@ -32,11 +32,11 @@ class SearchSettings(BaseModel):
         least_epochs: the smallest.
         held: hyperparameters that are set instead of searched.
         seed: of every random choice.
-        unit: of `SplitSettings`, as are `test`, `validation` and `split_seed`.
+        grouping: of `SplitSettings`, as are `test`, `validation` and `split_seed`.
         data: name of each recording, by sha256.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
     schema_version: Literal[1] = 1
     family: str
@@ -47,7 +47,7 @@ class SearchSettings(BaseModel):
     least_epochs: Annotated[int, Field(ge=1)] = 3
     held: dict[str, Any] = {}
     seed: Annotated[int, Field(ge=0)] = 0
-    unit: Unit = "auto"
+    grouping: Annotated[Grouping, Field(alias="unit")] = "auto"
     test: float = 0.1
     validation: float = 0.1
     split_seed: int = 0
@@ -61,23 +61,23 @@ class SearchSettings(BaseModel):
 
     @classmethod
     def of(cls, recordings: Sequence[Recording], **settings: Any) -> Self:
-        """A plan for these recordings.
+        """The settings for these recordings.
 
         Raises:
             SettingsError: a setting is not possible.
         """
         data = {recording.fingerprint: recording.name for recording in recordings}
         try:
-            plan = cls(data=data, **settings)
+            complete = cls(data=data, **settings)
         except ValidationError as error:
             raise SettingsError(f"search: {describe(error)}") from None
-        plan.check()
-        return plan
+        complete.check()
+        return complete
 
     @property
     def split(self) -> SplitSettings:
         """How the recordings are divided."""
-        return SplitSettings(self.unit, self.test, self.validation, self.split_seed)
+        return SplitSettings(self.grouping, self.test, self.validation, self.split_seed)
 
     def check(self) -> None:
         """Refuse what can be refused before any work is done.
@@ -92,18 +92,18 @@ class SearchSettings(BaseModel):
                 raise SettingsError(f"--set {name}: it is what is searched, or the budget of a trial")
 
     def keep(self, folder: Path) -> None:
-        """Write the plan into a search's folder, or see that the search there is the same one.
+        """Write the settings into a search's folder, or see that the search there is the same one.
 
         Raises:
             SettingsError: the folder holds something else, or a search with other settings.
-            ArtifactError: the plan that it holds is damaged.
+            ArtifactError: the settings that it holds are damaged.
         """
-        path = folder / PLAN
+        path = folder / SETTINGS_FILE
         if not path.is_file():
             check_folder_place(folder)
             folder.mkdir(parents=True, exist_ok=True)
             with whole_file(path) as temporary:
-                temporary.write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
+                temporary.write_text(self.model_dump_json(indent=1, by_alias=True) + "\n", encoding="utf-8")
             return
         try:
             earlier = type(self).model_validate_json(path.read_bytes())

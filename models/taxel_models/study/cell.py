@@ -1,4 +1,4 @@
-"""One cell: fit a model to a fold and see how far it is off on the test part."""
+"""One cell: fit a model to a fold and see how far it is off on the test set."""
 
 import time
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ OfChannels = Annotated[tuple[FiniteFloat, ...], Field(min_length=len(CHANNELS), 
 
 
 class ChannelErrors(BaseModel):
-    """Errors of the 21 channels on a test part.
+    """Errors of the 21 channels on a test set.
 
     Attributes:
         mae: mean absolute error, counts.
@@ -67,7 +67,7 @@ class CellResult(BaseModel):
         key: `StudySettings.key`, of everything the result depends on.
         fold: counted from 0.
         parameters: learnable ones; for trees their nodes.
-        windows: in each part.
+        windows: in each set.
         test: errors of the model; one that takes the temperature is given its mean.
         test_measured_temperature: its errors with the temperature as measured.
         sweep: its errors with each temperature that occurs, where that was asked for.

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from taxel.scaling import Scaler
 from taxel.windows import WindowSpec, build_windows
-from taxel_models.families.family import FitPart
+from taxel_models.families.family import FitData
 from taxel_models.study.folds import Numbers, Partition
 from taxel_models.training.dataset import Examples, concatenate
 
@@ -18,16 +18,16 @@ class FoldData:
 
     Attributes:
         train: z-scored, as are `validation` and `test`.
-        measured: (n, 21) the test part's channels, counts.
+        measured: (n, 21) the test set's channels, counts.
         scaler: of the channels.
-        tdc: every temperature that occurs in any part, whole counts, ascending, (k,).
+        tdc: every temperature that occurs in any set, whole counts, ascending, (k,).
         tdc_scaler: of the temperature.
     """
 
     spec: WindowSpec
-    train: FitPart
-    validation: FitPart
-    test: FitPart
+    train: FitData
+    validation: FitData
+    test: FitData
     measured: NDArray[np.float64]
     scaler: Scaler
     tdc: NDArray[np.float64]
@@ -35,7 +35,7 @@ class FoldData:
 
     @property
     def windows(self) -> dict[str, int]:
-        """Windows in each part."""
+        """Windows in each set."""
         return {"train": len(self.train), "validation": len(self.validation), "test": len(self.test)}
 
 
@@ -47,18 +47,18 @@ def fold_data(partition: Partition, combination: int, fold: int) -> FoldData:
     # Column by column, so that no more than one column exists twice, in float64, at a time.
     scalers = {name: Scaler.fit(column[numbers.statistics]) for name, column in vars(table).items()}
 
-    def part(chosen: Numbers) -> FitPart:
+    def scaled(chosen: Numbers) -> FitData:
         windows, channels, temperature, auxiliary = (
             scalers[name].normalise(column[chosen].astype(np.float32, copy=False))
             for name, column in vars(table).items()
         )
-        return FitPart(windows, channels, temperature[:, 0], auxiliary)
+        return FitData(windows, channels, temperature[:, 0], auxiliary)
 
     return FoldData(
         spec,
-        part(numbers.train),
-        part(numbers.validation),
-        part(numbers.test),
+        scaled(numbers.train),
+        scaled(numbers.validation),
+        scaled(numbers.test),
         table.channels[numbers.test],
         scalers["channels"],
         np.unique(np.rint(table.temperature)),

@@ -1,7 +1,7 @@
 """Cross-validation: which windows each fold fits, stops early and tests with.
 
 Both protocols leave out windows at the edges of what is held out, as many as the widest input
-combination reaches. So no window of one part touches a row of another, and every combination is
+combination reaches. So no window of one set touches a row of another, and every combination is
 tested on the same rows, as a paired test needs.
 """
 
@@ -17,12 +17,12 @@ from taxel.windows import PERIOD_NS, WindowSpec
 from taxel.windows.combinations import COMBINATIONS
 from taxel_models.recordings import Recording
 from taxel_models.study.study_settings import Protocol
-from taxel_models.training.split import CHUNK_ROWS, Subset, Unit, has_trials, units_of
+from taxel_models.training.split import CHUNK_ROWS, Grouping, Subset, groups_of, has_trials
 
 Numbers = NDArray[np.int64]
 
 VALIDATION_SHARE: Final = 0.1
-"""Of all units, taken from the training part for early stopping."""
+"""Of all groups, taken from the training set for early stopping."""
 
 GUARD: Final = max(
     max(spec.look_back, spec.look_ahead) for spec in (WindowSpec.of(number) for number in COMBINATIONS)
@@ -51,7 +51,7 @@ class Partition:
     Attributes:
         recordings: of ticks; where the protocol ignores gaps, without them.
         rows: of each recording, the rows T of the windows that are numbered.
-        held_out: what a test part consists of, in words.
+        held_out: what a test set consists of, in words.
         folds: the windows of each fold.
     """
 
@@ -61,14 +61,14 @@ class Partition:
     folds: tuple[Fold, ...]
 
 
-def choose_unit(recordings: Sequence[Recording], unit: Unit, folds: int) -> Unit:
+def choose_grouping(recordings: Sequence[Recording], grouping: Grouping, folds: int) -> Grouping:
     """What `auto` stands for: sessions where there is one a fold, else trials, else chunks.
 
     Raises:
         SettingsError: some recordings are series of trials and others are not.
     """
-    if unit != "auto":
-        return unit
+    if grouping != "auto":
+        return grouping
     if len(recordings) >= max(folds, len(Subset)):
         return "sessions"
     trials = [has_trials(recording) for recording in recordings]
@@ -81,41 +81,41 @@ def choose_unit(recordings: Sequence[Recording], unit: Unit, folds: int) -> Unit
 
 
 def partition(
-    protocol: Protocol, recordings: Sequence[Recording], unit: Unit, folds: int, seed: int
+    protocol: Protocol, recordings: Sequence[Recording], grouping: Grouping, folds: int, seed: int
 ) -> Partition:
     """Divide recordings of ticks into folds.
 
     Args:
-        unit: what the strict protocol holds out whole; the paper's always holds out chunks.
+        grouping: what the strict protocol holds out whole; the paper's always holds out chunks.
 
     Raises:
         SettingsError: there is too little data for so many folds.
     """
     if protocol == "paper":
         return _as_published(recordings, folds, seed)
-    return _strict(recordings, unit, folds, seed)
+    return _strict(recordings, grouping, folds, seed)
 
 
-def _strict(recordings: Sequence[Recording], unit: Unit, folds: int, seed: int) -> Partition:
-    """Whole units for testing and for validation; gaps respected; statistics of the training part."""
-    units = units_of(recordings, unit)
-    validations = max(1, round(VALIDATION_SHARE * len(units)))
-    if len(units) < folds or len(units) - -(-len(units) // folds) <= validations:
-        raise SettingsError(f"{len(units)} {unit}: too few for {folds} folds of three parts")
-    order = np.random.default_rng(seed).permutation(len(units))
+def _strict(recordings: Sequence[Recording], grouping: Grouping, folds: int, seed: int) -> Partition:
+    """Whole groups for testing and for validation; gaps respected; statistics of the training set."""
+    groups = groups_of(recordings, grouping)
+    validations = max(1, round(VALIDATION_SHARE * len(groups)))
+    if len(groups) < folds or len(groups) - -(-len(groups) // folds) <= validations:
+        raise SettingsError(f"{len(groups)} {grouping}: too few for {folds} folds of three sets")
+    order = np.random.default_rng(seed).permutation(len(groups))
     tests = np.array_split(order, folds)
     found = []
     for number, test in enumerate(tests):
         others = np.setdiff1d(order, test)
         validation = np.random.default_rng([seed, number]).choice(others, validations, replace=False)
-        parts = [np.full(len(recording), Subset.TRAIN, np.int8) for recording in recordings]
-        for part, chosen in ((Subset.TEST, test), (Subset.VALIDATION, validation)):
+        subsets = [np.full(len(recording), Subset.TRAIN, np.int8) for recording in recordings]
+        for subset, chosen in ((Subset.TEST, test), (Subset.VALIDATION, validation)):
             for index in chosen:
-                recording, rows = units[index]
-                parts[recording][rows] = part
-        found.append(_strict_fold(recordings, parts, number))
+                recording, rows = groups[index]
+                subsets[recording][rows] = subset
+        found.append(_strict_fold(recordings, subsets, number))
     rows = tuple(_guarded(recording) for recording in recordings)
-    return Partition(tuple(recordings), rows, f"whole {unit}", tuple(found))
+    return Partition(tuple(recordings), rows, f"whole {grouping}", tuple(found))
 
 
 def _guarded(recording: Recording) -> Numbers:
@@ -127,19 +127,19 @@ def _guarded(recording: Recording) -> Numbers:
     return np.concatenate([np.empty(0, np.int64), *spans])
 
 
-def _strict_fold(recordings: Sequence[Recording], parts: Sequence[NDArray[np.int8]], number: int) -> Fold:
+def _strict_fold(recordings: Sequence[Recording], subsets: Sequence[NDArray[np.int8]], number: int) -> Fold:
     of_window = []
-    for recording, part in zip(recordings, parts, strict=True):
+    for recording, of_row in zip(recordings, subsets, strict=True):
         rows = _guarded(recording)
-        changes = np.concatenate([[0], np.cumsum(np.diff(part) != 0)])
+        changes = np.concatenate([[0], np.cumsum(np.diff(of_row) != 0)])
         whole = changes[rows - GUARD] == changes[rows + GUARD]
-        of_window.append(np.where(whole, part[rows], np.int8(-1)))
+        of_window.append(np.where(whole, of_row[rows], np.int8(-1)))
     joined = np.concatenate(of_window)
-    numbers = {of_part: np.flatnonzero(joined == of_part) for of_part in Subset}
-    for of_part, found in numbers.items():
+    numbers = {subset: np.flatnonzero(joined == subset) for subset in Subset}
+    for subset, found in numbers.items():
         if not len(found):
             raise SettingsError(
-                f"fold {number + 1}: the {of_part.name.lower()} part has no window of {2 * GUARD + 1} ticks"
+                f"fold {number + 1}: the {subset.name.lower()} set has no window of {2 * GUARD + 1} ticks"
             )
     train = numbers[Subset.TRAIN]
     return Fold(train, numbers[Subset.VALIDATION], numbers[Subset.TEST], statistics=train)
@@ -150,8 +150,8 @@ def _as_published(recordings: Sequence[Recording], folds: int, seed: int) -> Par
 
     Gaps are ignored. Ticks are counted off in chunks of 1000, whatever trial they belong to; what is
     left at the end is unused. Every chunk loses `GUARD` windows at either edge. All folds test as many
-    chunks, the last one the rest. Validation takes stretches of 1000 windows from anywhere in the
-    training part. Means and standard deviations are those of all parts together.
+    chunks, the last one what remains. Validation takes stretches of 1000 windows from anywhere in the
+    training set. Means and standard deviations are those of all sets together.
     """
     closed = tuple(_without_gaps(recording) for recording in recordings)
     spans = [(len(recording) - 2 * GUARD) // CHUNK_ROWS for recording in closed]

@@ -10,12 +10,12 @@ from taxel_models.families.family import Progress, unseen
 from taxel_models.recordings import Recording
 from taxel_models.study.cell import CellResult, CellTask, compute
 from taxel_models.study.fold_data import fold_data
-from taxel_models.study.folds import Partition, choose_unit, partition
+from taxel_models.study.folds import Partition, choose_grouping, partition
 from taxel_models.study.published import is_published_data
 from taxel_models.study.reduction import reduce_rows
 from taxel_models.study.store import Store
 from taxel_models.study.study_settings import Cell, Protocol, StudySettings
-from taxel_models.training.split import Unit
+from taxel_models.training.split import Grouping
 
 
 @dataclass(frozen=True)
@@ -34,35 +34,35 @@ Runner = Callable[[Mapping[Protocol, Partition], Sequence[Batch], Progress], Ite
 
 @dataclass(frozen=True)
 class Study:
-    """A plan applied to recordings.
+    """Settings applied to recordings.
 
     Attributes:
         sources: the recordings as read.
-        unit: what the strict protocol holds out whole.
+        grouping: what the strict protocol holds out whole.
         rows: 10 ms ticks there are.
         rows_used: those that are left at a reduced scale.
         published_data: whether this is the paper's data set, all of it.
         partitions: the folds of each protocol.
     """
 
-    plan: StudySettings
+    settings: StudySettings
     sources: tuple[Source, ...]
-    unit: Unit
+    grouping: Grouping
     rows: int
     rows_used: int
     published_data: bool
     partitions: Mapping[Protocol, Partition]
 
     @classmethod
-    def of(cls, plan: StudySettings, recordings: Sequence[Recording]) -> Self:
-        """Divide the recordings as planned.
+    def of(cls, settings: StudySettings, recordings: Sequence[Recording]) -> Self:
+        """Divide the recordings as the settings say.
 
         Raises:
-            SettingsError: the plan is not possible with them.
+            SettingsError: the settings are not possible with them.
         """
         ticks = [recording.ticks() for recording in recordings]
-        unit = choose_unit(ticks, plan.unit, plan.folds)
-        used = reduce_rows(ticks, unit, plan.rows, plan.seed)
+        grouping = choose_grouping(ticks, settings.grouping, settings.folds)
+        used = reduce_rows(ticks, grouping, settings.rows, settings.seed)
         sources = tuple(
             Source(
                 name=recording.name,
@@ -73,21 +73,21 @@ class Study:
             for recording in recordings
         )
         return cls(
-            plan,
+            settings,
             sources,
-            unit,
+            grouping,
             sum(map(len, ticks)),
             sum(map(len, used)),
-            plan.rows is None and is_published_data(recordings),
+            settings.rows is None and is_published_data(recordings),
             {
-                protocol: partition(protocol, used, unit, plan.folds, plan.seed)
-                for protocol in plan.protocols
+                protocol: partition(protocol, used, grouping, settings.folds, settings.seed)
+                for protocol in settings.protocols
             },
         )
 
     def key(self, cell: Cell) -> str:
         """Of everything that a cell's result depends on."""
-        return self.plan.key(cell, [source.sha256 for source in self.sources], self.unit)
+        return self.settings.key(cell, [source.sha256 for source in self.sources], self.grouping)
 
 
 def run_study(
@@ -99,9 +99,9 @@ def run_study(
         jobs: cores that one cell may use.
 
     Returns:
-        Every cell's result, in the plan's order.
+        Every cell's result, in the settings' order.
     """
-    results = {cell: store.read(cell, study.key(cell)) for cell in study.plan.cells()}
+    results = {cell: store.read(cell, study.key(cell)) for cell in study.settings.cells()}
     missing = [cell for cell, result in results.items() if result is None]
     before = len(results) - len(missing)
 
@@ -118,14 +118,14 @@ def run_study(
 def _batches(study: Study, cells: Sequence[Cell], store: Store, jobs: int) -> list[Batch]:
     def task(cell: Cell) -> CellTask:
         key = study.key(cell)
-        chosen = study.plan.hyperparameters[cell.model, cell.combination]
+        chosen = study.settings.hyperparameters[cell.model, cell.combination]
         return CellTask(
             cell,
             key,
             chosen,
-            study.plan.seed,
+            study.settings.seed,
             jobs,
-            sweep=study.plan.sweeps(cell),
+            sweep=study.settings.sweeps(cell),
             checkpoint=store.checkpoint(cell, key),
         )
 

@@ -16,7 +16,7 @@ from taxel_models.study.summary import MEAN_PREDICTOR, Summary
 from taxel_models.study.temperature import Temperature
 
 COLOURS: Final = ("#6c757d", "#30638e", "#d1495b", "#edae49", "#00798c", "#7b2d8b")
-"""One a model, in the plan's order."""
+"""One a model, in the settings' order."""
 
 _GROUP: Final = 0.8
 """Share of the room between two ticks that boxes or bars take."""

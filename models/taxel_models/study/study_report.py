@@ -32,7 +32,7 @@ _LIBRARIES: Final = ("numpy", "scipy", "statsmodels", "torch")
 def describe(study: Study, cells: Sequence[CellResult]) -> dict[str, Any]:
     """Everything that is reported, for JSON; docs/study.md tells the fields."""
     summaries = _summaries(study, cells)
-    plan = study.plan
+    settings = study.settings
     return {
         "schema_version": 1,
         "taxel_version": __version__,
@@ -40,21 +40,23 @@ def describe(study: Study, cells: Sequence[CellResult]) -> dict[str, Any]:
         "data": [source.model_dump(mode="json") for source in study.sources],
         "published_data": study.published_data,
         "scale": {
-            "reduced": bool(plan.rows is not None or plan.overrides),
+            "reduced": bool(settings.rows is not None or settings.overrides),
             "rows": study.rows,
             "rows_used": study.rows_used,
-            "overrides": {model: dict(values) for model, values in plan.overrides.items()},
+            "overrides": {model: dict(values) for model, values in settings.overrides.items()},
         },
         "plan": {
-            "models": list(plan.models),
-            "combinations": list(plan.combinations),
-            "folds": plan.folds,
-            "unit": study.unit,
-            "seed": plan.seed,
-            "temperature": plan.temperature,
+            "models": list(settings.models),
+            "combinations": list(settings.combinations),
+            "folds": settings.folds,
+            "unit": study.grouping,
+            "seed": settings.seed,
+            "temperature": settings.temperature,
             "hyperparameters": {
-                model: {str(number): plan.hyperparameters[model, number] for number in plan.combinations}
-                for model in plan.models
+                model: {
+                    str(number): settings.hyperparameters[model, number] for number in settings.combinations
+                }
+                for model in settings.models
             },
         },
         "protocols": {
@@ -89,21 +91,21 @@ def write_report(study: Study, cells: Sequence[CellResult], folder: Path) -> Non
 
 def scale_statement(study: Study) -> str:
     """On what the study stands and where it is smaller than the paper's, as a Markdown list."""
-    plan = study.plan
+    settings = study.settings
     data = "; ".join(
         f"{source.name} ({source.format}, {source.rows:,} rows, sha256 {source.sha256[:12]}…)"
         for source in study.sources
     )
     replaced = [
         f"`{model}.{name}={json.dumps(value)}`"
-        for model, values in plan.overrides.items()
+        for model, values in settings.overrides.items()
         for name, value in values.items()
     ]
     lines = [
         f"data: {data}" + (", the data set of the paper" if study.published_data else ""),
         f"rows: {study.rows_used:,} of {study.rows:,} ticks"
         + (", **a reduced scale**" if study.rows_used < study.rows else ", all"),
-        f"folds: {plan.folds}, seed {plan.seed}",
+        f"folds: {settings.folds}, seed {settings.seed}",
         "hyperparameters: as published"
         + (f" except {', '.join(replaced)}: **a reduced scale**" if replaced else ""),
     ]
@@ -111,7 +113,7 @@ def scale_statement(study: Study) -> str:
 
 
 def _summaries(study: Study, cells: Sequence[CellResult]) -> dict[Protocol, Summary]:
-    return {protocol: Summary(protocol, cells) for protocol in study.plan.protocols}
+    return {protocol: Summary(protocol, cells) for protocol in study.settings.protocols}
 
 
 def _temperature(summary: Summary) -> dict[str, Any] | None:

@@ -1,4 +1,4 @@
-"""What a study compares, and the cells it is made of."""
+"""The settings of a study, and the cells that it consists of."""
 
 import hashlib
 import json
@@ -10,7 +10,7 @@ from typing import Any, Final, Literal, get_args
 from taxel.errors import SettingsError
 from taxel.windows import COMBINATIONS
 from taxel_models.families.registry import FAMILIES, family, resolve
-from taxel_models.training.split import Unit
+from taxel_models.training.split import Grouping
 
 Protocol = Literal["strict", "paper"]
 """`strict` lets nothing leak from test to training; `paper` repeats the published choices."""
@@ -50,7 +50,7 @@ class StudySettings:
         models: family names.
         combinations: input combinations, 1..8.
         folds: of the cross-validation.
-        unit: what the strict protocol holds out whole.
+        grouping: what the strict protocol holds out whole.
         rows: 10 ms ticks to reduce the data to; None takes all.
         seed: of the folds, the reduction, and every fit.
         overrides: by model, hyperparameters that replace the paper's.
@@ -61,7 +61,7 @@ class StudySettings:
     combinations: tuple[int, ...] = COMBINATIONS
     protocols: tuple[Protocol, ...] = ("strict",)
     folds: int = 10
-    unit: Unit = "auto"
+    grouping: Grouping = "auto"
     rows: int | None = None
     seed: int = 0
     overrides: Mapping[str, dict[str, Any]] = field(default_factory=dict)
@@ -129,19 +129,19 @@ class StudySettings:
         """Whether this cell is to be tested with every temperature that occurs."""
         return self.temperature and (cell.model, cell.combination) == SWEPT
 
-    def key(self, cell: Cell, fingerprints: Sequence[str], unit: Unit) -> str:
+    def key(self, cell: Cell, fingerprints: Sequence[str], grouping: Grouping) -> str:
         """Of everything that a cell's result depends on: data, folds, settings.
 
         Args:
             fingerprints: of the recordings as read, before any reduction.
-            unit: what `auto` became.
+            grouping: what `auto` became.
         """
         content: dict[str, Any] = {
             "version": _KEY_VERSION,
             "data": list(fingerprints),
             "rows": self.rows,
             "folds": self.folds,
-            "unit": unit,
+            "unit": grouping,
             "seed": self.seed,
             "cell": [cell.protocol, cell.model, cell.combination, cell.fold],
             "hyperparameters": self.hyperparameters[cell.model, cell.combination],

@@ -101,7 +101,7 @@ class Summary:
     """The finished cells of one protocol.
 
     Args:
-        cells: in the plan's order; entries stand model by model.
+        cells: in the settings' order; entries stand model by model.
     """
 
     def __init__(self, protocol: Protocol, cells: Sequence[CellResult]) -> None:

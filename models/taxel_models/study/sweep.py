@@ -14,7 +14,7 @@ _Curve = Annotated[tuple[FiniteFloat, ...], Field(min_length=1)]
 
 
 class TemperatureSweep(BaseModel):
-    """Errors on one test part, by the temperature that the model was told.
+    """Errors on one test set, by the temperature that the model was told.
 
     Attributes:
         mean_tdc: the mean that the model was fitted around, counts.

@@ -1,4 +1,4 @@
-"""Windows and targets of recordings, divided into parts and ready to fit."""
+"""Windows and targets of recordings, divided into sets and ready to fit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ def examples(recording: Recording, spec: WindowSpec) -> Examples:
 
 @dataclass(frozen=True)
 class Dataset:
-    """Three parts that share no sample.
+    """Three sets that share no sample.
 
     Attributes:
         test_recordings: the test rows as recordings, one for each that has any.
@@ -65,53 +65,52 @@ class Dataset:
     test_recordings: tuple[Recording, ...]
 
     @classmethod
-    def of(cls, recordings: Sequence[Recording], spec: WindowSpec, plan: SplitSettings) -> Self:
+    def of(cls, recordings: Sequence[Recording], spec: WindowSpec, settings: SplitSettings) -> Self:
         """Split recordings and build their windows.
 
-        A window belongs to a part if every sample it is built from does; those that straddle two
-        parts are dropped.
+        A window belongs to a set if all its samples do. Windows that reach into two sets are dropped.
 
         Raises:
-            SettingsError: a part would be empty.
+            SettingsError: a set would be empty.
         """
         ticks = [recording.ticks() for recording in recordings]
-        row_parts = split(ticks, plan)
-        found: dict[Subset, list[Examples]] = {part: [] for part in Subset}
-        for recording, of_row in zip(ticks, row_parts, strict=True):
+        row_subsets = split(ticks, settings)
+        found: dict[Subset, list[Examples]] = {subset: [] for subset in Subset}
+        for recording, of_row in zip(ticks, row_subsets, strict=True):
             windows = build_windows(recording.samples, spec)
-            of_window = _part_of_windows(of_row, windows.rows, spec)
-            for part in Subset:
-                chosen = of_window == part
-                found[part].append(Examples.at(recording, windows.values[chosen], windows.rows[chosen]))
-        parts = {part: concatenate(found[part]) for part in Subset}
-        for part, content in parts.items():
+            of_window = _subset_of_windows(of_row, windows.rows, spec)
+            for subset in Subset:
+                chosen = of_window == subset
+                found[subset].append(Examples.at(recording, windows.values[chosen], windows.rows[chosen]))
+        sets = {subset: concatenate(found[subset]) for subset in Subset}
+        for subset, content in sets.items():
             if not len(content):
                 raise SettingsError(
-                    f"the {part.name.lower()} part has no window: segments are shorter than "
+                    f"the {subset.name.lower()} set has no window: segments are shorter than "
                     f"the {spec.look_back + spec.look_ahead + 1} samples of one, or too few"
                 )
         held_out = [
             recording.rows(of_row == Subset.TEST)
-            for recording, of_row in zip(ticks, row_parts, strict=True)
+            for recording, of_row in zip(ticks, row_subsets, strict=True)
             if (of_row == Subset.TEST).any()
         ]
-        return cls(parts[Subset.TRAIN], parts[Subset.VALIDATION], parts[Subset.TEST], tuple(held_out))
+        return cls(sets[Subset.TRAIN], sets[Subset.VALIDATION], sets[Subset.TEST], tuple(held_out))
 
     def counts(self) -> dict[str, int]:
-        """Windows in each part."""
+        """Windows in each set."""
         return {"train": len(self.train), "validation": len(self.validation), "test": len(self.test)}
 
 
-def _part_of_windows(
+def _subset_of_windows(
     of_row: NDArray[np.int8], rows: NDArray[np.int64], spec: WindowSpec
 ) -> NDArray[np.int8]:
-    """The part of each window, -1 where its samples are not all of one part."""
+    """The subset of each window; -1 if its samples belong to different subsets."""
     changes = np.concatenate([[0], np.cumsum(np.diff(of_row) != 0)])
     whole = changes[rows - spec.look_back] == changes[rows + spec.look_ahead]
     return np.where(whole, of_row[rows], np.int8(-1))
 
 
-def concatenate(parts: list[Examples]) -> Examples:
-    """Examples one after another; at least one part, which may be empty."""
-    columns = zip(*(vars(part).values() for part in parts), strict=True)
+def concatenate(items: list[Examples]) -> Examples:
+    """Examples one after another; at least one item, which may be empty."""
+    columns = zip(*(vars(item).values() for item in items), strict=True)
     return Examples(*(np.concatenate(column) for column in columns))

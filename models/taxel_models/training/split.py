@@ -1,4 +1,8 @@
-"""Which rows are held out: whole trials or chunks of recordings, never single rows."""
+"""Split recordings into training, validation and test sets by whole groups, never by single rows.
+
+A group is a trial, a chunk or a whole session. Neighbouring rows are much alike, so a split by rows
+would test a model on what it was trained on.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +21,7 @@ CHUNK_ROWS: Final = 1000
 _TRIALS_FROM: Final = 20
 """A recording of at least so many segments counts as a series of trials."""
 
-Unit = Literal["auto", "trials", "chunks", "sessions"]
+Grouping = Literal["auto", "trials", "chunks", "sessions"]
 
 
 class Subset(IntEnum):
@@ -33,14 +37,14 @@ class SplitSettings:
     """How to divide recordings.
 
     Attributes:
-        unit: hold out whole `trials` (segments), `chunks` of up to 1000 rows of a segment, or
+        grouping: the groups are `trials` (segments), `chunks` of up to 1000 rows of a segment, or
             `sessions` (recordings); `auto` takes trials where a recording has at least 20 segments.
-        test: share of the units held out for testing.
-        validation: share of the units held out for early stopping.
-        seed: which units; the same seed gives the same ones.
+        test: share of the groups held out for testing.
+        validation: share of the groups held out for early stopping.
+        seed: of the random draw; the same seed draws the same groups.
     """
 
-    unit: Unit = "auto"
+    grouping: Grouping = "auto"
     test: float = 0.1
     validation: float = 0.1
     seed: int = 0
@@ -54,7 +58,7 @@ class SplitSettings:
     def describe(self) -> dict[str, Any]:
         """For the trained model's record."""
         return {
-            "unit": self.unit,
+            "unit": self.grouping,
             "test": self.test,
             "validation": self.validation,
             "seed": self.seed,
@@ -62,27 +66,27 @@ class SplitSettings:
         }
 
 
-def split(recordings: Sequence[Recording], plan: SplitSettings) -> list[NDArray[np.int8]]:
+def split(recordings: Sequence[Recording], settings: SplitSettings) -> list[NDArray[np.int8]]:
     """The `Subset` of every row of every recording.
 
-    Units are drawn from all recordings together.
+    Groups are drawn from all recordings together.
 
     Raises:
-        SettingsError: there are too few units for three parts.
+        SettingsError: there are too few groups for three sets.
     """
-    units = units_of(recordings, plan.unit)
-    tests = max(1, round(plan.test * len(units)))
-    validations = max(1, round(plan.validation * len(units)))
-    if tests + validations >= len(units):
+    groups = groups_of(recordings, settings.grouping)
+    tests = max(1, round(settings.test * len(groups)))
+    validations = max(1, round(settings.validation * len(groups)))
+    if tests + validations >= len(groups):
         raise SettingsError(
-            f"{len(units)} trials or chunks in all: too few for a training, a validation and a test part"
+            f"{len(groups)} trials or chunks in all: too few for a training, a validation and a test set"
         )
-    order = np.random.default_rng(plan.seed).permutation(len(units))
-    parts = [np.full(len(recording), Subset.TRAIN, dtype=np.int8) for recording in recordings]
+    order = np.random.default_rng(settings.seed).permutation(len(groups))
+    subsets = [np.full(len(recording), Subset.TRAIN, dtype=np.int8) for recording in recordings]
     for place, number in enumerate(order[: tests + validations]):
-        index, unit = units[number]
-        parts[index][unit] = Subset.TEST if place < tests else Subset.VALIDATION
-    return parts
+        index, rows = groups[number]
+        subsets[index][rows] = Subset.TEST if place < tests else Subset.VALIDATION
+    return subsets
 
 
 def has_trials(recording: Recording) -> bool:
@@ -90,16 +94,18 @@ def has_trials(recording: Recording) -> bool:
     return len(recording.segments) >= _TRIALS_FROM
 
 
-def units_of(recordings: Sequence[Recording], unit: Unit) -> list[tuple[int, slice]]:
-    """What is held out whole: the recording's number and the rows of each unit."""
-    return [(index, rows) for index, recording in enumerate(recordings) for rows in _units(recording, unit)]
+def groups_of(recordings: Sequence[Recording], grouping: Grouping) -> list[tuple[int, slice]]:
+    """What is held out whole: the recording's number and the rows of each group."""
+    return [
+        (index, rows) for index, recording in enumerate(recordings) for rows in _groups(recording, grouping)
+    ]
 
 
-def _units(recording: Recording, unit: Unit) -> list[slice]:
+def _groups(recording: Recording, grouping: Grouping) -> list[slice]:
     segments = recording.segments
-    if unit == "sessions":
+    if grouping == "sessions":
         return [slice(0, len(recording))]
-    if unit == "trials" or (unit == "auto" and has_trials(recording)):
+    if grouping == "trials" or (grouping == "auto" and has_trials(recording)):
         return list(segments)
     return [
         slice(start, min(start + CHUNK_ROWS, segment.stop))

@@ -15,7 +15,7 @@ from taxel.manifest import Normalisation, Source, Training
 from taxel.scaling import Scaler
 from taxel.windows import WindowSpec
 from taxel_models.evaluation.metrics import ErrorMetrics
-from taxel_models.families.family import FitPart, FitTask, FittedModel, Progress, unseen
+from taxel_models.families.family import FitData, FitTask, FittedModel, Progress, unseen
 from taxel_models.families.registry import family, resolve
 from taxel_models.recordings import Recording
 from taxel_models.training.dataset import Dataset, Examples
@@ -54,7 +54,7 @@ class TrainingSettings:
 
 @dataclass(frozen=True)
 class Scalers:
-    """Statistics of a training part, for each of its columns."""
+    """Statistics of a training set, for each of its columns."""
 
     windows: Scaler
     channels: Scaler
@@ -62,59 +62,59 @@ class Scalers:
     auxiliary: Scaler
 
     @classmethod
-    def fit(cls, part: Examples) -> Self:
-        """From the training part."""
-        return cls(*(Scaler.fit(column) for column in vars(part).values()))
+    def fit(cls, examples: Examples) -> Self:
+        """From the training set."""
+        return cls(*(Scaler.fit(column) for column in vars(examples).values()))
 
-    def apply(self, part: Examples) -> FitPart:
-        """Any part as z-scores."""
+    def apply(self, examples: Examples) -> FitData:
+        """Any examples as z-scores."""
         windows, channels, temperature, auxiliary = (
             scaler.normalise(column.astype(np.float32, copy=False))
-            for scaler, column in zip(vars(self).values(), vars(part).values(), strict=True)
+            for scaler, column in zip(vars(self).values(), vars(examples).values(), strict=True)
         )
-        return FitPart(windows, channels, temperature[:, 0], auxiliary)
+        return FitData(windows, channels, temperature[:, 0], auxiliary)
 
 
 def train(
-    recordings: Sequence[Recording], plan: TrainingSettings, progress: Progress = unseen
+    recordings: Sequence[Recording], settings: TrainingSettings, progress: Progress = unseen
 ) -> tuple[TrainedModel, tuple[Recording, ...]]:
-    """Fit a model and evaluate it on the test part.
+    """Fit a model and evaluate it on the test set.
 
-    Inputs and outputs are z-scored with statistics of the training part alone.
+    Inputs and outputs are z-scored with statistics of the training set alone.
 
     Returns:
         The model and the test rows as recordings.
 
     Raises:
-        SettingsError: the plan is not possible with these recordings.
+        SettingsError: the settings are not possible with these recordings.
     """
-    if plan.temperature not in TEMPERATURE_USES:
-        raise SettingsError(f"temperature {plan.temperature!r}: expected {', '.join(TEMPERATURE_USES)}")
-    kind = family(plan.model)
-    hyperparameters = resolve(kind, plan.combination, plan.overrides)
-    spec = WindowSpec.of(plan.combination)
-    data = Dataset.of(recordings, spec, plan.split)
+    if settings.temperature not in TEMPERATURE_USES:
+        raise SettingsError(f"temperature {settings.temperature!r}: expected {', '.join(TEMPERATURE_USES)}")
+    kind = family(settings.model)
+    hyperparameters = resolve(kind, settings.combination, settings.overrides)
+    spec = WindowSpec.of(settings.combination)
+    data = Dataset.of(recordings, spec, settings.split)
     scalers = Scalers.fit(data.train)
     task = FitTask(
         spec=spec,
         train=scalers.apply(data.train),
         validation=scalers.apply(data.validation),
-        seed=plan.seed,
-        jobs=plan.jobs,
+        seed=settings.seed,
+        jobs=settings.jobs,
         progress=progress,
-        with_temperature=plan.temperature != "none",
-        checkpoint=plan.checkpoint,
+        with_temperature=settings.temperature != "none",
+        checkpoint=settings.checkpoint,
     )
     fitted, history = kind.fit(task, hyperparameters)
     temperature = None
     if fitted.takes_temperature:
         temperature = Temperature(
-            served=plan.temperature == "measured",
+            served=settings.temperature == "measured",
             mean=float(scalers.temperature.mean[0]),
             std=float(scalers.temperature.std[0]),
         )
     record = TrainedRecord(
-        combination=plan.combination,
+        combination=settings.combination,
         parameters=fitted.parameters,
         normalisation=_normalisation(scalers),
         temperature=temperature,
@@ -122,8 +122,8 @@ def train(
             family=kind.name,
             data=tuple(_source(recording) for recording in recordings),
             windows=data.counts(),
-            split=plan.split.describe(),
-            seed=plan.seed,
+            split=settings.split.describe(),
+            seed=settings.seed,
             hyperparameters=hyperparameters.model_dump(mode="json"),
             metrics=_metrics(data.test, fitted, scalers, temperature),
         ),
@@ -151,14 +151,14 @@ def _source(recording: Recording) -> Source:
 def _metrics(
     test: Examples, fitted: FittedModel, scalers: Scalers, temperature: Temperature | None
 ) -> dict[str, Any]:
-    """Errors on the test part: the model's as it will be served, and those of the training mean.
+    """Errors on the test set: the model's as it will be served, and those of the training mean.
 
     A model that takes the temperature also reports what it would be with the measured one.
     """
-    part = scalers.apply(test)
+    scaled = scalers.apply(test)
 
     def errors(measured_temperature: bool) -> dict[str, Any]:
-        z_scores = fitted.predict(part.windows, part.temperature if measured_temperature else None)
+        z_scores = fitted.predict(scaled.windows, scaled.temperature if measured_temperature else None)
         predicted = scalers.channels.restore(z_scores)
         return ErrorMetrics.of(test.channels, predicted, scalers.channels.std).report()
 

@@ -35,7 +35,7 @@ class Temperature(BaseModel):
 
     Attributes:
         served: it is a named input of the served model; otherwise fixed at its mean.
-        mean: of `tdc` in the training part, counts.
+        mean: of `tdc` in the training set, counts.
         std: likewise.
     """
 

@@ -19,12 +19,12 @@ def recording() -> Recording:
 
 @pytest.fixture(scope="session")
 def planned(recording: Recording) -> Callable[..., tuple[SearchSettings, FitTask]]:
-    """A search of a few seconds: its plan, and the task to fit to."""
+    """A search of a few seconds: its settings, and the task to fit to."""
 
-    def plan(family: str = "xgb", **settings: object) -> tuple[SearchSettings, FitTask]:
+    def make(family: str = "xgb", **settings: object) -> tuple[SearchSettings, FitTask]:
         tiny = {"xgb": TINY_XGB, "transformer": TINY_TRANSFORMER}[family]
-        chosen = {"trials": 4, "held": tiny, "unit": "chunks", **settings}
+        chosen = {"trials": 4, "held": tiny, "grouping": "chunks", **settings}
         made = SearchSettings.of([recording], family=family, **chosen)
         return made, fit_task([recording], made, 1)
 
-    return plan
+    return make

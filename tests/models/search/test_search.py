@@ -22,9 +22,9 @@ Planned = Callable[..., tuple[SearchSettings, FitTask]]
 def test_the_winner_has_the_least_cost_and_the_cost_is_that_of_its_fit(
     planned: Planned, tmp_path: Path
 ) -> None:
-    plan, task = planned()
-    outcome = search(plan, task, tmp_path / "search")
-    assert len(outcome.trials) == plan.trials
+    settings, task = planned()
+    outcome = search(settings, task, tmp_path / "search")
+    assert len(outcome.trials) == settings.trials
     assert outcome.winner.cost == min(trial.cost for trial in outcome.trials)
     assert outcome.incumbents[-1][1] == outcome.winner.cost
     assert outcome.best(2)[0] == outcome.winner
@@ -37,7 +37,7 @@ def test_the_winner_has_the_least_cost_and_the_cost_is_that_of_its_fit(
 
 
 def test_a_search_that_was_stopped_goes_on(planned: Planned, tmp_path: Path) -> None:
-    plan, task = planned(trials=5)
+    settings, task = planned(trials=5)
     done: list[float] = []
 
     def stop_at_the_third(share: float, note: str) -> None:
@@ -46,20 +46,20 @@ def test_a_search_that_was_stopped_goes_on(planned: Planned, tmp_path: Path) -> 
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        search(plan, task, tmp_path / "search", progress=stop_at_the_third)
+        search(settings, task, tmp_path / "search", progress=stop_at_the_third)
     later: list[str] = []
-    outcome = search(plan, task, tmp_path / "search", progress=lambda _, note: later.append(note))
+    outcome = search(settings, task, tmp_path / "search", progress=lambda _, note: later.append(note))
     assert len(outcome.trials) == 5
     assert [note.split(",")[0] for note in later] == ["4 of 5 trials", "5 of 5 trials"]
     again: list[str] = []
-    finished = search(plan, task, tmp_path / "search", progress=lambda _, note: again.append(note))
+    finished = search(settings, task, tmp_path / "search", progress=lambda _, note: again.append(note))
     assert finished == outcome
     assert not again
 
 
 def test_networks_are_searched_with_epochs_as_budget(planned: Planned, tmp_path: Path) -> None:
-    plan, task = planned("transformer", trials=5, epochs=3, least_epochs=1)
-    outcome = search(plan, task, tmp_path / "search")
+    settings, task = planned("transformer", trials=5, epochs=3, least_epochs=1)
+    outcome = search(settings, task, tmp_path / "search")
     assert {trial.epochs for trial in outcome.trials} == {1, 3}
     assert outcome.winner.epochs == 3
     longest = [trial for trial in outcome.trials if trial.epochs == 3]
@@ -69,54 +69,54 @@ def test_networks_are_searched_with_epochs_as_budget(planned: Planned, tmp_path:
 
 def test_a_fit_that_diverges_costs_the_most_and_says_so(planned: Planned, tmp_path: Path) -> None:
     held = {"embedding": 32, "hidden": 64, "layers": 2, "heads": 1, "learning_rate": 1e30}
-    plan, task = planned("transformer", trials=1, epochs=1, least_epochs=1, held=held)
-    (trial,) = search(plan, task, tmp_path / "search").trials
+    settings, task = planned("transformer", trials=1, epochs=1, least_epochs=1, held=held)
+    (trial,) = search(settings, task, tmp_path / "search").trials
     assert trial.cost == WORST
     assert "expected a finite one" in trial.about["diverged"]
 
 
 def test_a_fault_of_the_data_stops_the_search(planned: Planned, tmp_path: Path) -> None:
-    plan, task = planned()
+    settings, task = planned()
     nothing = np.full_like(task.train.channels, np.nan)
     broken = replace(task, train=replace(task.train, channels=nothing))
     with pytest.raises(TaxelError, match="a trial failed"):
-        search(plan, broken, tmp_path / "search")
+        search(settings, broken, tmp_path / "search")
 
 
 def test_a_folder_of_another_search_is_refused(planned: Planned, tmp_path: Path) -> None:
-    plan, task = planned()
-    plan.keep(tmp_path / "search")
+    settings, task = planned()
+    settings.keep(tmp_path / "search")
     other, _ = planned(seed=1)
     with pytest.raises(SettingsError, match="holds a search with seed 0, not 1"):
         search(other, task, tmp_path / "search")
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken" / "mine.txt").write_text("mine")
     with pytest.raises(SettingsError, match="exists already"):
-        search(plan, task, tmp_path / "taken")
+        search(settings, task, tmp_path / "taken")
 
 
 def test_damaged_state_is_named(planned: Planned, tmp_path: Path) -> None:
-    plan, task = planned(trials=2)
+    settings, task = planned(trials=2)
     folder = tmp_path / "search"
-    search(plan, task, folder)
+    search(settings, task, folder)
     (state,) = folder.glob("smac/**/runhistory.json")
     state.write_text("{")
     with pytest.raises(ArtifactError, match="expected SMAC's state"):
-        search(plan, task, folder)
+        search(settings, task, folder)
     (folder / "search.json").write_text("{}")
     with pytest.raises(ArtifactError, match=r"search\.json"):
-        search(plan, task, folder)
+        search(settings, task, folder)
 
 
 def test_trials_run_on_a_cluster_of_two_workers(planned: Planned, tmp_path: Path) -> None:
-    plan, task = planned(trials=3)
+    settings, task = planned(trials=3)
     with (
         LocalCluster(
             n_workers=2, threads_per_worker=1, dashboard_address=None, local_directory=str(tmp_path)
         ) as cluster,
         connect(cluster.scheduler_address) as client,
     ):
-        outcome = search(plan, task, tmp_path / "search", client=client)
+        outcome = search(settings, task, tmp_path / "search", client=client)
         assert len(client.nthreads()) == 2
     assert len(outcome.trials) == 3
     xgb = family("xgb")

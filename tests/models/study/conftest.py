@@ -27,7 +27,7 @@ def twin_csv(twin: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def small_plan() -> StudySettings:
+def small_settings() -> StudySettings:
     """Two models, two combinations, three folds; a network as small as one can be."""
     return StudySettings(
         models=("network-b", "xgb"),

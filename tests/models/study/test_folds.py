@@ -12,8 +12,8 @@ from taxel.errors import SettingsError
 from taxel.windows import WindowSpec, build_windows
 from taxel_models.recordings import Recording
 from taxel_models.study.fold_data import fold_data
-from taxel_models.study.folds import GUARD, Fold, Partition, choose_unit, partition
-from taxel_models.training.split import units_of
+from taxel_models.study.folds import GUARD, Fold, Partition, choose_grouping, partition
+from taxel_models.training.split import groups_of
 
 Make = Callable[..., Recording]
 several = settings(
@@ -68,7 +68,7 @@ def test_strict_tests_every_trial_whole_and_once(
 
 def test_sessions_are_held_out_whole(make_recording: Make) -> None:
     sessions = [make_recording([700], seed) for seed in range(4)]
-    assert choose_unit(sessions, "auto", 4) == "sessions"
+    assert choose_grouping(sessions, "auto", 4) == "sessions"
     divided = partition("strict", sessions, "sessions", 4, 0)
     owner = np.repeat(np.arange(4), [len(rows) for rows in divided.rows])
     for fold in divided.folds:
@@ -79,11 +79,11 @@ def test_sessions_are_held_out_whole(make_recording: Make) -> None:
 
 def test_auto_takes_trials_where_there_are_any(make_recording: Make) -> None:
     trials, continuous = make_recording([100] * 25), make_recording([5000])
-    assert choose_unit([trials], "auto", 10) == "trials"
-    assert choose_unit([continuous], "auto", 10) == "chunks"
-    assert choose_unit([trials, continuous], "chunks", 10) == "chunks"
+    assert choose_grouping([trials], "auto", 10) == "trials"
+    assert choose_grouping([continuous], "auto", 10) == "chunks"
+    assert choose_grouping([trials, continuous], "chunks", 10) == "chunks"
     with pytest.raises(SettingsError, match="choose --unit"):
-        choose_unit([trials, continuous], "auto", 10)
+        choose_grouping([trials, continuous], "auto", 10)
 
 
 def test_the_published_folds_of_the_published_length(make_recording: Make) -> None:
@@ -136,7 +136,7 @@ def test_too_little_data_is_refused(make_recording: Make, protocol: str, rows: i
 
 
 def test_units_of_sessions_are_whole_recordings(make_recording: Make) -> None:
-    assert units_of([make_recording([50, 60])], "sessions") == [(0, slice(0, 110))]
+    assert groups_of([make_recording([50, 60])], "sessions") == [(0, slice(0, 110))]
 
 
 @pytest.mark.parametrize("combination", [1, 3, 8])

@@ -38,9 +38,9 @@ def without_times(results: list[CellResult]) -> list[dict[str, object]]:
 
 @pytest.fixture(scope="module")
 def finished(
-    twin: Recording, small_plan: StudySettings, tmp_path_factory: pytest.TempPathFactory
+    twin: Recording, small_settings: StudySettings, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Study, Store, list[CellResult]]:
-    study = Study.of(replace(small_plan, protocols=("strict", "paper")), [twin])
+    study = Study.of(replace(small_settings, protocols=("strict", "paper")), [twin])
     store = Store(tmp_path_factory.mktemp("study") / "out")
     return study, store, run_study(study, store, compute_here, 1)
 
@@ -50,7 +50,7 @@ def test_a_cell_is_what_fitting_by_hand_gives(finished: tuple[Study, Store, list
     cell = next(one for one in results if (one.model, one.combination, one.fold) == ("xgb", 2, 1))
     data = fold_data(study.partitions["strict"], 2, 1)
     kind = family("xgb")
-    chosen = kind.hyperparameters.model_validate(study.plan.hyperparameters["xgb", 2])
+    chosen = kind.hyperparameters.model_validate(study.settings.hyperparameters["xgb", 2])
     fitted, _ = kind.fit(FitTask(data.spec, data.train, data.validation, seed=1, jobs=1), chosen)
     predicted = data.scaler.restore(fitted.predict(data.test.windows)).astype(float)
     off = predicted - data.measured
@@ -109,7 +109,7 @@ def test_the_report_holds_tables_and_pictures(
     finished: tuple[Study, Store, list[CellResult]], tmp_path: Path
 ) -> None:
     study, _, results = finished
-    study = replace(study, plan=replace(study.plan, protocols=("strict",)))
+    study = replace(study, settings=replace(study.settings, protocols=("strict",)))
     write_report(study, results, tmp_path)
     figures = json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))
     assert figures == json.loads(json.dumps(describe(study, results)))
@@ -185,8 +185,8 @@ def test_a_killed_study_goes_on(twin_csv: Path, tmp_path: Path) -> None:
     kept = {path: path.stat().st_mtime_ns for path in out.glob("cells/*.json")}
     assert 0 < len(kept) < 6
 
-    plan = StudySettings(("xgb",), (1, 2), folds=3, overrides={"xgb": settings})
-    study = Study.of(plan, [read_ruppel(twin_csv)])
+    settings = StudySettings(("xgb",), (1, 2), folds=3, overrides={"xgb": settings})
+    study = Study.of(settings, [read_ruppel(twin_csv)])
     resumed = run_study(study, Store(out), compute_here, 1)
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
     assert len(list(out.glob("cells/*.json"))) == 6

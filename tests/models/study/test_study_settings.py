@@ -1,4 +1,4 @@
-"""What a plan accepts, and what a cell's key depends on."""
+"""Which settings are accepted, and what a cell's key depends on."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -65,15 +65,15 @@ def test_a_full_study_has_320_cells_a_protocol() -> None:
 
 
 def test_the_key_tells_everything_that_matters_apart() -> None:
-    plan = StudySettings(models=("xgb", "ffnn"), combinations=(1, 2))
+    settings = StudySettings(models=("xgb", "ffnn"), combinations=(1, 2))
     cell = Cell("strict", 1, 0, "xgb")
     keys = [
-        plan.key(cell, ["a"], "chunks"),
-        plan.key(cell, ["b"], "chunks"),
-        plan.key(cell, ["a", "b"], "chunks"),
-        plan.key(cell, ["a"], "trials"),
+        settings.key(cell, ["a"], "chunks"),
+        settings.key(cell, ["b"], "chunks"),
+        settings.key(cell, ["a", "b"], "chunks"),
+        settings.key(cell, ["a"], "trials"),
         *(
-            plan.key(replace(cell, **other), ["a"], "chunks")
+            settings.key(replace(cell, **other), ["a"], "chunks")
             for other in (  # type: ignore[arg-type]
                 {"protocol": "paper"},
                 {"combination": 2},
@@ -82,7 +82,7 @@ def test_the_key_tells_everything_that_matters_apart() -> None:
             )
         ),
         *(
-            replace(plan, **other).key(cell, ["a"], "chunks")
+            replace(settings, **other).key(cell, ["a"], "chunks")
             for other in (  # type: ignore[arg-type]
                 {"folds": 9},
                 {"rows": 5},
@@ -92,9 +92,9 @@ def test_the_key_tells_everything_that_matters_apart() -> None:
         ),
     ]
     assert len(set(keys)) == len(keys)
-    assert plan.key(cell, ["a"], "chunks") == keys[0]
+    assert settings.key(cell, ["a"], "chunks") == keys[0]
     # What else is studied is nothing to this cell.
-    assert replace(plan, models=("xgb",), combinations=(1,)).key(cell, ["a"], "chunks") == keys[0]
+    assert replace(settings, models=("xgb",), combinations=(1,)).key(cell, ["a"], "chunks") == keys[0]
 
 
 def test_a_reduction_keeps_whole_units(make_recording: Make) -> None:

@@ -27,8 +27,10 @@ Swept = tuple[Study, Store, list[CellResult]]
 
 
 @pytest.fixture(scope="module")
-def swept(twin: Recording, small_plan: StudySettings, tmp_path_factory: pytest.TempPathFactory) -> Swept:
-    study = Study.of(replace(small_plan, combinations=(1,), temperature=True), [twin])
+def swept(
+    twin: Recording, small_settings: StudySettings, tmp_path_factory: pytest.TempPathFactory
+) -> Swept:
+    study = Study.of(replace(small_settings, combinations=(1,), temperature=True), [twin])
     store = Store(tmp_path_factory.mktemp("swept") / "out")
     return study, store, run_study(study, store, compute_here, 1)
 
@@ -40,13 +42,15 @@ def temperature(swept: Swept) -> Temperature:
     return found
 
 
-def test_each_temperature_is_told_as_the_model_was_fitted(swept: Swept, small_plan: StudySettings) -> None:
+def test_each_temperature_is_told_as_the_model_was_fitted(
+    swept: Swept, small_settings: StudySettings
+) -> None:
     """A Network B's errors in counts, from counts that are z-scored here as its training data were."""
     data = fold_data(swept[0].partitions["strict"], 1, 0)
     few = replace(data, tdc=data.tdc[[0, len(data.tdc) // 2, -1]])
     kind = family("network-b")
     task = FitTask(data.spec, data.train, data.validation, seed=0, jobs=1, with_temperature=True)
-    fitted, _ = kind.fit(task, resolve(kind, 1, small_plan.overrides["network-b"]))
+    fitted, _ = kind.fit(task, resolve(kind, 1, small_settings.overrides["network-b"]))
     found = sweep_temperature(few, fitted)
     assert found.tdc == tuple(few.tdc)
     assert found.mean_tdc == data.tdc_scaler.mean[0]
@@ -123,8 +127,8 @@ def test_swept_cells_are_kept_and_others_are_shared(swept: Swept, twin: Recordin
     computed: list[object] = []
     again = run_study(study, store, lambda _, batches, __: iter(computed.extend(batches) or ()), 1)
     assert (again, computed) == (results, [])
-    plain = Study.of(replace(study.plan, temperature=False), [twin])
-    differ = [cell for cell in study.plan.cells() if study.key(cell) != plain.key(cell)]
+    plain = Study.of(replace(study.settings, temperature=False), [twin])
+    differ = [cell for cell in study.settings.cells() if study.key(cell) != plain.key(cell)]
     assert [(cell.model, cell.combination) for cell in differ] == [SWEPT] * 3
 
 

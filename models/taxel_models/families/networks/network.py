@@ -16,7 +16,7 @@ from typing_extensions import override
 from taxel.channels import CHANNELS
 from taxel.errors import ArtifactError
 from taxel.windows import WindowSpec
-from taxel_models.families.family import Family, FitPart, FitTask, FittedModel, History, Hyperparameters
+from taxel_models.families.family import Family, FitData, FitTask, FittedModel, History, Hyperparameters
 from taxel_models.families.networks.recipe import Recipe, Trainer, device
 from taxel_models.families.published import published
 
@@ -151,13 +151,13 @@ class NetworkFamily(Family):
         return NetworkModel(network.to(device()), shape, hyperparameters)
 
 
-def _inputs(part: FitPart, shape: Shape) -> NDArray[np.float32]:
+def _inputs(part: FitData, shape: Shape) -> NDArray[np.float32]:
     if not shape.temperature:
         return np.ascontiguousarray(part.windows)
     return np.column_stack([part.windows, part.temperature])
 
 
-def _targets(part: FitPart, shape: Shape) -> NDArray[np.float32]:
+def _targets(part: FitData, shape: Shape) -> NDArray[np.float32]:
     if shape.outputs == len(CHANNELS):
         return np.ascontiguousarray(part.channels)
     return np.column_stack([part.channels, part.auxiliary])

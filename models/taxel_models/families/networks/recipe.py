@@ -70,7 +70,7 @@ class Trainer:
 
     Args:
         network: takes (n, columns) and gives (n, outputs), z-scores.
-        inputs: the training and the validation part's columns.
+        inputs: the training and the validation set's columns.
         targets: their expected outputs.
     """
 

@@ -1,4 +1,4 @@
-"""The desk: one thread that answers every query which needs no evaluation, refusals among them."""
+"""The metadata thread: it that answers every query which needs no evaluation, refusals among them."""
 
 import logging
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from taxel.protocol import pack_error, packb
 _LOG: Final = logging.getLogger(__name__)
 
 _MAX_QUEUED: Final = 4096
-"""Most queries waiting at the desk."""
+"""Most queries waiting for this thread."""
 
 
 def reply(query: zenoh.Query, result: bytes | RequestError) -> None:
@@ -29,7 +29,7 @@ def reply(query: zenoh.Query, result: bytes | RequestError) -> None:
             _LOG.debug("a client has gone before its answer: %s", error)
 
 
-class Desk:
+class MetadataThread:
     """Answers queries by their key, in the order of their arrival.
 
     Args:
@@ -39,7 +39,7 @@ class Desk:
     def __init__(self, answer: Callable[[str], dict[str, Any]]) -> None:
         self._answer = answer
         self._queue: SimpleQueue[tuple[zenoh.Query, RequestError | None] | None] = SimpleQueue()
-        self._thread = Thread(target=self._run, name="taxel-desk", daemon=True)
+        self._thread = Thread(target=self._run, name="taxel-metadata", daemon=True)
         self._thread.start()
 
     def take(self, query: zenoh.Query, refusal: RequestError | None = None) -> None:
@@ -63,7 +63,7 @@ class Desk:
             try:
                 reply(query, refusal or self._result(str(query.key_expr)))
             except Exception:
-                # The desk outlives a query that cannot be answered.
+                # The thread outlives a query that cannot be answered.
                 _LOG.exception("an answer could not be given")
 
     def _result(self, key: str) -> bytes | RequestError:

@@ -12,7 +12,7 @@ from taxel_server.engine import Engine, LoadedModel
 EXTENSIONS: Final = ("repository_index", "model_stats")
 
 
-class Information:
+class ServerMetadata:
     """Answers by the part of the key below the prefix, in the words of the Open Inference Protocol.
 
     Args:
