@@ -58,7 +58,7 @@ def _base_score(learner: dict[str, Any]) -> str:
 
 
 def _check_alike(number: int, first: dict[str, Any], other: dict[str, Any]) -> None:
-    for what, one, two in (
+    for what, ours, theirs in (
         ("booster", first["gradient_booster"]["name"], other["gradient_booster"]["name"]),
         ("objective", first["objective"]["name"], other["objective"]["name"]),
         (
@@ -67,5 +67,7 @@ def _check_alike(number: int, first: dict[str, Any], other: dict[str, Any]) -> N
             other["learner_model_param"]["num_feature"],
         ),
     ):
-        if one != two:
-            raise ArtifactError(f"model {number} has {what} {two}, model 0 has {one}: cannot merge them")
+        if ours != theirs:
+            raise ArtifactError(
+                f"model {number} has {what} {theirs}, model 0 has {ours}: cannot merge them"
+            )

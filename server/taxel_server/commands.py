@@ -27,7 +27,7 @@ _SIGNAL_CHECK_S: Final = 0.1
 _AFTER_DRAINING_S: Final = 0.3
 """How long stopping may take beyond draining, whatever an evaluation, a client or the network does."""
 
-_LAST_WORDS_S: Final = 0.05
+_LOG_DRAIN_S: Final = 0.05
 """What answers take to leave this process."""
 
 LogLevel = Literal["debug", "info", "warning", "error"]
@@ -141,7 +141,7 @@ def _leave_within(seconds: float, abandon: Callable[[], None]) -> None:
 
     def leave() -> None:
         abandon()
-        time.sleep(_LAST_WORDS_S)
+        time.sleep(_LOG_DRAIN_S)
         _exit_now(0)
 
     last = Timer(seconds, leave)

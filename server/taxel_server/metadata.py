@@ -13,7 +13,7 @@ EXTENSIONS: Final = ("repository_index", "model_stats")
 
 
 class ServerMetadata:
-    """Answers by the part of the key below the prefix, in the words of the Open Inference Protocol.
+    """Answers by the part of the key below the prefix, as the Open Inference Protocol says.
 
     Args:
         engine: whose models these are.

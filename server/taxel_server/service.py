@@ -1,9 +1,10 @@
 """The zenoh service: hands inference to the batcher, and every other query to the metadata thread.
 
-zenoh's network threads put queries into a channel, for which they need not wait for Python. One
-thread empties it and hands each query on: to the batcher, whose worker decodes, evaluates and
-answers, or to the metadata thread, so that a server that computes still tells its health and refuses at once.
-Only a single window that finds the server idle is answered by this thread itself.
+zenoh's network threads put queries into a channel, so they never wait for Python. One thread, the
+receiver, takes each query out. It gives an inference query to the batcher, whose worker decodes,
+evaluates and answers it. It gives every other query to the metadata thread, so that a busy server
+still tells its health and refuses at once. The receiver itself answers a single window that finds
+the server idle.
 """
 
 import logging

@@ -120,10 +120,10 @@ def obvious(term: Term, p: Rows, columns: dict[str, float], channel: int) -> flo
             share = term.stays[channel] + term.fades[channel] * math.exp(
                 -max(columns["calibration_age"], 0.0) / term.time_constant_s
             )
-            found = {one: columns[f"calibration_{one}"] for one in CHANNELS}
+            found = {name: columns[f"calibration_{name}"] for name in CHANNELS}
             others = sum(
-                weights[channel] * min(max(found[one], -limit), limit)
-                for one, weights, limit in zip(CHANNELS, term.others, term.limits, strict=True)
+                weights[channel] * min(max(found[other], -limit), limit)
+                for other, weights, limit in zip(CHANNELS, term.others, term.limits, strict=True)
             )
             return share * found[name] + others
         case Substitute():

@@ -114,8 +114,8 @@ def test_a_live_stream_gives_the_same_windows_with_their_extras(
         for row in range(rows)
         for window in stream.push_ns(int(time[row]), position[row], force[row], {"tdc": tdc[row]})
     ]
-    for finger, one in enumerate(of_fingers):
-        samples = Samples.of(time, one.position, one.force, rate_hz=rate_hz)
+    for finger, contact in enumerate(of_fingers):
+        samples = Samples.of(time, contact.position, contact.force, rate_hz=rate_hz)
         windows = build_windows(samples, spec, extras, {"tdc": tdc[:, finger], "pac1": tdc[:, 0]})
         assert samples.ticks().time_ns[windows.rows].tolist() == [window.time_ns for window in live]
         values = np.array([window.values[finger] for window in live]).reshape(windows.values.shape)

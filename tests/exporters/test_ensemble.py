@@ -79,8 +79,8 @@ def test_remote_and_local_agree_on_the_spread(repository: Path, windows: np.ndar
         alone = remote.predict(windows)
     with taxel.load(repository) as source:
         expected = source.predictor("ensemble").predict_with_spread(windows)
-    for one, other in zip(found, expected, strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-4)
+    for remote_values, local_values in zip(found, expected, strict=True):
+        np.testing.assert_allclose(remote_values, local_values, rtol=1e-6, atol=1e-4)
     np.testing.assert_array_equal(alone, found[0])
 
 

@@ -109,7 +109,7 @@ def test_trees_as_onnx_take_the_same_branches_on_thresholds_and_nan(trees: Train
     """Inputs that equal thresholds to the bit, one step beside them, and missing values."""
     model = trees_onnx(trees)
     (ensemble,) = [node for node in model.graph.node if node.op_type == "TreeEnsembleRegressor"]
-    attributes = {one.name: one for one in ensemble.attribute}
+    attributes = {attribute.name: attribute for attribute in ensemble.attribute}
     cuts = np.array(attributes["nodes_values"].floats, np.float32)
     used = np.array(attributes["nodes_featureids"].ints)
     rng = np.random.default_rng(0)

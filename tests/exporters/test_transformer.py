@@ -58,8 +58,8 @@ def test_it_predicts_what_torch_does(trained: TrainedModel, layers: int, heads: 
     for rows in (1, 2, 33):
         windows = windows_of(model, rows)
         expected = model.predict(windows)
-        spread = np.abs(expected - model.record.normalisation.output_mean).max()
-        np.testing.assert_allclose(evaluate(graph, windows), expected, rtol=0, atol=1e-5 * spread)
+        scale = np.abs(expected - model.record.normalisation.output_mean).max()
+        np.testing.assert_allclose(evaluate(graph, windows), expected, rtol=0, atol=1e-5 * scale)
 
 
 def test_a_temperature_that_others_take_is_left_alone(trained: TrainedModel) -> None:

@@ -49,7 +49,7 @@ def small(**covariates: list[float]) -> Recording:
     )
 
 
-def assert_equal(one: Recording, other: Recording) -> None:
+def assert_equal(found: Recording, expected: Recording) -> None:
     def columns(recording: Recording) -> dict[str, bytes]:
         samples = recording.samples
         named = {
@@ -62,9 +62,9 @@ def assert_equal(one: Recording, other: Recording) -> None:
         }
         return {name: np.ascontiguousarray(values).tobytes() for name, values in named.items()}
 
-    assert columns(one) == columns(other)
-    assert list(one.covariates) == list(other.covariates)
-    assert one.segments == other.segments
+    assert columns(found) == columns(expected)
+    assert list(found.covariates) == list(expected.covariates)
+    assert found.segments == expected.segments
 
 
 @given(recording=recordings())
@@ -129,9 +129,9 @@ def test_a_recording_remembers_its_file(tmp_path: Path) -> None:
 
 def test_one_row_is_a_recording(tmp_path: Path) -> None:
     path = tmp_path / "one.csv"
-    one = small(heat=[1, 2, 3, 4]).rows(np.array([2]))
-    write_ruppel(one, path)
-    assert_equal(read_ruppel(path), one)
+    single = small(heat=[1, 2, 3, 4]).rows(np.array([2]))
+    write_ruppel(single, path)
+    assert_equal(read_ruppel(path), single)
 
 
 def _set(line: int, column: str, value: str) -> Callable[[str], str]:

@@ -33,13 +33,13 @@ def small_settings(**changes: object) -> TrainingSettings:
 
 
 def test_the_same_seed_gives_the_same_model_on_any_number_of_cores(recording: Recording) -> None:
-    one, _ = train([recording], small_settings(jobs=1))
-    two, _ = train([recording], small_settings(jobs=3))
-    assert one.record == two.record
-    for first, second in zip(one.fitted.boosters, two.fitted.boosters, strict=True):
+    serial, _ = train([recording], small_settings(jobs=1))
+    parallel, _ = train([recording], small_settings(jobs=3))
+    assert serial.record == parallel.record
+    for first, second in zip(serial.fitted.boosters, parallel.fitted.boosters, strict=True):
         assert first.save_raw("json") == second.save_raw("json")
     other, _ = train([recording], small_settings(seed=1))
-    assert other.record.training.metrics != one.record.training.metrics
+    assert other.record.training.metrics != serial.record.training.metrics
 
 
 def test_it_learns_and_reports_beside_the_mean_predictor(recording: Recording) -> None:

@@ -40,7 +40,10 @@ def test_the_file_has_no_trace_of_what_the_truth_tells(app: typer.Typer, tmp_pat
     assert header == other
     truth = json.loads((tmp_path / "effect.csv.truth.json").read_text())
     assert truth["seed"] == 3
-    assert [(one["name"], one["strength"]) for one in truth["effects"]] == [("creep", 2.0), ("offset", 1.0)]
+    assert [(effect["name"], effect["strength"]) for effect in truth["effects"]] == [
+        ("creep", 2.0),
+        ("offset", 1.0),
+    ]
     tau = truth["effects"][0]["parameters"]["time_constant"]
     assert 0.3 <= tau <= 10.0
     before, after = read_ruppel(plain), read_ruppel(effect)
@@ -74,8 +77,8 @@ def test_covariates_are_planted_in_a_recording_that_has_them(app: typer.Typer, t
     unclipped = (found.channels > 0) & (found.channels < 4095)
     for kind in range(6):
         rows = material == kind
-        spread = [np.ptp(change[rows, c][unclipped[rows, c]]) for c in range(21)]
-        assert max(spread) == 0
+        ranges = [np.ptp(change[rows, c][unclipped[rows, c]]) for c in range(21)]
+        assert max(ranges) == 0
     truth = json.loads((tmp_path / "planted.csv.truth.json").read_text())
     (effect,) = truth["effects"]
     assert (effect["name"], effect["strength"]) == ("covariate:material", 3.0)

@@ -86,24 +86,24 @@ def test_a_served_corrected_model_gives_base_and_effects(
         stream = predictor.stream(fingers=2)
         moments, found = [], []
         for row, time_ns in enumerate(samples[0].time_ns.tolist()):
-            position = [one.position[row] for one in samples]
-            force = [one.force[row] for one in samples]
+            position = [contact.position[row] for contact in samples]
+            force = [contact.force[row] for contact in samples]
             extras = {"material": [0.0, 1.0]} if row == 0 else None
             for window in stream.push_ns(time_ns, position, force, extras):
                 moments.append(window.time_ns)
                 found.append(predictor.predict(window.values))
-        for finger, one in enumerate(samples):
-            plain = build_windows(one, WindowSpec.of(1))
-            kept = np.isin(plain.rows + 2, np.searchsorted(one.time_ns, moments))
+        for finger, contact in enumerate(samples):
+            plain = build_windows(contact, WindowSpec.of(1))
+            kept = np.isin(plain.rows + 2, np.searchsorted(contact.time_ns, moments))
             rows = plain.rows[kept] + 2
             turned = plain.values[kept][:, [1, 0, 2, 4, 3, 5, 7, 6, 8, 10, 9, 11]] * ([-1, 1, 1] * 4)
             p = base.predict(turned + ([0.0, 0.0, 0.2] + [0.0] * 9)).astype(np.float64)
             shape = -p * (1 - p / 4095)
             shape[:, :2] = 1
-            creep = history_columns(one, [Relaxation(of="fz", time_constant_s=0.3)])[rows]
+            creep = history_columns(contact, [Relaxation(of="fz", time_constant_s=0.3)])[rows]
             expected = p + shape * (0.02 * creep + 0.1 * (finger - 0.5))
             expected[:, CHANNELS.index("e5")] = 17
-            assert one.time_ns[rows].tolist() == moments
+            assert contact.time_ns[rows].tolist() == moments
             np.testing.assert_allclose([each[finger] for each in found], expected, atol=0.01)
 
 

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
         ResourceExhausted,
         SettingsError,
         TaxelError,
-        Unauthenticated,
         Unavailable,
     )
     from taxel.local import load
@@ -56,7 +55,6 @@ _HOMES: Final = {
         "ResourceExhausted",
         "SettingsError",
         "TaxelError",
-        "Unauthenticated",
         "Unavailable",
     ),
     "local": ("load",),
@@ -97,7 +95,6 @@ __all__ = [
     "Samples",
     "SettingsError",
     "TaxelError",
-    "Unauthenticated",
     "Unavailable",
     "WindowSpec",
     "WindowStream",

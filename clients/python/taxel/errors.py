@@ -7,7 +7,6 @@
     │   ├── ResourceExhausted   the server's queue is full, or the request is too large
     │   ├── DeadlineExceeded    the answer would have come too late
     │   ├── Unavailable         nobody answers, or the server is stopping
-    │   ├── Unauthenticated     the server does not know the caller
     │   └── Internal            a fault of the server
     ├── ArtifactError           a model on disk is damaged, inconsistent or unsupported
     ├── RecordingError          a recording is damaged; names the file, line and expectation
@@ -27,7 +26,6 @@ Code = Literal[
     "RESOURCE_EXHAUSTED",
     "DEADLINE_EXCEEDED",
     "UNAVAILABLE",
-    "UNAUTHENTICATED",
     "INTERNAL",
 ]
 
@@ -72,12 +70,6 @@ class Unavailable(RequestError):
     code = "UNAVAILABLE"
 
 
-class Unauthenticated(RequestError):
-    """The server refuses to talk to this caller."""
-
-    code = "UNAUTHENTICATED"
-
-
 class Internal(RequestError):
     """The server failed; its log says more."""
 
@@ -113,7 +105,6 @@ _BY_CODE: Final[dict[str, type[RequestError]]] = {
         ResourceExhausted,
         DeadlineExceeded,
         Unavailable,
-        Unauthenticated,
         Internal,
     )
 }

@@ -1,4 +1,4 @@
-"""The wire protocol: the Open Inference Protocol v2's words on zenoh keys, packed with msgpack.
+"""The wire protocol: the messages of the Open Inference Protocol v2 on zenoh keys, packed with msgpack.
 
 Keys, below a prefix (`taxel` unless configured):
 
@@ -9,7 +9,7 @@ Keys, below a prefix (`taxel` unless configured):
     <prefix>/v2/repository/index                     every model and its state
 
 An error is a zenoh error reply, `{"error": text, "code": one of taxel.errors.Code}`.
-The rest of this file is the hot path: it checks by hand and copies nothing.
+Everything below is the hot path: it checks by hand and copies nothing.
 """
 
 from functools import lru_cache

@@ -198,7 +198,7 @@ class _Builder:
 
     def _layer(self) -> int | None:
         """The position of the layer in whose description or weights the file now is."""
-        match [one.place for one in self.open]:
+        match [value.place for value in self.open]:
             case ["layers", "layers", int(position), *_] | ["weights", int(position), *_]:
                 return max(position, 0)
         return None

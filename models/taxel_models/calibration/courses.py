@@ -7,8 +7,9 @@ skin runs under it much better than where it is. The model of a position's signe
 
 F^(2/3) is Hertz's indentation under a force F, with a softness s that all contacts share and each
 contact's own deviation d from it. o is the contact's error, the same at all its positions, n the skin's
-normal there, and e the position's own error. o, d and e are random with spreads of their own; the
-placement, the standoff and s are those that make the distances most likely (generalised least squares).
+normal there, and e the position's own error. o, d and e are random, each with its own standard
+deviation. The placement, the standoff and s are those that make the distances most likely
+(generalised least squares).
 
 n turns as a contact is displaced over a round skin. So the model is linear about the positions less
 the errors found so far, and solved again until nothing changes.
@@ -21,12 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.errors import RecordingError
-from taxel_models.calibration.identifiability import spread
+from taxel_models.calibration.identifiability import residual_sd
 from taxel_models.calibration.light_contacts import LightContacts
 from taxel_models.calibration.motion import Placement, outward
 from taxel_models.twin.geometry import height_above_skin
 
-SOFTNESS_SPREAD_MM: Final = 1.0
+SOFTNESS_SD_MM: Final = 1.0
 """SD of the deviations d, and of s from 0: wide, as an indentation under 1 N is about a millimetre."""
 
 OUTLIER: Final = 2.0
@@ -100,10 +101,10 @@ def refine(
     """
     courses = _Courses(contacts, radius, free, placement.centre)
     heights = height_above_skin(placement.placed(contacts.position, contacts.orientation), radius)
-    contact_error = spread(heights - placement.standoff, float(free.sum()))
+    contact_error = residual_sd(heights - placement.standoff, float(free.sum()))
     values = np.append(placement.values, 0.0)
     chosen = np.append(free, True)
-    weak = np.append(pull, 1.0 / SOFTNESS_SPREAD_MM) ** 2
+    weak = np.append(pull, 1.0 / SOFTNESS_SD_MM) ** 2
     position_error = min(_POSITION_MM, contact_error)
     errors = change = np.zeros((len(contacts), 3))
     share = np.ones((len(contacts), 1))
@@ -119,7 +120,7 @@ def refine(
         # Near the seam of the skin, linear models about two errors may each lead to the other.
         share[(change * before).sum(axis=1) < 0.0] *= 0.5
         errors = errors + share * change
-        position_error = spread(linear.own, linear.fitted)
+        position_error = residual_sd(linear.own, linear.fitted)
     else:
         raise RecordingError(
             f"the courses of the {len(contacts)} contacts settle on no placement: after {_ROUNDS} rounds "
@@ -196,7 +197,7 @@ class _Courses:
         distances = self.heights(values, errors) + shifts
         derivatives = placement.height_derivatives(points, orientation, outwards)[:, self._free]
         columns = np.column_stack([derivatives, self._indented, distances])
-        effects = np.column_stack([contact_error * outwards, SOFTNESS_SPREAD_MM * self._indented])
+        effects = np.column_stack([contact_error * outwards, SOFTNESS_SD_MM * self._indented])
         squares = self._sums(effects[:, :, None] * effects[:, None, :])
         inner = squares + position_error**2 * np.eye(effects.shape[1])
         random = np.linalg.solve(inner, self._sums(effects[:, :, None] * columns[:, None, :]))

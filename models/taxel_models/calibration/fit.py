@@ -31,7 +31,7 @@ RESAMPLES: Final = 120
 ALIKE: Final = 1.05
 """Costs within 5 % of the least are taken for as good: the difference is noise."""
 
-SPREAD_MM: Final = 2.0
+EXTENT_MM: Final = 2.0
 """Contacts closer to their centre than this, as root mean square, say nothing about a frame."""
 
 _TYPICAL: Final = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 1.0, 1.0, 1.0])
@@ -154,10 +154,10 @@ def fit(contacts: LightContacts, radius: float, seed: int, standoff: float | Non
     count = len(contacts)
     centre = contacts.position.mean(axis=0)
     lever = float(np.sqrt(((contacts.position - centre) ** 2).sum(axis=1).mean()))
-    if lever < SPREAD_MM:
+    if lever < EXTENT_MM:
         raise RecordingError(
             f"the {count} light contacts lie within {lever:.2f} mm (rms) of one place, which tells no "
-            f"frame; expected contacts spread over the skin, by at least {SPREAD_MM:g} mm"
+            f"frame; expected contacts spread over the skin, by at least {EXTENT_MM:g} mm"
         )
     names = components_of(contacts)
     known = _known(names, standoff)

@@ -1,7 +1,8 @@
-"""Which components the contacts determine: read off the Jacobian of their distances to the skin.
+"""Finds which components the contacts determine, from the Jacobian of their distances to the skin.
 
-The covariance of a least-squares estimate is s² (JᵀJ)⁻¹, with s the residuals' spread. A component
-whose standard error moves the contacts by more than a limit is noise: it is held instead of printed.
+The covariance of a least-squares estimate is s² (JᵀJ)⁻¹, where s is the standard deviation of the
+residuals. If the standard error of a component moves the contacts by more than a limit, the contacts
+do not determine it. Such a component is held fixed instead of reported.
 """
 
 from typing import Final
@@ -14,7 +15,7 @@ from taxel_models.calibration.motion import ANGLES, RIGID
 LIMIT_MM: Final = 0.5
 """A component is determined if its standard error moves the contacts by less than this."""
 
-_LEAST_SPREAD_MM: Final = 0.01
+_LEAST_SD_MM: Final = 0.01
 """Residuals smaller than this are taken for this much noise: no tracker is better."""
 
 _AS_LOOSE: Final = 0.5
@@ -54,10 +55,10 @@ def standard_errors(jacobian: NDArray[np.float64], residuals: NDArray[np.float64
     shares = np.where(np.abs(directions) > 1e-6, directions, 0.0)
     with np.errstate(invalid="ignore"):
         parts = np.nan_to_num(shares * inverse[:, None], nan=0.0, posinf=np.inf, neginf=-np.inf)
-    return np.asarray(spread(residuals, columns) * np.sqrt((parts**2).sum(axis=0)))
+    return np.asarray(residual_sd(residuals, columns) * np.sqrt((parts**2).sum(axis=0)))
 
 
-def spread(residuals: NDArray[np.float64], fitted: float) -> float:
+def residual_sd(residuals: NDArray[np.float64], fitted: float) -> float:
     """The residuals' standard deviation, mm, by their median size, which outliers leave alone.
 
     Args:
@@ -66,4 +67,4 @@ def spread(residuals: NDArray[np.float64], fitted: float) -> float:
     """
     rows = len(residuals)
     raw = 1.4826 * float(np.median(np.abs(residuals))) * np.sqrt(rows / max(rows - fitted, 1.0))
-    return max(float(raw), _LEAST_SPREAD_MM)
+    return max(float(raw), _LEAST_SD_MM)

@@ -45,9 +45,9 @@ def loop_trial(
     ):
         predictor = source.predictor(model)
         task = progress.add_task("playing", total=trials)
-        for one in play(predictor.manifest, predictor.predict, Game(trials, seed, rows)):
-            rounds.append(one)
-            progress.update(task, advance=1, description=f"{one.truth} found as {one.found}")
+        for finished in play(predictor.manifest, predictor.predict, Game(trials, seed, rows)):
+            rounds.append(finished)
+            progress.update(task, advance=1, description=f"{finished.truth} found as {finished.found}")
             if output is not None:
                 _write(output, rounds, summarise(rounds))
     summary = summarise(rounds)
@@ -55,7 +55,7 @@ def loop_trial(
         print_json(
             {
                 "summary": summary.model_dump(mode="json"),
-                "rounds": [one.model_dump(mode="json") for one in rounds],
+                "rounds": [played.model_dump(mode="json") for played in rounds],
             }
         )
     else:
@@ -67,7 +67,7 @@ def _write(path: Path, rounds: list["Round"], summary: "Summary") -> None:
 
     content = {
         "summary": summary.model_dump(mode="json"),
-        "rounds": [one.model_dump(mode="json") for one in rounds],
+        "rounds": [played.model_dump(mode="json") for played in rounds],
     }
     with whole_file(path) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")

@@ -76,10 +76,10 @@ def _print(summary: "Summary") -> None:
     for heading in ("min", "mean", "max", "sd", "repeats"):
         table.add_column(heading, justify="right")
     for group, columns in summary.columns.items():
-        for name, spread in columns.items():
-            values = (spread.minimum, spread.mean, spread.maximum, spread.sd)
+        for name, statistics in columns.items():
+            values = (statistics.minimum, statistics.mean, statistics.maximum, statistics.sd)
             table.add_row(
-                name, UNITS[group], *(f"{value:.4g}" for value in values), f"{spread.repeats:.1%}"
+                name, UNITS[group], *(f"{value:.4g}" for value in values), f"{statistics.repeats:.1%}"
             )
         table.add_section()
     OUT.print(table)

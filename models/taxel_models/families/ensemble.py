@@ -100,11 +100,11 @@ class EnsembleFamily(Family):
                 for key, value in overrides.items()
                 if key.startswith(f"{name}.")
             }
-            one = {
+            member = {
                 "family": name,
                 "hyperparameters": resolve(family(name), combination, own).model_dump(mode="json"),
             }
-            members += [one] * count
+            members += [member] * count
             chosen = {key: value for key, value in chosen.items() if not key.startswith(f"{name}.")}
         # What no member took is left for the validation to refuse by name.
         return {"members": members, **chosen}

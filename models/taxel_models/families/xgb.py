@@ -136,7 +136,7 @@ class XgbFamily(Family):
             finally:
                 # All are done, or one failed, or the user interrupts: the others shall not go on.
                 watch.stopped = True
-        fitted = sorted(one for future in futures for one in future.result())
+        fitted = sorted(booster for future in futures for booster in future.result())
         boosters = tuple(booster for _, booster, _ in fitted)
         return XgbModel(boosters), _history(boosters, [losses for _, _, losses in fitted])
 

@@ -177,12 +177,12 @@ def _bracket_s(time: NDArray[np.int64], known: NDArray[np.int64]) -> NDArray[np.
 
 
 def _require_apart(parts: Sequence[_Rows]) -> None:
-    for one, next_one in pairwise(parts):
-        gap = int(next_one.time_ns[0] - one.time_ns[-1])
+    for part, next_part in pairwise(parts):
+        gap = int(next_part.time_ns[0] - part.time_ns[-1])
         if gap <= GAP_NS:
             raise RecordingError(
-                f"{next_one.trial.path('bio')}: starts {gap / 1e9:.3f} s after the end of "
-                f"{one.trial.path('bio').name}; expected trials more than {GAP_NS / 1e9} s apart"
+                f"{next_part.trial.path('bio')}: starts {gap / 1e9:.3f} s after the end of "
+                f"{part.trial.path('bio').name}; expected trials more than {GAP_NS / 1e9} s apart"
             )
 
 

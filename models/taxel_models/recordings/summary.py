@@ -21,8 +21,8 @@ UNITS: Final = {
 
 
 @dataclass(frozen=True)
-class Spread:
-    """How one column's values are spread, in the column's unit.
+class ColumnStatistics:
+    """Statistics of one column's values, in the column's unit.
 
     Attributes:
         minimum: smallest value.
@@ -65,7 +65,7 @@ class Summary:
         seconds: length of all segments together.
         rate_hz: of the median interval between rows.
         dropped: rows left out while reading, by reason.
-        columns: spreads by group (the keys of `UNITS`) and column name.
+        columns: statistics by group (the keys of `UNITS`) and column name.
     """
 
     name: str
@@ -76,7 +76,7 @@ class Summary:
     seconds: float
     rate_hz: float
     dropped: Mapping[str, int]
-    columns: Mapping[str, Mapping[str, Spread]]
+    columns: Mapping[str, Mapping[str, ColumnStatistics]]
 
 
 def summarise(recording: Recording) -> Summary:
@@ -106,7 +106,7 @@ def summarise(recording: Recording) -> Summary:
         rate_hz=1e9 / samples.period_ns,
         dropped=dict(recording.dropped),
         columns={
-            group: {name: Spread.of(values, follows) for name, values in columns}
+            group: {name: ColumnStatistics.of(values, follows) for name, values in columns}
             for group, columns in groups.items()
         },
     )

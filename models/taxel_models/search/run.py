@@ -27,7 +27,7 @@ LOG: Final = "smac.log"
 
 
 @dataclass(frozen=True)
-class Trial:
+class SearchTrial:
     """One fit.
 
     Attributes:
@@ -58,11 +58,11 @@ class Outcome:
         winner: the incumbent's trial with the largest budget.
     """
 
-    trials: tuple[Trial, ...]
+    trials: tuple[SearchTrial, ...]
     incumbents: tuple[tuple[int, float], ...]
-    winner: Trial
+    winner: SearchTrial
 
-    def best(self, count: int) -> list[Trial]:
+    def best(self, count: int) -> list[SearchTrial]:
         """The best trials, those with more epochs first; a configuration counts once."""
         ordered = sorted(self.trials, key=lambda trial: (-(trial.epochs or 0), trial.cost))
         first = {trial.config_id: trial for trial in reversed(ordered)}
@@ -160,7 +160,7 @@ def search(
 def _outcome(settings: SearchSettings, smac: HyperparameterOptimizationFacade) -> Outcome:
     history = smac.runhistory
     trials = tuple(
-        Trial(
+        SearchTrial(
             number=number,
             config_id=key.config_id,
             cost=value.cost,

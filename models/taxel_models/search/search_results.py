@@ -17,7 +17,7 @@ from taxel import __version__
 from taxel.atomic import whole_file
 from taxel_models.search.cost_plot import draw_trials
 from taxel_models.search.objective import WORST
-from taxel_models.search.run import Outcome, Trial
+from taxel_models.search.run import Outcome, SearchTrial
 from taxel_models.search.search_settings import SearchSettings
 from taxel_models.training.hyperparameters import FoundHyperparameters
 
@@ -73,7 +73,7 @@ def _markdown(settings: SearchSettings, outcome: Outcome) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _row(trial: Trial, names: list[str]) -> list[str]:
+def _row(trial: SearchTrial, names: list[str]) -> list[str]:
     facts = [
         trial.number,
         f"{trial.cost:.4f}",

@@ -60,7 +60,7 @@ def search_space(family: str) -> SearchSpace:
 
 def _without(names: frozenset[str], *found: Hyperparameter) -> ConfigurationSpace:
     space = ConfigurationSpace()
-    space.add([one for one in found if one.name not in names])
+    space.add([parameter for parameter in found if parameter.name not in names])
     return space
 
 
@@ -128,7 +128,7 @@ def _ffnn_hyperparameters(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _names(found: tuple[Hyperparameter, ...]) -> frozenset[str]:
-    return frozenset(one.name for one in found)
+    return frozenset(parameter.name for parameter in found)
 
 
 _SPACES: Final = {

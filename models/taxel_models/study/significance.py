@@ -58,11 +58,11 @@ def compare(first: ArrayLike, second: ArrayLike, test_ratio: float) -> Compariso
     Raises:
         InvalidArgument: not two or more pairs.
     """
-    one, other = np.asarray(first, np.float64), np.asarray(second, np.float64)
-    if one.shape != other.shape or one.ndim != 1 or len(one) < 2:
-        raise InvalidArgument(f"errors {one.shape} and {other.shape}: expected (J,) each, J > 1")
-    differences = one - other
-    folds, mean, deviation = len(one), float(differences.mean()), float(differences.std(ddof=1))
+    errors, others = np.asarray(first, np.float64), np.asarray(second, np.float64)
+    if errors.shape != others.shape or errors.ndim != 1 or len(errors) < 2:
+        raise InvalidArgument(f"errors {errors.shape} and {others.shape}: expected (J,) each, J > 1")
+    differences = errors - others
+    folds, mean, deviation = len(errors), float(differences.mean()), float(differences.std(ddof=1))
     error = corrected_standard_error(differences, test_ratio)
     reach = float(stats.t.ppf((1 + CONFIDENCE) / 2, folds - 1)) * error
     t = mean / error if error > 0 else None
@@ -76,7 +76,7 @@ def compare(first: ArrayLike, second: ArrayLike, test_ratio: float) -> Compariso
         p=p,
         p_holm=p,
         effect=mean / deviation if deviation > 0 else None,
-        relative=mean / float(other.mean()) if other.any() else 0.0,
+        relative=mean / float(others.mean()) if others.any() else 0.0,
     )
 
 

@@ -115,9 +115,9 @@ def draw_temperature(found: Temperature, path: Path) -> None:
 
 def _band(axes: Axes, places: Any, values: Any, colour: str, style: str, label: str) -> None:
     """The mean of (folds, k) and, shaded, its standard deviation over folds."""
-    mean, spread = values.mean(axis=0), values.std(axis=0)
+    mean, std = values.mean(axis=0), values.std(axis=0)
     axes.plot(places, mean, style, color=colour, lw=1.4, label=label)
-    axes.fill_between(places, mean - spread, mean + spread, color=colour, alpha=0.2, lw=0)
+    axes.fill_between(places, mean - std, mean + std, color=colour, alpha=0.2, lw=0)
 
 
 def _mean_losses(folds: Sequence[CellResult], part: str) -> list[float]:

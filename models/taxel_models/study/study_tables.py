@@ -68,11 +68,13 @@ def results_table(summary: Summary, *, published: bool) -> Table:
     rows = []
     for entry in summary.entries.values():
         name = f"{entry.model} {entry.combination}"
-        rows.append((name, _thousands(entry.parameters), *_spreads(entry.figures())))
+        rows.append((name, _thousands(entry.parameters), *_means_and_stds(entry.figures())))
         known = published_result(entry.model, entry.combination) if published else None
         if known:
-            rows.append((f"{name}, published", f"{known['parameters_k']:.0f}", *_published_spreads(known)))
-    rows.append((MEAN_PREDICTOR, "", *_spreads(summary.mean_predictor())))
+            rows.append(
+                (f"{name}, published", f"{known['parameters_k']:.0f}", *_published_means_and_stds(known))
+            )
+    rows.append((MEAN_PREDICTOR, "", *_means_and_stds(summary.mean_predictor())))
     return Table(
         f"results-{summary.protocol}",
         f"Protocol {summary.protocol}: mean over folds, standard deviation in parentheses. Parameters in "
@@ -112,13 +114,13 @@ def leak_table(leaks: Sequence[dict[str, Any]]) -> Table:
     """What the paper's protocol takes off the errors."""
     rows = [
         (
-            f"{one['model']} {one['combination'] or ''}".rstrip(),
-            *(f"{one['mae'][which]:.3f}" for which in ("strict", "paper")),
-            _percent(one["mae"]["share"]),
-            *(f"{one['norm_mae'][which]:.3f}" for which in ("strict", "paper")),
-            _percent(one["norm_mae"]["share"]),
+            f"{leak['model']} {leak['combination'] or ''}".rstrip(),
+            *(f"{leak['mae'][which]:.3f}" for which in ("strict", "paper")),
+            _percent(leak["mae"]["share"]),
+            *(f"{leak['norm_mae'][which]:.3f}" for which in ("strict", "paper")),
+            _percent(leak["norm_mae"]["share"]),
         )
-        for one in leaks
+        for leak in leaks
     ]
     return Table(
         "leak",
@@ -193,13 +195,13 @@ def _thousands(parameters: float) -> str:
     return f"{parameters / 1000:.0f}" if parameters >= 10_000 else f"{parameters / 1000:.1f}"
 
 
-def _spreads(figures: dict[str, Any]) -> list[str]:
+def _means_and_stds(figures: dict[str, Any]) -> list[str]:
     return [
         f"{figures[key]['mean']:.{_DECIMALS}f} ({figures[key]['std']:.{_DECIMALS}f})" for key, _ in _FIGURES
     ]
 
 
-def _published_spreads(known: dict[str, Any]) -> list[str]:
+def _published_means_and_stds(known: dict[str, Any]) -> list[str]:
     return [
         f"{known[key]:.{_DECIMALS}f} ({known['std'][key]:.{_DECIMALS}f})" if key in known else ""
         for key, _ in _FIGURES

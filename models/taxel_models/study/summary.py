@@ -66,7 +66,7 @@ class Entry:
             **self.figures(),
             "per_channel": {
                 channel: {
-                    metric: _spread([getattr(fold.test, metric)[column] for fold in self.folds])
+                    metric: _mean_and_std([getattr(fold.test, metric)[column] for fold in self.folds])
                     for metric in METRICS
                 }
                 for column, channel in enumerate(CHANNELS)
@@ -152,7 +152,7 @@ class Summary:
     def _tests(
         self, wanted: Sequence[tuple[str, tuple[str, int], tuple[str, int], tuple[str, str]]]
     ) -> list[PairTest]:
-        there = [one for one in wanted if one[1] in self.entries and one[2] in self.entries]
+        there = [pair for pair in wanted if pair[1] in self.entries and pair[2] in self.entries]
         outcomes = [
             compare(
                 self.entries[first].values("norm_mae"),
@@ -193,9 +193,9 @@ def leak(strict: Summary, paper: Summary) -> list[dict[str, Any]]:
         {
             "model": model,
             "combination": combination,
-            **{metric: _lower(one[metric]["mean"], other[metric]["mean"]) for metric in METRICS},
+            **{metric: _lower(of_strict[metric]["mean"], of_paper[metric]["mean"]) for metric in METRICS},
         }
-        for model, combination, one, other in pairs
+        for model, combination, of_strict, of_paper in pairs
     ]
 
 
@@ -212,10 +212,10 @@ def _test_ratio(folds: Sequence[CellResult]) -> float:
 def _figures(values: Callable[..., list[float]]) -> dict[str, dict[str, float]]:
     figures: dict[str, dict[str, float]] = {}
     for metric in METRICS:
-        figures[metric] = _spread(values(metric))
-        figures[f"{metric}_electrodes"] = _spread(values(metric, electrodes=True))
+        figures[metric] = _mean_and_std(values(metric))
+        figures[f"{metric}_electrodes"] = _mean_and_std(values(metric, electrodes=True))
     return figures
 
 
-def _spread(values: Sequence[float]) -> dict[str, float]:
+def _mean_and_std(values: Sequence[float]) -> dict[str, float]:
     return {"mean": float(np.mean(values)), "std": float(np.std(values))}

@@ -41,14 +41,16 @@ def sweep_temperature(data: FoldData, fitted: FittedModel) -> TemperatureSweep:
     """Test a model that takes the temperature with each that occurs in turn."""
     told = data.tdc_scaler.normalise(data.tdc.astype(np.float32)[:, None])[:, 0]
     errors = [
-        ErrorMetrics.of(data.measured, data.scaler.restore(_predict_at(data, fitted, one)), data.scaler.std)
-        for one in told
+        ErrorMetrics.of(
+            data.measured, data.scaler.restore(_predict_at(data, fitted, temperature)), data.scaler.std
+        )
+        for temperature in told
     ]
     return TemperatureSweep(
         mean_tdc=float(data.tdc_scaler.mean[0]),
         tdc=tuple(data.tdc.tolist()),
-        mae=tuple(one.mae for one in errors),
-        norm_mae=tuple(one.norm_mae for one in errors),
+        mae=tuple(error.mae for error in errors),
+        norm_mae=tuple(error.norm_mae for error in errors),
     )
 
 

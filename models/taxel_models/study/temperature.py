@@ -78,7 +78,7 @@ class Temperature:
             summary.protocol,
             measured=_errors(entry.folds, "test_measured_temperature"),
             mean=FixedTemperature(
-                float(np.mean([one.mean_tdc for one in sweeps])), _errors(entry.folds, "test")
+                float(np.mean([sweep.mean_tdc for sweep in sweeps])), _errors(entry.folds, "test")
             ),
             mean_predictor=_errors(entry.folds, "mean_predictor"),
             tdc=np.array(sweeps[0].tdc),
@@ -156,8 +156,10 @@ def temperature_table(found: Temperature, *, published: bool) -> Table:
 
 
 def _row(label: str, tdc: str, errors: FoldErrors, loss: str, known: float | None) -> tuple[str, ...]:
-    spreads = (f"{values.mean():.3f} ({values.std():.3f})" for values in (errors.norm_mae, errors.mae))
-    return (label, tdc, *spreads, loss, "" if known is None else f"{known:.3f}")
+    means_and_stds = (
+        f"{values.mean():.3f} ({values.std():.3f})" for values in (errors.norm_mae, errors.mae)
+    )
+    return (label, tdc, *means_and_stds, loss, "" if known is None else f"{known:.3f}")
 
 
 def _errors(folds: Sequence[CellResult], name: str) -> FoldErrors:
@@ -169,4 +171,4 @@ def _errors(folds: Sequence[CellResult], name: str) -> FoldErrors:
 
 
 def _curves(sweeps: Sequence[TemperatureSweep], name: str) -> NDArray[np.float64]:
-    return np.array([getattr(one, name) for one in sweeps])
+    return np.array([getattr(sweep, name) for sweep in sweeps])

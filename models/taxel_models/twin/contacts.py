@@ -27,7 +27,7 @@ PHASES_S: Final = {
 """Least and greatest length of each phase."""
 
 PEAK_N: Final = (2.0, 0.7, 0.4, 8.0)
-"""Peak force: median, spread (SD of its logarithm), least, greatest."""
+"""Peak force: median, SD of its logarithm, least, greatest."""
 
 LIGHT_TOUCH_N: Final = (0.08, 0.28)
 CLEARANCE_MM: Final = (8.0, 25.0)
@@ -69,9 +69,9 @@ class Contacts:
     rubbing: NDArray[np.float64]
     cycle: NDArray[np.int64]
 
-    def uneven(self, spread: float, dice: np.random.Generator) -> NDArray[np.float64]:
+    def uneven(self, sd: float, dice: np.random.Generator) -> NDArray[np.float64]:
         """A factor (n,) about 1 with this SD, one figure for each contact cycle."""
-        factors = 1.0 + spread * dice.standard_normal(int(self.cycle.max()) + 1)
+        factors = 1.0 + sd * dice.standard_normal(int(self.cycle.max()) + 1)
         return np.asarray(factors[self.cycle])
 
 
@@ -112,7 +112,7 @@ def contacts(rows: int, radius: float, dice: np.random.Generator) -> Contacts:
     above = dice.uniform(*CLEARANCE_MM, (2, pace.cycles))
     clearance = pace.follow(above[0], 0, 0, 0, 0, 0, above[1])
     press = _press(pace, dice)
-    forward, sideways = (pace.follow(0, 0, one, one, 0, 0, 0) for one in _shear_ratio(way, dice))
+    forward, sideways = (pace.follow(0, 0, ratio, ratio, 0, 0, 0) for ratio in _shear_ratio(way, dice))
     shear = press[:, None] * (forward[:, None] * places.forward + sideways[:, None] * places.sideways)
     steps = np.diff(places.point, axis=0, prepend=places.point[:1])
     speed = np.linalg.norm(steps, axis=1) / PERIOD_S
@@ -124,8 +124,8 @@ def _places(pace: _Pace, radius: float, dice: np.random.Generator) -> tuple[Patc
     cycles = pace.cycles
     near_tip = dice.random(cycles) < TIP_SHARE
     along = np.where(near_tip, dice.normal(*TIP_MM, cycles), dice.uniform(*ALONG_MM, cycles))
-    spread, limit = AROUND_RAD
-    around = dice.normal(0.0, spread, cycles)
+    sd, limit = AROUND_RAD
+    around = dice.normal(0.0, sd, cycles)
     slides = dice.random(cycles) < SLIDING_SHARE
     way = np.where(slides, dice.normal(0.0, SLIDE_MM, (2, cycles)), 0.0)
     start, end = np.clip(np.stack([along, along + way[0]]), *ALONG_MM)
@@ -137,8 +137,8 @@ def _places(pace: _Pace, radius: float, dice: np.random.Generator) -> tuple[Patc
 
 def _press(pace: _Pace, dice: np.random.Generator) -> NDArray[np.float64]:
     """The normal force (n,), N."""
-    median, spread, least, greatest = PEAK_N
-    peak = np.clip(median * np.exp(spread * dice.standard_normal(pace.cycles)), least, greatest)
+    median, sd, least, greatest = PEAK_N
+    peak = np.clip(median * np.exp(sd * dice.standard_normal(pace.cycles)), least, greatest)
     held = np.minimum(peak * dice.uniform(*HOLD_DRIFT, pace.cycles), greatest)
     light = dice.uniform(*LIGHT_TOUCH_N, pace.cycles)
     return np.asarray(

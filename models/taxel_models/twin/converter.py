@@ -26,10 +26,10 @@ def one_after_another(electrodes: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(electrodes[:-1] + delay * np.diff(electrodes, axis=0))
 
 
-def electrode_noise(count: int, spread: np.random.Generator) -> NDArray[np.float64]:
+def electrode_noise(count: int, dice: np.random.Generator) -> NDArray[np.float64]:
     """An SD for each electrode, counts, log-uniform between the measured extremes."""
     low, high = ELECTRODE_NOISE
-    return np.asarray(low * (high / low) ** spread.random(count))
+    return np.asarray(low * (high / low) ** dice.random(count))
 
 
 def convert(

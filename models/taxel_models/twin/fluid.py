@@ -78,11 +78,11 @@ def thickness(
         dented: (n,), how deep the skin's inner side is dented, mm.
         shear: (n, 3), tangential force on the skin, N.
     """
-    spread = DENT_MM**2 + sensor.indenter_radius * dented
-    shape = np.exp(-squared_distances / (2.0 * spread[:, None]))
+    variance = DENT_MM**2 + sensor.indenter_radius * dented
+    shape = np.exp(-squared_distances / (2.0 * variance[:, None]))
     facing = np.maximum(normal @ sensor.normals.T, 0.0)
     thinning = dented[:, None] * shape * facing
-    volume = 2.0 * np.pi * spread * dented
+    volume = 2.0 * np.pi * variance * dented
     bulge = (volume / FREE_AREA_MM2)[:, None] * (1.0 - shape) * freedom()
     slide = SLIDE_MM_PER_N * (shear @ sensor.normals.T)
     return np.asarray(np.maximum(1.0 + (bulge + slide - thinning) / skin.fluid, THINNEST))

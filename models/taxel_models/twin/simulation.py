@@ -63,7 +63,7 @@ def simulate(rows: int, seed: int) -> Recording:
     """
     if rows < 1 or seed < 0:
         raise SettingsError(f"rows is {rows} and seed {seed}: expected at least 1 row and a seed from 0")
-    paths, tracking, cell, texture, spread, noise, grip, pocket = np.random.default_rng(seed).spawn(8)
+    paths, tracking, cell, texture, noise_levels, noise, grip, pocket = np.random.default_rng(seed).spawn(8)
     sensor = Sensor.biotac_2p()
     skin = Skin.of(sensor)
     touch = contacts(rows + 1, sensor.skin_radius, paths)
@@ -92,7 +92,7 @@ def simulate(rows: int, seed: int) -> Recording:
         [
             read("pac0", sensor.rest["pac0"] + pac0),
             read("pdc", sensor.rest["pdc"] + static),
-            convert(electrodes, electrode_noise(len(ELECTRODES), spread), noise),
+            convert(electrodes, electrode_noise(len(ELECTRODES), noise_levels), noise),
         ]
     )
     return Recording.of(

@@ -223,7 +223,7 @@ def test_an_artifact_that_fails_parity_is_not_written(
     def with_past_and_future_swapped(network: Any) -> onnx.ModelProto:
         written = original(network)
         gather = written.graph.node[0]
-        (order,) = [one for one in written.graph.initializer if one.name == gather.input[1]]
+        (order,) = [tensor for tensor in written.graph.initializer if tensor.name == gather.input[1]]
         columns = onnx.numpy_helper.to_array(order).copy()
         columns[6:12] = np.roll(columns[6:12], 3)
         order.CopyFrom(onnx.numpy_helper.from_array(columns, order.name))

@@ -20,13 +20,13 @@ FLAT = 45
 
 
 @pytest.fixture(scope="module", params=HARD)
-def trial(request: pytest.FixtureRequest) -> MisalignedTwin:
+def misaligned(request: pytest.FixtureRequest) -> MisalignedTwin:
     return MisalignedTwin.calibrated(request.param)
 
 
-def test_the_contacts_are_found_again_within_a_fifth_of_a_millimetre(trial: MisalignedTwin) -> None:
-    assert trial.off_mm < 0.2
-    fit = trial.found.fit
+def test_the_contacts_are_found_again_within_a_fifth_of_a_millimetre(misaligned: MisalignedTwin) -> None:
+    assert misaligned.off_mm < 0.2
+    fit = misaligned.found.fit
     assert not fit.held
     assert np.abs(fit.before).mean() > 1.0
     assert np.abs(fit.after).mean() == pytest.approx(0.444, abs=0.02)
@@ -43,15 +43,15 @@ def test_a_known_standoff_brings_them_nearer() -> None:
     assert told["off_mm"][0] < 0.1
 
 
-def test_forces_are_turned_back(trial: MisalignedTwin) -> None:
-    true, back = trial.twin.samples, in_sensor_frame(trial.recorded, trial.found).samples
+def test_forces_are_turned_back(misaligned: MisalignedTwin) -> None:
+    true, back = misaligned.twin.samples, in_sensor_frame(misaligned.recorded, misaligned.found).samples
     size = np.linalg.norm(true.force, axis=1)
     turned = np.abs(back.force - true.force) / size[:, None]
     assert np.quantile(turned[size > TOUCH_N], 0.99) < 0.05
 
 
-def test_the_report_names_what_it_cannot_tell_and_what_it_found(trial: MisalignedTwin) -> None:
-    found = trial.found
+def test_the_report_names_what_it_cannot_tell_and_what_it_found(misaligned: MisalignedTwin) -> None:
+    found = misaligned.found
     report = found.report()
     assert list(report["not_identifiable"]) == ["roll"]
     assert report["light_contacts"] == len(found.contacts) > 600
@@ -68,6 +68,6 @@ def test_the_report_names_what_it_cannot_tell_and_what_it_found(trial: Misaligne
     )
 
 
-def test_the_twins_own_spreads_are_found(trial: MisalignedTwin) -> None:
-    assert trial.found.fit.contact_error == pytest.approx(TRACKING_MM, rel=0.1)
-    assert trial.found.fit.position_error == pytest.approx(JITTER_MM, rel=0.15)
+def test_the_twins_own_spreads_are_found(misaligned: MisalignedTwin) -> None:
+    assert misaligned.found.fit.contact_error == pytest.approx(TRACKING_MM, rel=0.1)
+    assert misaligned.found.fit.position_error == pytest.approx(JITTER_MM, rel=0.15)

@@ -31,8 +31,8 @@ def test_two_workers_find_what_one_process_finds(study: Study, tmp_path: Path) -
             lambda done, _: told.append(done),
         )
     here = run_study(study, Store(tmp_path / "here"), compute_here, 1)
-    assert [one.model_dump(exclude={"seconds"}) for one in there] == [
-        one.model_dump(exclude={"seconds"}) for one in here
+    assert [result.model_dump(exclude={"seconds"}) for result in there] == [
+        result.model_dump(exclude={"seconds"}) for result in here
     ]
     assert len(list((tmp_path / "there" / "cells").iterdir())) == len(there) == 6
     assert (told[0], told[-1]) == (0, 1)

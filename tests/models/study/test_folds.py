@@ -123,9 +123,9 @@ def test_the_paper_ignores_gaps_and_strict_does_not(make_recording: Make) -> Non
 def test_the_seed_decides(make_recording: Make) -> None:
     recording = make_recording([100] * 40)
     first, again, other = (partition("strict", [recording], "trials", 5, seed) for seed in (1, 1, 2))
-    for one, two in zip(first.folds, again.folds, strict=True):
-        np.testing.assert_array_equal(one.test, two.test)
-        np.testing.assert_array_equal(one.validation, two.validation)
+    for fold, repeated in zip(first.folds, again.folds, strict=True):
+        np.testing.assert_array_equal(fold.test, repeated.test)
+        np.testing.assert_array_equal(fold.validation, repeated.validation)
     assert any(not np.array_equal(a.test, b.test) for a, b in zip(first.folds, other.folds, strict=True))
 
 

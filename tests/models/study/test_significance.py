@@ -52,9 +52,9 @@ def test_an_example_by_hand() -> None:
 def test_swapping_the_two_mirrors_the_outcome() -> None:
     rng = np.random.default_rng(4)
     first, second = rng.uniform(0.1, 0.3, (2, 10))
-    one, other = compare(first, second, 0.125), compare(second, first, 0.125)
-    assert one.t == pytest.approx(-(other.t or 0))
-    assert one.p == pytest.approx(1 - other.p)
+    forward, backward = compare(first, second, 0.125), compare(second, first, 0.125)
+    assert forward.t == pytest.approx(-(backward.t or 0))
+    assert forward.p == pytest.approx(1 - backward.p)
 
 
 @pytest.mark.parametrize(("shift", "p"), [(0.0, 0.5), (0.5, 1.0), (-0.5, 0.0)])

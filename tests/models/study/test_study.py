@@ -47,7 +47,9 @@ def finished(
 
 def test_a_cell_is_what_fitting_by_hand_gives(finished: tuple[Study, Store, list[CellResult]]) -> None:
     study, _, results = finished
-    cell = next(one for one in results if (one.model, one.combination, one.fold) == ("xgb", 2, 1))
+    cell = next(
+        result for result in results if (result.model, result.combination, result.fold) == ("xgb", 2, 1)
+    )
     data = fold_data(study.partitions["strict"], 2, 1)
     kind = family("xgb")
     chosen = kind.hyperparameters.model_validate(study.settings.hyperparameters["xgb", 2])
@@ -65,8 +67,8 @@ def test_a_cell_is_what_fitting_by_hand_gives(finished: tuple[Study, Store, list
 def test_the_baseline_is_tested_at_the_mean_temperature_and_at_the_measured(
     finished: tuple[Study, Store, list[CellResult]],
 ) -> None:
-    baselines = [one for one in finished[2] if one.model == "network-b"]
-    assert all(one.test_measured_temperature not in (None, one.test) for one in baselines)
+    baselines = [result for result in finished[2] if result.model == "network-b"]
+    assert all(result.test_measured_temperature not in (None, result.test) for result in baselines)
 
 
 def test_a_second_run_computes_nothing(finished: tuple[Study, Store, list[CellResult]]) -> None:
@@ -92,14 +94,18 @@ def test_what_is_described_is_what_the_cells_hold(finished: tuple[Study, Store, 
     study, _, results = finished
     figures = describe(study, results)
     strict = figures["protocols"]["strict"]
-    folds = [one.test.mean("norm_mae") for one in results[:12] if (one.model, one.combination) == XGB_1]
-    entry = next(one for one in strict["results"] if (one["model"], one["combination"]) == XGB_1)
+    folds = [
+        result.test.mean("norm_mae")
+        for result in results[:12]
+        if (result.model, result.combination) == XGB_1
+    ]
+    entry = next(row for row in strict["results"] if (row["model"], row["combination"]) == XGB_1)
     assert len(folds) == 3
     assert entry["norm_mae"] == {"mean": pytest.approx(np.mean(folds)), "std": pytest.approx(np.std(folds))}
-    assert [one["first"] for one in strict["significance"]["windows"]] == ["1", "1"]
-    assert [one["group"] for one in strict["significance"]["models"]] == ["1", "2"]
+    assert [row["first"] for row in strict["significance"]["windows"]] == ["1", "1"]
+    assert [row["group"] for row in strict["significance"]["models"]] == ["1", "2"]
     assert figures["scale"]["reduced"] is True
-    worth = {(one["model"], one["combination"]): one["mae"] for one in figures["leak"]}
+    worth = {(row["model"], row["combination"]): row["mae"] for row in figures["leak"]}
     assert set(worth) == {*((m, c) for m in ("xgb", "network-b") for c in (1, 2)), ("mean predictor", None)}
     assert worth[XGB_1]["strict"] == entry["mae"]["mean"]
     assert worth[XGB_1]["share"] == pytest.approx(1 - worth[XGB_1]["paper"] / worth[XGB_1]["strict"])
@@ -167,7 +173,7 @@ def test_the_command_prints_and_extends_a_study(twin_csv: Path, tmp_path: Path, 
     second = taxel_study(*common, "--inputs", "1,2", "--json")
     printed = json.loads(second.stdout)
     assert printed["scale"]["rows_used"] == 6000
-    assert [one["combination"] for one in printed["protocols"]["strict"]["results"]] == [1, 2]
+    assert [row["combination"] for row in printed["protocols"]["strict"]["results"]] == [1, 2]
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
 
 

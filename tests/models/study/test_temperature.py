@@ -65,13 +65,13 @@ def test_each_temperature_is_told_as_the_model_was_fitted(
 
 def test_every_whole_count_that_occurs_is_told(swept: Swept, twin: Recording) -> None:
     results = swept[2]
-    sweeps = [one.sweep for one in results if (one.model, one.combination) == SWEPT]
+    sweeps = [result.sweep for result in results if (result.model, result.combination) == SWEPT]
     assert len(sweeps) == 3
     occurring = np.unique(twin.auxiliary["tdc"])
-    for one in sweeps:
-        assert one is not None
-        assert one.tdc == tuple(occurring.tolist())
-    assert all(one.sweep is None for one in results if (one.model, one.combination) != SWEPT)
+    for sweep in sweeps:
+        assert sweep is not None
+        assert sweep.tdc == tuple(occurring.tolist())
+    assert all(result.sweep is None for result in results if (result.model, result.combination) != SWEPT)
 
 
 def test_the_curve_passes_through_the_error_at_the_mean(temperature: Temperature) -> None:
@@ -89,10 +89,10 @@ def test_the_best_fixed_temperature_is_the_lowest_of_the_mean_curve(temperature:
 def test_the_relative_loss_is_in_shares_of_the_mean_predictors_error(
     temperature: Temperature, swept: Swept
 ) -> None:
-    cells = [one for one in swept[2] if (one.model, one.combination) == SWEPT]
+    cells = [cell for cell in swept[2] if (cell.model, cell.combination) == SWEPT]
     parts = ("test_measured_temperature", "test", "mean_predictor")
     measured, fixed, naive = (
-        np.mean([getattr(one, part).mean("norm_mae") for one in cells]) for part in parts
+        np.mean([getattr(cell, part).mean("norm_mae") for cell in cells]) for part in parts
     )
     assert temperature.relative_loss(temperature.mean) == pytest.approx((fixed - measured) / naive)
 
@@ -133,9 +133,11 @@ def test_swept_cells_are_kept_and_others_are_shared(swept: Swept, twin: Recordin
 
 
 def test_without_a_sweep_there_is_nothing_to_report(swept: Swept) -> None:
-    plain = [one.model_dump(exclude={"sweep"}) for one in swept[2]]
-    assert Temperature.of(Summary("strict", [CellResult.model_validate(one) for one in plain])) is None
-    xgb = [one for one in swept[2] if one.model == "xgb"]
+    plain = [result.model_dump(exclude={"sweep"}) for result in swept[2]]
+    assert (
+        Temperature.of(Summary("strict", [CellResult.model_validate(result) for result in plain])) is None
+    )
+    xgb = [result for result in swept[2] if result.model == "xgb"]
     assert Temperature.of(Summary("strict", xgb)) is None
 
 
