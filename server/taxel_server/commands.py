@@ -27,8 +27,8 @@ _SIGNAL_CHECK_S: Final = 0.1
 _AFTER_DRAINING_S: Final = 0.3
 """How long stopping may take beyond draining, whatever an evaluation, a client or the network does."""
 
-_LOG_DRAIN_S: Final = 0.05
-"""What answers take to leave this process."""
+_LAST_ANSWERS_S: Final = 0.05
+"""Time for the last answers to leave this process."""
 
 LogLevel = Literal["debug", "info", "warning", "error"]
 
@@ -141,7 +141,7 @@ def _leave_within(seconds: float, abandon: Callable[[], None]) -> None:
 
     def leave() -> None:
         abandon()
-        time.sleep(_LOG_DRAIN_S)
+        time.sleep(_LAST_ANSWERS_S)
         _exit_now(0)
 
     last = Timer(seconds, leave)
