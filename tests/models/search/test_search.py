@@ -1,5 +1,6 @@
 """Searching with the real SMAC: few trials, small fits."""
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,7 @@ from taxel_models.families.family import FitTask
 from taxel_models.families.registry import family, resolve
 from taxel_models.search.objective import WORST
 from taxel_models.search.run import search
-from taxel_models.search.search_settings import SearchSettings
+from taxel_models.search.search_settings import SETTINGS_FILE, SearchSettings
 from taxel_models.training.cluster import connect
 
 Planned = Callable[..., tuple[SearchSettings, FitTask]]
@@ -93,6 +94,19 @@ def test_a_folder_of_another_search_is_refused(planned: Planned, tmp_path: Path)
     (tmp_path / "taken" / "mine.txt").write_text("mine")
     with pytest.raises(SettingsError, match="exists already"):
         search(settings, task, tmp_path / "taken")
+
+
+def test_settings_that_an_earlier_version_wrote_are_the_same(planned: Planned, tmp_path: Path) -> None:
+    """The file keeps the key `unit` for what the code calls `grouping`."""
+    settings, _ = planned()
+    settings.keep(tmp_path)
+    written = json.loads((tmp_path / SETTINGS_FILE).read_text(encoding="utf-8"))
+    assert written["unit"] == "chunks"
+    assert "grouping" not in written
+    settings.keep(tmp_path)
+    (tmp_path / SETTINGS_FILE).write_text(json.dumps(written | {"unit": "trials"}), encoding="utf-8")
+    with pytest.raises(SettingsError, match="grouping 'trials', not 'chunks'"):
+        settings.keep(tmp_path)
 
 
 def test_damaged_state_is_named(planned: Planned, tmp_path: Path) -> None:
