@@ -38,9 +38,12 @@ def _option(field: str, metavar: str) -> Any:
     described = ServerOptions.model_fields[field]
     default = described.get_default()
     shown = ", ".join(default) if isinstance(default, tuple) else str(default)
+    name = f"--{field.replace('_', '-')}"
+    if described.annotation is bool:
+        name += f"/--no-{field.replace('_', '-')}"
     return typer.Option(
-        f"--{field.replace('_', '-')}",
-        metavar=metavar,
+        name,
+        metavar=metavar or None,
         help=described.description,
         show_default=False if described.is_required() else shown,
     )
@@ -56,6 +59,7 @@ def serve(
     max_queue_requests: Annotated[int | None, _option("max_queue_requests", "N")] = None,
     threads: Annotated[int | None, _option("threads", "N")] = None,
     providers: Annotated[list[str] | None, _option("providers", "NAME")] = None,
+    shared_memory: Annotated[bool | None, _option("shared_memory", "")] = None,
     drain_seconds: Annotated[float | None, _option("drain_seconds", "S")] = None,
     log_level: Annotated[LogLevel, typer.Option(help="What to log on stderr.")] = "warning",
     as_json: Json = False,
@@ -77,6 +81,7 @@ def serve(
     logging.basicConfig(
         level=log_level.upper(), stream=sys.stderr, format="%(asctime)s %(levelname)s %(name)s: %(message)s"
     )
+    _log_errors_of_zenoh()
     settings = read_settings({name: value for name, value in given.items() if value is not None})
     engine = Engine(settings.repository, RuntimeOptions(settings.threads, settings.providers))
     if not engine.load_all():
@@ -92,6 +97,21 @@ def serve(
         ERR.print("a client has stopped reading: leaving without it", style="yellow")
         # The session would wait for that client on the way out of the interpreter, too.
         _exit_now(0)
+
+
+def _log_errors_of_zenoh() -> None:
+    """Sends zenoh's own errors to stderr, where the log goes.
+
+    zenoh writes them to the process's stdout, which is for what this command announces.
+    """
+    import zenoh
+
+    announcements = os.dup(sys.stdout.fileno())
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    sys.stdout = os.fdopen(announcements, "w", encoding="utf-8")
+    if not sys.stderr.isatty():
+        os.environ.setdefault("NO_COLOR", "1")
+    zenoh.init_log_from_env_or("error")
 
 
 def _announce(listen: tuple[str, ...], models: list[ModelInfo], as_json: bool) -> None:

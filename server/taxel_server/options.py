@@ -36,6 +36,11 @@ class ServerOptions(BaseModel):
         min_length=1,
         description="ONNX Runtime's execution provider, best first; may be given several times.",
     )
+    shared_memory: bool = Field(
+        default=False,
+        description="Whether local clients may use shared memory for large requests. The memory of such a "
+        "client is held until the server ends.",
+    )
     drain_seconds: float = Field(
         default=1.2, ge=0, le=3600, description="Time to finish what is queued when told to stop."
     )

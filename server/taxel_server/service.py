@@ -86,7 +86,7 @@ class Service:
         self._ready = False
         self._reader = RequestReader(options.max_request_rows)
         self._routes = _infer_routes(engine, options.prefix)
-        self._session = open_session(options.listen)
+        self._session = open_session(options.listen, shared_memory=options.shared_memory)
         self._batcher = Batcher(
             max_batch_rows=options.max_batch_rows,
             max_queue_rows=options.max_queue_rows,

@@ -9,21 +9,31 @@ import zenoh
 
 from taxel.errors import SettingsError, TaxelError
 
-_PATIENCE_S: Final = 0.5
+_PATIENCE_S: Final = 0.25
 """How long an answer waits for a client that reads nothing; then that client is disconnected.
 
-zenoh's default of 5 s would let one stuck client hold up all others for as long.
+Meanwhile the worker waits too. zenoh's default of 5 s would hold up all other clients for as long.
 """
 
-_RUNTIME: Final = "(rx: (worker_threads: 1), net: (handover: rx), acc: (handover: rx), tx: (handover: rx))"
-"""zenoh's four pools of threads as one, of one thread, which a query then wakes instead of several.
+_RUNTIME: Final = (
+    "(rx: (worker_threads: 8), net: (handover: rx), acc: (handover: rx), tx: (worker_threads: 1))"
+)
+"""zenoh's pools of threads: one that receives and one that sends.
 
-It waits for Python only when the channel that queries go into is full; answers come from other threads.
+The two must not share a thread. zenoh ends a query on a receiving thread, and this may wait for memory
+that only the sending task gives back. On a shared thread both then wait until zenoh closes the
+connection, and the client's next queries are lost. There are several receiving threads because zenoh
+blocks one of them, for 10 s, for each client that has stopped reading when its lease ends.
 """
 
 
-def open_session(listen: Sequence[str]) -> zenoh.Session:
+def open_session(listen: Sequence[str], *, shared_memory: bool = False) -> zenoh.Session:
     """Listen on endpoints, as a router: clients need no other process between.
+
+    Args:
+        listen: endpoints, such as `tcp/127.0.0.1:7447`.
+        shared_memory: whether large messages of clients on this machine go through shared memory,
+            where they ask for it, too.
 
     Raises:
         SettingsError: an endpoint is malformed.
@@ -36,6 +46,7 @@ def open_session(listen: Sequence[str]) -> zenoh.Session:
         "mode": "router",
         "scouting/multicast/enabled": False,
         "scouting/delay": 0,
+        "transport/shared_memory/enabled": shared_memory,
         "transport/link/tx/queue/congestion_control/block/wait_before_close": round(_PATIENCE_S * 1e6),
     }
     for key, value in settings.items():

@@ -35,14 +35,17 @@ class RemoteSource(Connection, PredictorSource):
         endpoint: where the server listens, such as `tcp/127.0.0.1:7447`.
         timeout: seconds to wait for the connection, and for an answer where a call names none.
         prefix: the server's key prefix.
+        shared_memory: whether large requests go through shared memory, where the server allows it.
 
     Raises:
         InvalidArgument: that is no endpoint.
         Unavailable: nobody listens there.
     """
 
-    def __init__(self, endpoint: str, *, timeout: float = 5.0, prefix: str = PREFIX) -> None:
-        super().__init__(endpoint, timeout)
+    def __init__(
+        self, endpoint: str, *, timeout: float = 5.0, prefix: str = PREFIX, shared_memory: bool = False
+    ) -> None:
+        super().__init__(endpoint, timeout, shared_memory=shared_memory)
         self.prefix = prefix
 
     @override
@@ -115,11 +118,13 @@ class RemotePredictor(Predictor):
         return response
 
 
-def connect(endpoint: str, *, timeout: float = 5.0, prefix: str = PREFIX) -> RemoteSource:
+def connect(
+    endpoint: str, *, timeout: float = 5.0, prefix: str = PREFIX, shared_memory: bool = False
+) -> RemoteSource:
     """Connect to the server at an endpoint; the arguments are `RemoteSource`'s.
 
     Raises:
         InvalidArgument: that is no endpoint.
         Unavailable: nobody listens there.
     """
-    return RemoteSource(endpoint, timeout=timeout, prefix=prefix)
+    return RemoteSource(endpoint, timeout=timeout, prefix=prefix, shared_memory=shared_memory)

@@ -25,16 +25,17 @@ class Connection:
     Args:
         endpoint: where the server listens, such as `tcp/127.0.0.1:7447`.
         timeout: seconds to wait for the connection, and for an answer where a call names none.
+        shared_memory: whether large requests go through shared memory, where the server allows it.
 
     Raises:
         InvalidArgument: that is no endpoint.
         Unavailable: nobody listens there.
     """
 
-    def __init__(self, endpoint: str, timeout: float) -> None:
+    def __init__(self, endpoint: str, timeout: float, *, shared_memory: bool = False) -> None:
         self.endpoint = endpoint
         self.timeout = checked_timeout(timeout)
-        self._session = _open(endpoint, timeout)
+        self._session = _open(endpoint, timeout, shared_memory)
 
     def get(self, key: str, payload: bytes | None = None, timeout: float | None = None) -> bytes:
         """One query, one answer.
@@ -171,10 +172,11 @@ def _once(done: Done) -> Done:
     return settle
 
 
-def _open(endpoint: str, timeout: float) -> zenoh.Session:
+def _open(endpoint: str, timeout: float, shared_memory: bool) -> zenoh.Session:
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("transport/shared_memory/enabled", json.dumps(shared_memory))
     config.insert_json5("connect/timeout_ms", str(round(timeout * 1e3)))
     config.insert_json5("connect/exit_on_failure", "true")
     try:

@@ -1,0 +1,97 @@
+"""No request is lost, whatever its answer's size; and clients that stop reading silence nobody.
+
+The server runs in a process of its own: zenoh's threads are set once in a process.
+"""
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import taxel
+from taxel_bench.server_process import free_port, running_server, serve_command
+
+_READER = Path(__file__).with_name("stopped_reader.py")
+
+_PAST_LEASES_S = 13.0
+"""zenoh ends the connection of a client that reads nothing after 10 s."""
+
+_WAIT_S = 3.0
+"""What another client waits at most; where zenoh was deafened, it waited for 10 s."""
+
+
+@pytest.fixture(scope="module")
+def server(repository: Path) -> Iterator[str]:
+    with running_server(repository) as endpoint:
+        yield endpoint
+
+
+def test_fresh_connections_lose_no_answer_that_nearly_fills_a_batch(server: str) -> None:
+    # zenoh sends at most 65,535 bytes at once: the answers to 700 and 1024 windows are about as large.
+    for _ in range(40):
+        with taxel.connect(server) as source:
+            predictor = source.predictor("wide")
+            for rows in (700, 1024) * 20:
+                assert predictor.predict(np.zeros((rows, 12), dtype=np.float32)).shape == (rows, 21)
+
+
+@pytest.mark.parametrize("shared_memory", [False, True])
+def test_no_size_is_lost(repository: Path, shared_memory: bool) -> None:
+    rng = np.random.default_rng(7)
+    sizes = [1, 2, 63, 64, 65, 255, 256, 257, 779, 780, 781, 1023, 1025, 4096, 65_536]
+    sizes += rng.integers(1, 2000, 200).tolist()
+    with server_with(repository, shared_memory=shared_memory) as endpoint:
+        warm = taxel.connect(endpoint, shared_memory=shared_memory)
+        kept = warm.predictor("wide")
+        for rows in sizes:
+            windows = rng.normal(size=(rows, 12)).astype(np.float32)
+            expected = kept.predict(windows)
+            assert expected.shape == (rows, 21)
+            with taxel.connect(endpoint, shared_memory=shared_memory) as fresh:
+                np.testing.assert_array_equal(fresh.predictor("wide").predict(windows), expected)
+        warm.close()
+
+
+@pytest.mark.parametrize("stopped", [1, 4])
+def test_clients_that_stop_reading_silence_nobody(server: str, stopped: int) -> None:
+    with ExitStack() as readers, taxel.connect(server, timeout=_WAIT_S) as source:
+        predictor = source.predictor("wide")
+        running = [readers.enter_context(_stopped_reader(server)) for _ in range(stopped)]
+        for reader in running:
+            assert reader.stdout is not None
+            assert reader.stdout.readline() == "ready\n"
+        for reader in running:
+            assert reader.stdin is not None
+            reader.stdin.write("\n")
+            reader.stdin.flush()
+        end = time.monotonic() + _PAST_LEASES_S
+        while time.monotonic() < end:
+            assert predictor.predict(np.zeros((1, 12), dtype=np.float32)).shape == (1, 21)
+            time.sleep(0.005)
+
+
+@contextmanager
+def server_with(repository: Path, *, shared_memory: bool) -> Iterator[str]:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    choice = "--shared-memory" if shared_memory else "--no-shared-memory"
+    command = [*serve_command(repository, endpoint), choice, "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert "listen" in process.stdout.readline()
+        yield endpoint
+        process.terminate()
+
+
+@contextmanager
+def _stopped_reader(endpoint: str) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, str(_READER), endpoint]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
