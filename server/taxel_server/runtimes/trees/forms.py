@@ -34,6 +34,8 @@ _REPEATS: Final = 7
 class WalkKernel:
     """The plain walk, where a faster form is not to be trusted."""
 
+    name = "plain-walk"
+
     def __init__(self, forest: Forest, scales: Scales) -> None:
         self._forest = forest
         self._scales = scales

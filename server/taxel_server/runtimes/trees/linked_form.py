@@ -38,6 +38,8 @@ class _Scratch(NamedTuple):
 class LinkedKernel(CompiledKernel):
     """A forest of any size, to be walked."""
 
+    name = "node-walk"
+
     def __init__(self, forest: Forest, index: InOrder, scales: Scales) -> None:
         layout = LinkedLayout.of(forest, index)
         columns = layout.columns

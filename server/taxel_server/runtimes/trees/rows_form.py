@@ -116,6 +116,7 @@ class RowsKernel(CompiledKernel):
 
     def __init__(self, form: RowsForm, lanes: int, scales: Scales) -> None:
         self.lanes = lanes
+        self.name = f"bitset-{lanes}"
         self._form = form
         layouts = (form.narrow, form.wide)
         sets = [split_sets(layout.full) for layout in layouts]

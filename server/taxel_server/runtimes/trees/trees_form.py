@@ -58,6 +58,8 @@ class _Scratch(NamedTuple):
 class TreesKernel(CompiledKernel):
     """A forest that `fits`, compiled for a handful of rows."""
 
+    name = "small-batch"
+
     def __init__(self, forest: Forest, index: InOrder, columns: Columns, scales: Scales) -> None:
         lanes = trees_at_once()
         size = table_size(columns)

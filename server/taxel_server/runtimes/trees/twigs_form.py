@@ -103,6 +103,8 @@ class _Scratch(NamedTuple):
 class TwigsKernel(CompiledKernel):
     """A forest that `fits`, compiled for a row or two."""
 
+    name = "leaf-blocks"
+
     def __init__(self, forest: Forest, index: InOrder, columns: Columns, scales: Scales) -> None:
         size = table_size(columns)
         groups = _Groups.of(forest)
