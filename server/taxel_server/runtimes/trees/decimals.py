@@ -2,10 +2,9 @@
 
 from fractions import Fraction
 
-import numba
 import numpy as np
 
-from taxel_server.runtimes.compiled.caching import fresh
+from taxel_server.runtimes.compiled.compiling import compiled
 
 _COMMA, _CLOSE, _DOT, _PLUS, _MINUS, _ZERO, _NINE, _UPPER_E, _LOWER_E = b",].+-09Ee"
 _POWERS_OF_TEN = 10.0 ** np.arange(23)
@@ -25,8 +24,7 @@ def nearest(token: str) -> np.float32:
     )
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def read_numbers(text, spans, values, odd):  # type: ignore[no-untyped-def]
     """Reads arrays into float64; returns how many tokens are `odd`: left to be read with more care.
 
@@ -54,8 +52,7 @@ def read_numbers(text, spans, values, odd):  # type: ignore[no-untyped-def]
     return odds
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def _read_decimal(text, position):  # type: ignore[no-untyped-def]
     """One number, and the place of the comma or bracket behind it: -1 if it is odd."""
     mantissa, exponent, digits = np.int64(0), 0, 0
@@ -89,8 +86,7 @@ def _read_decimal(text, position):  # type: ignore[no-untyped-def]
     return (-value if negative else value), (-1 if _may_round_twice(value) else position)
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def _read_exponent(text, position):  # type: ignore[no-untyped-def]
     """The power of ten that may follow a decimal, and the place behind it: -1 if it is odd."""
     if text[position] != _UPPER_E and text[position] != _LOWER_E:
@@ -106,8 +102,7 @@ def _read_exponent(text, position):  # type: ignore[no-untyped-def]
     return (-power if down else power), (position if digits else -1)
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def _may_round_twice(value):  # type: ignore[no-untyped-def]
     # A float64 has 29 bits more than a float32: the middle of two float32 has only the first set.
     below = np.float64(value).view(np.int64) & ((1 << 29) - 1)

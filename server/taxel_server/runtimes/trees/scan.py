@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Self
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from taxel.errors import ArtifactError
-from taxel_server.runtimes.compiled.caching import fresh
+from taxel_server.runtimes.compiled.compiling import compiled
 from taxel_server.runtimes.trees.decimals import nearest, read_numbers
 
 CHUNK: Final = 1 << 22
@@ -121,8 +120,7 @@ class ScannedText:
         return token
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def _scan(text, position, in_string, found, piece, table):  # type: ignore[no-untyped-def]
     """Copies text to `piece` with number arrays replaced, until a chunk has been looked at."""
     stop = min(position + CHUNK, text.size)
@@ -155,8 +153,7 @@ def _scan(text, position, in_string, found, piece, table):  # type: ignore[no-un
     return position, in_string, length, count
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def _write_integer(piece, length, value):  # type: ignore[no-untyped-def]
     digits = 1
     while value >= 10**digits:
