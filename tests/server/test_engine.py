@@ -31,7 +31,7 @@ def test_everything_is_offered_in_order(engine: Engine) -> None:
 
 def test_a_loaded_model_names_its_evaluators(engine: Engine) -> None:
     for model in engine.models():
-        assert model.one_row and model.many_rows and model.instruction_set
+        assert "" not in (model.one_row, model.many_rows, model.instruction_set)
     runtime = engine.model("skin").runtime
     assert (model.one_row, model.instruction_set) == astuple(runtime.evaluator(1))
     assert model.many_rows == runtime.evaluator(1024).name

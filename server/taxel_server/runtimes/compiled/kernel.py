@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.compiled.plans import Scratch
+from taxel_server.runtimes.compiled.arguments import Scratch
 
 
 class Kernel(Protocol):

@@ -12,8 +12,8 @@ from typing_extensions import override
 
 from taxel.channels import CHANNELS
 from taxel.manifest import Normalisation
+from taxel_server.runtimes.compiled.arguments import Scratch, pack, together
 from taxel_server.runtimes.compiled.kernel import CompiledKernel
-from taxel_server.runtimes.compiled.plans import Scratch, pack, together
 from taxel_server.runtimes.compiled.processor import instruction_set
 from taxel_server.runtimes.evaluators import EvaluatorInfo
 from taxel_server.runtimes.networks.graph import Unsupported, read_graph

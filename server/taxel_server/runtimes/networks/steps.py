@@ -6,8 +6,8 @@ import numba
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
+from taxel_server.runtimes.compiled.arguments import array_at
 from taxel_server.runtimes.compiled.compiling import compiled
-from taxel_server.runtimes.compiled.plans import array_at
 from taxel_server.runtimes.networks.functions import (
     exponential,
     exponential_linear,

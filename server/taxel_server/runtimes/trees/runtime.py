@@ -13,9 +13,9 @@ from taxel.errors import ArtifactError
 from taxel.manifest import Normalisation
 from taxel_server.runtimes.compiled.processor import instruction_set
 from taxel_server.runtimes.evaluators import EvaluatorInfo
-from taxel_server.runtimes.trees.forms import BLOCKS, Forms
-from taxel_server.runtimes.trees.parse import read_forest
-from taxel_server.runtimes.trees.scales import Scales
+from taxel_server.runtimes.trees.autotune import BLOCKS, Forms
+from taxel_server.runtimes.trees.normalisation import Scales
+from taxel_server.runtimes.trees.reading.xgboost_json import read_forest
 
 
 class TreesRuntime:

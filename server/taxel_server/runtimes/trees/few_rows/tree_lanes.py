@@ -23,10 +23,16 @@ from taxel_server.runtimes.compiled.vectors import (
     splat,
     store,
 )
-from taxel_server.runtimes.trees.lanes_layout import COLUMN_BITS, COLUMNS_AT, LIMITS_AT, LINE, MASKS_AT
-from taxel_server.runtimes.trees.lookups import interleave, lookup
-from taxel_server.runtimes.trees.ranks import ROWS
-from taxel_server.runtimes.trees.words import bytes_at, elements, floats_at, lowest_common_bit, widen
+from taxel_server.runtimes.trees.few_rows.ranks import ROWS
+from taxel_server.runtimes.trees.layout.tree_lanes import COLUMN_BITS, COLUMNS_AT, LIMITS_AT, LINE, MASKS_AT
+from taxel_server.runtimes.trees.simd.lookups import interleave, lookup
+from taxel_server.runtimes.trees.simd.vectors64 import (
+    bytes_at,
+    elements,
+    floats_at,
+    lowest_common_bit,
+    widen,
+)
 
 OUTPUTS_AT_ONCE: Final = 8
 """Trees whose leaves are added at once, each to an output of its own."""

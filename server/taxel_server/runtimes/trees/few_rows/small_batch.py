@@ -6,19 +6,19 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel_server.runtimes.compiled.arguments import Scratch, array_in, number_in, pack, together
 from taxel_server.runtimes.compiled.compiling import compiled, inlined
 from taxel_server.runtimes.compiled.kernel import CompiledKernel
-from taxel_server.runtimes.compiled.plans import Scratch, array_in, number_in, pack, together
 from taxel_server.runtimes.compiled.processor import register_bytes
-from taxel_server.runtimes.trees.calls import call
-from taxel_server.runtimes.trees.columns import Columns
-from taxel_server.runtimes.trees.forest import Forest
-from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.lanes_layout import MOST_TWIGS, TrunksLayout, table_size
-from taxel_server.runtimes.trees.lookups import interleaved_lane
-from taxel_server.runtimes.trees.ranks import ROWS, Ranking, rank_rows, read_ranking
-from taxel_server.runtimes.trees.scales import Scales, put_rows, read_scales
-from taxel_server.runtimes.trees.trees_in_lanes import add_leaves, find_exits, put_exits, trees_at_once
+from taxel_server.runtimes.trees.few_rows.ranks import ROWS, Ranking, rank_rows, read_ranking
+from taxel_server.runtimes.trees.few_rows.tree_lanes import add_leaves, find_exits, put_exits, trees_at_once
+from taxel_server.runtimes.trees.layout.columns import Columns
+from taxel_server.runtimes.trees.layout.in_order import InOrder
+from taxel_server.runtimes.trees.layout.tree_lanes import MOST_TWIGS, TrunksLayout, table_size
+from taxel_server.runtimes.trees.normalisation import Scales, put_rows, read_scales
+from taxel_server.runtimes.trees.reading.forest import Forest
+from taxel_server.runtimes.trees.simd.calls import call
+from taxel_server.runtimes.trees.simd.lookups import interleaved_lane
 
 _BATCH: Final = 2800
 """Fewest trees whose exits are found before their leaves are added; all that stays in the cache."""

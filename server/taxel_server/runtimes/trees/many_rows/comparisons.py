@@ -1,7 +1,7 @@
 """Compares a block of rows with every cut of a forest, once each, however many nodes ask for it."""
 
 from taxel_server.runtimes.compiled.compiling import compiled
-from taxel_server.runtimes.trees.bits import not_below
+from taxel_server.runtimes.trees.simd.bits import not_below
 
 
 @compiled

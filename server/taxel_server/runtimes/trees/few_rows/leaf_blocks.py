@@ -6,14 +6,20 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel_server.runtimes.compiled.arguments import Scratch, array_in, number_in, pack, together
 from taxel_server.runtimes.compiled.compiling import compiled, inlined
 from taxel_server.runtimes.compiled.kernel import CompiledKernel
-from taxel_server.runtimes.compiled.plans import Scratch, array_in, number_in, pack, together
-from taxel_server.runtimes.trees.calls import call
-from taxel_server.runtimes.trees.columns import Columns
-from taxel_server.runtimes.trees.forest import Forest
-from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.lanes_layout import (
+from taxel_server.runtimes.trees.few_rows.ranks import ROWS, Ranking, rank_rows, read_ranking
+from taxel_server.runtimes.trees.few_rows.tree_lanes import (
+    OUTPUTS_AT_ONCE,
+    add_twigs,
+    find_exits,
+    find_twigs,
+    trees_at_once,
+)
+from taxel_server.runtimes.trees.layout.columns import Columns
+from taxel_server.runtimes.trees.layout.in_order import InOrder
+from taxel_server.runtimes.trees.layout.tree_lanes import (
     LINE,
     MOST_TWIGS,
     TWIG,
@@ -22,15 +28,9 @@ from taxel_server.runtimes.trees.lanes_layout import (
     count_twigs,
     table_size,
 )
-from taxel_server.runtimes.trees.ranks import ROWS, Ranking, rank_rows, read_ranking
-from taxel_server.runtimes.trees.scales import Scales, put_rows, read_scales
-from taxel_server.runtimes.trees.trees_in_lanes import (
-    OUTPUTS_AT_ONCE,
-    add_twigs,
-    find_exits,
-    find_twigs,
-    trees_at_once,
-)
+from taxel_server.runtimes.trees.normalisation import Scales, put_rows, read_scales
+from taxel_server.runtimes.trees.reading.forest import Forest
+from taxel_server.runtimes.trees.simd.calls import call
 
 _MOST_BYTES: Final = 2**27
 """Most memory that trunks, and lines for places without a tree, may take."""

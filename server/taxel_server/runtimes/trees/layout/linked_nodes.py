@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.compiling import compiled
-from taxel_server.runtimes.trees.columns import Columns
-from taxel_server.runtimes.trees.forest import LEAF, Forest
-from taxel_server.runtimes.trees.in_order import InOrder
+from taxel_server.runtimes.trees.layout.columns import Columns
+from taxel_server.runtimes.trees.layout.in_order import InOrder
+from taxel_server.runtimes.trees.reading.forest import LEAF, Forest
 
 LINKED_NODE: Final = np.dtype([("column", "<u2"), ("limit", "<u2"), ("left", "<i4")])
 """A node; its right child follows its left one, and a leaf is its own left child.

@@ -11,9 +11,9 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel_server.runtimes.compiled.arguments import array_in
 from taxel_server.runtimes.compiled.compiling import inlined
-from taxel_server.runtimes.compiled.plans import array_in
-from taxel_server.runtimes.trees.in_order import InOrder
+from taxel_server.runtimes.trees.layout.in_order import InOrder
 
 
 @dataclass(frozen=True)

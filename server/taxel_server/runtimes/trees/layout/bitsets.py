@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.compiling import compiled
-from taxel_server.runtimes.trees.columns import Columns
-from taxel_server.runtimes.trees.in_order import InOrder
+from taxel_server.runtimes.trees.layout.columns import Columns
+from taxel_server.runtimes.trees.layout.in_order import InOrder
 
 MOST_LEAVES: Final = {1: 256, 2: 65536}
 """Leaves of the largest tree whose leaf numbers take so many bytes."""

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.compiling import compiled
-from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.lookups import can_look_up
-from taxel_server.runtimes.trees.rows_layout import LeafNumbers
+from taxel_server.runtimes.trees.layout.bitsets import LeafNumbers
+from taxel_server.runtimes.trees.layout.in_order import InOrder
+from taxel_server.runtimes.trees.simd.lookups import can_look_up
 
 LEAVES: Final = np.dtype([("table", "<i8"), ("exits", "<i4"), ("kind", "<i4")])
 """Of a tree: its leaf table's first byte, its exits' place, and the table's kind.

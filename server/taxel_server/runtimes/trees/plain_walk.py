@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.compiling import compiled
-from taxel_server.runtimes.trees.forest import LEAF, Forest
-from taxel_server.runtimes.trees.scales import Scales
+from taxel_server.runtimes.trees.normalisation import Scales
+from taxel_server.runtimes.trees.reading.forest import LEAF, Forest
 
 
 def walk(forest: Forest, scales: Scales, windows: NDArray[np.float32]) -> NDArray[np.float32]:

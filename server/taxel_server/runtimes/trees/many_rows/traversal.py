@@ -7,9 +7,9 @@ import numba
 
 from taxel_server.runtimes.compiled.compiling import address_of, inlined
 from taxel_server.runtimes.compiled.vectors import AHEAD, integer_at, load, prefetch, splat, store
-from taxel_server.runtimes.trees.bits import common, either, number, put_numbers, without
-from taxel_server.runtimes.trees.rows_layout import GROUP, RECORDS
-from taxel_server.runtimes.trees.words import elements, widen, words_at
+from taxel_server.runtimes.trees.layout.bitsets import GROUP, RECORDS
+from taxel_server.runtimes.trees.simd.bits import common, either, number, put_numbers, without
+from taxel_server.runtimes.trees.simd.vectors64 import elements, widen, words_at
 
 _SIGNATURE: Final = "void(intp, intp, intp, intp, intp, intp, intp, intp, intp, intp)"
 

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.compiling import compiled
-from taxel_server.runtimes.trees.forest import LEAF, Forest
+from taxel_server.runtimes.trees.reading.forest import LEAF, Forest
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from typing import Final
 from taxel_server.runtimes.compiled.compiling import address_of, inlined
 from taxel_server.runtimes.compiled.processor import register_bytes
 from taxel_server.runtimes.compiled.vectors import add, integer_at, load, load_floats, store
-from taxel_server.runtimes.trees.lookups import assemble, can_look_up, gather, lookup
+from taxel_server.runtimes.trees.simd.lookups import assemble, can_look_up, gather, lookup
 
 _SIGNATURE: Final = "void(intp, intp, intp, intp, intp, intp)"
 

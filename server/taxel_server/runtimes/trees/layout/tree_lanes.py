@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.compiling import compiled
-from taxel_server.runtimes.trees.columns import Columns
-from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.lookups import can_look_up
+from taxel_server.runtimes.trees.layout.columns import Columns
+from taxel_server.runtimes.trees.layout.in_order import InOrder
+from taxel_server.runtimes.trees.simd.lookups import can_look_up
 
 TWIG: Final = 8
 """Most leaves of a twig that is more than a leaf."""

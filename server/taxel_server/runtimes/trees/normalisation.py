@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from taxel.manifest import Normalisation
 from taxel.scaling import Scaler
+from taxel_server.runtimes.compiled.arguments import array_in, number_in
 from taxel_server.runtimes.compiled.compiling import compiled, inlined
-from taxel_server.runtimes.compiled.plans import array_in, number_in
 
 
 class Scales(NamedTuple):

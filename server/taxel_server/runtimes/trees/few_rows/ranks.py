@@ -13,10 +13,10 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel_server.runtimes.compiled.arguments import array_in, number_in, together
 from taxel_server.runtimes.compiled.compiling import compiled, inlined
-from taxel_server.runtimes.compiled.plans import array_in, number_in, together
 from taxel_server.runtimes.compiled.vectors import count, load_floats, not_above, splat_float
-from taxel_server.runtimes.trees.columns import Columns
+from taxel_server.runtimes.trees.layout.columns import Columns
 
 ROWS: Final = 8
 """Rows that are ranked, and go through a group of trees, at once."""

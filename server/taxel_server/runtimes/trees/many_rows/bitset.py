@@ -6,20 +6,20 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel_server.runtimes.compiled.arguments import Scratch, array_in, number_in, pack, together
 from taxel_server.runtimes.compiled.compiling import compiled, inlined
 from taxel_server.runtimes.compiled.kernel import CompiledKernel
-from taxel_server.runtimes.compiled.plans import Scratch, array_in, number_in, pack, together
-from taxel_server.runtimes.trees.calls import call
-from taxel_server.runtimes.trees.columns import Columns, PlainColumns, read_columns
-from taxel_server.runtimes.trees.comparisons import compare
-from taxel_server.runtimes.trees.forest import Forest
-from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.leaf_sums import add_leaves
-from taxel_server.runtimes.trees.leaf_tables import LEAVES, write_leaf_tables
-from taxel_server.runtimes.trees.lookups import assembled_lane
-from taxel_server.runtimes.trees.rows_as_bits import find_exits, memory_words
-from taxel_server.runtimes.trees.rows_layout import GROUP, LeafNumbers, RowsLayout, split_sets
-from taxel_server.runtimes.trees.scales import Scales, read_scales, restore
+from taxel_server.runtimes.trees.layout.bitsets import GROUP, LeafNumbers, RowsLayout, split_sets
+from taxel_server.runtimes.trees.layout.columns import Columns, PlainColumns, read_columns
+from taxel_server.runtimes.trees.layout.in_order import InOrder
+from taxel_server.runtimes.trees.layout.leaf_tables import LEAVES, write_leaf_tables
+from taxel_server.runtimes.trees.many_rows.comparisons import compare
+from taxel_server.runtimes.trees.many_rows.leaf_sums import add_leaves
+from taxel_server.runtimes.trees.many_rows.traversal import find_exits, memory_words
+from taxel_server.runtimes.trees.normalisation import Scales, read_scales, restore
+from taxel_server.runtimes.trees.reading.forest import Forest
+from taxel_server.runtimes.trees.simd.calls import call
+from taxel_server.runtimes.trees.simd.lookups import assembled_lane
 
 _GROUP: Final = GROUP.itemsize
 

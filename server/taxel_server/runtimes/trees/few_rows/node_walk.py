@@ -5,15 +5,15 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel_server.runtimes.compiled.arguments import Scratch, array_in, number_in, pack
 from taxel_server.runtimes.compiled.compiling import compiled, inlined
 from taxel_server.runtimes.compiled.kernel import CompiledKernel
-from taxel_server.runtimes.compiled.plans import Scratch, array_in, number_in, pack
 from taxel_server.runtimes.compiled.vectors import integer_at
-from taxel_server.runtimes.trees.forest import Forest
-from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.linked_layout import LinkedLayout
-from taxel_server.runtimes.trees.ranks import ROWS, Ranking, rank_rows, read_ranking
-from taxel_server.runtimes.trees.scales import Scales, put_rows, read_scales
+from taxel_server.runtimes.trees.few_rows.ranks import ROWS, Ranking, rank_rows, read_ranking
+from taxel_server.runtimes.trees.layout.in_order import InOrder
+from taxel_server.runtimes.trees.layout.linked_nodes import LinkedLayout
+from taxel_server.runtimes.trees.normalisation import Scales, put_rows, read_scales
+from taxel_server.runtimes.trees.reading.forest import Forest
 
 _WALKERS: Final = 16
 """Walks that advance in turn, so that one need not wait for another's memory."""
