@@ -22,6 +22,9 @@ _WARM_UP_ROWS: Final = (1, 8, 64, 512)
 """Runtimes choose their way by the number of rows: each way runs once before it serves."""
 
 
+_MANY_ROWS: Final = 1024
+
+
 @dataclass(frozen=True, eq=False)
 class LoadedModel:
     """One version of a model, ready to evaluate."""
@@ -38,6 +41,12 @@ class LoadedModel:
     def columns(self) -> int:
         """What a window is turned into: 21 channels, and their spread where the model gives it."""
         return len(CHANNELS) * len(self.manifest.outputs)
+
+    @property
+    def evaluators(self) -> dict[str, str]:
+        """What computes one window and many, and with which instructions, as `ModelInfo` names it."""
+        one, many = self.runtime.evaluator(1), self.runtime.evaluator(_MANY_ROWS)
+        return {"one_row": one.name, "many_rows": many.name, "instruction_set": one.instruction_set}
 
     def evaluate(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
         """Counts (n, columns) float32 of windows (n, f) float32, already checked."""
@@ -136,7 +145,9 @@ class Engine:
         if isinstance(found, str):
             return ModelInfo(name, version, "UNAVAILABLE", found, platform="", combination=None)
         manifest = found.manifest
-        return ModelInfo(name, version, "READY", "", manifest.platform, manifest.window.combination)
+        evaluators = found.evaluators if isinstance(found, LoadedModel) else {}
+        combination = manifest.window.combination
+        return ModelInfo(name, version, "READY", "", manifest.platform, combination, **evaluators)
 
     def _examined(self, name: str, version: str) -> artifacts.Artifact | str:
         try:

@@ -6,7 +6,6 @@ from typing import Any, Final
 
 from taxel import __version__
 from taxel.errors import NotFound, Unavailable
-from taxel.manifest import Manifest
 from taxel_server.engine import Engine, LoadedModel
 
 EXTENSIONS: Final = ("repository_index", "model_stats")
@@ -56,7 +55,7 @@ class ServerMetadata:
     def _answer_model(self, path: str, name: str, version: str | None, action: list[str]) -> dict[str, Any]:
         match action:
             case []:
-                return self._metadata(self._engine.model(name, version).manifest)
+                return self._metadata(self._engine.model(name, version))
             case ["ready"]:
                 return {"ready": self._model_ready(name, version)}
             case ["stats"]:
@@ -73,7 +72,8 @@ class ServerMetadata:
             return False
         return self._ready()
 
-    def _metadata(self, manifest: Manifest) -> dict[str, Any]:
+    def _metadata(self, described_model: LoadedModel) -> dict[str, Any]:
+        manifest = described_model.manifest
         versions = [
             model.version
             for model in self._engine.models()
@@ -86,5 +86,5 @@ class ServerMetadata:
             "platform": manifest.platform,
             "inputs": described["inputs"],
             "outputs": described["outputs"],
-            "parameters": {"manifest": described},
+            "parameters": {"manifest": described, "evaluators": described_model.evaluators},
         }

@@ -15,7 +15,7 @@ from taxel.protocol import unpackb
 from taxel_server import engine as engine_module
 from taxel_server.engine import Engine
 from taxel_server.options import ServerOptions
-from taxel_server.runtimes import Runtime
+from taxel_server.runtimes import EvaluatorInfo, Runtime
 from taxel_server.service import Service
 
 WindowMaker = Callable[..., NDArray[np.float32]]
@@ -35,6 +35,9 @@ class Gate:
         self.entered.set()
         assert self.opened.wait(10)
         return self.runtime.evaluate(windows)
+
+    def evaluator(self, rows: int) -> EvaluatorInfo:
+        return self.runtime.evaluator(rows)
 
     def shut(self) -> None:
         self.opened.clear()

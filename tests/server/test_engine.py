@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Callable
+from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,18 @@ def states(engine: Engine) -> dict[str, str]:
 def test_everything_is_offered_in_order(engine: Engine) -> None:
     offered = [(model.name, model.version, model.state, model.combination) for model in engine.models()]
     assert offered == [("skin", "2", "READY", 3), ("skin", "10", "READY", 3), ("wide", "1", "READY", 1)]
+
+
+def test_a_loaded_model_names_its_evaluators(engine: Engine) -> None:
+    for model in engine.models():
+        assert "" not in (model.one_row, model.many_rows, model.instruction_set)
+    runtime = engine.model("skin").runtime
+    assert (model.one_row, model.instruction_set) == astuple(runtime.evaluator(1))
+    assert model.many_rows == runtime.evaluator(1024).name
+
+
+def test_an_artifact_that_was_not_loaded_names_no_evaluator(repository: Path) -> None:
+    assert {model.one_row for model in Engine(repository).models()} == {""}
 
 
 def test_the_newest_version_is_meant_where_none_is_named(engine: Engine) -> None:

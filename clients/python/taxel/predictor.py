@@ -18,7 +18,12 @@ from taxel.windows import WindowSpec, WindowStream
 class ModelInfo:
     """One version of a model that a source offers.
 
-    `state` is `READY`, or `UNAVAILABLE` with the `reason`.
+    `state` is `READY`, or `UNAVAILABLE` with the `reason`. What evaluates it is known once it is loaded.
+
+    Attributes:
+        one_row: the evaluator of a single window.
+        many_rows: the evaluator of 1024 windows.
+        instruction_set: that the first of them uses; empty where a library does not tell.
     """
 
     name: str
@@ -27,6 +32,9 @@ class ModelInfo:
     reason: str
     platform: str
     combination: int | None
+    one_row: str = ""
+    many_rows: str = ""
+    instruction_set: str = ""
 
 
 class Predictor(ABC):

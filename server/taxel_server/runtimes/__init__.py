@@ -1,6 +1,7 @@
 """Runtimes: each evaluates the artifacts of one platform."""
 
+from taxel_server.runtimes.evaluators import EvaluatorInfo
 from taxel_server.runtimes.options import DEFAULTS, RuntimeOptions
 from taxel_server.runtimes.runtime import Runtime, open_runtime
 
-__all__ = ["DEFAULTS", "Runtime", "RuntimeOptions", "open_runtime"]
+__all__ = ["DEFAULTS", "EvaluatorInfo", "Runtime", "RuntimeOptions", "open_runtime"]

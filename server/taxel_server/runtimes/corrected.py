@@ -1,11 +1,14 @@
 """Evaluates a corrected model: any platform's model file, and the effects of its manifest."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from taxel.corrections import Correction
 from taxel.corrections.correction import Evaluate
 from taxel.manifest import Manifest
+from taxel_server.runtimes.evaluators import EvaluatorInfo
 
 
 class CorrectedRuntime:
@@ -13,11 +16,15 @@ class CorrectedRuntime:
 
     Args:
         evaluate: the model file's runtime, which takes only its own columns.
+        evaluator: that runtime's, by the number of windows.
         manifest: with effects.
     """
 
-    def __init__(self, evaluate: Evaluate, manifest: Manifest) -> None:
+    def __init__(
+        self, evaluate: Evaluate, evaluator: Callable[[int], EvaluatorInfo], manifest: Manifest
+    ) -> None:
         self._evaluate = evaluate
+        self._evaluator = evaluator
         self._correction = Correction(manifest.effects, manifest.spec, manifest.window.extras)
         self._features = len(manifest.window.features)
 
@@ -33,3 +40,7 @@ class CorrectedRuntime:
             (n, 21) float32, or (n, 42) with the spread of each channel behind the channels.
         """
         return self._correction.apply(self._evaluate, windows)
+
+    def evaluator(self, rows: int) -> EvaluatorInfo:
+        """Which evaluator computes so many windows before they are corrected."""
+        return self._evaluator(rows)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS
 from taxel.errors import ArtifactError
 from taxel.manifest import INPUT_NAME, OUTPUT_NAME, SPREAD_NAME, Normalisation
+from taxel_server.runtimes.evaluators import EvaluatorInfo
 from taxel_server.runtimes.options import DEFAULTS
 
 _OUTPUTS: Final = ([OUTPUT_NAME], [OUTPUT_NAME, SPREAD_NAME])
@@ -86,3 +87,8 @@ class OnnxRuntime:
         """
         outputs: list[NDArray[np.float32]] = self._session.run(self._outputs, {INPUT_NAME: windows})
         return outputs[0] if len(outputs) == 1 else np.hstack(outputs)
+
+    def evaluator(self, rows: int) -> EvaluatorInfo:
+        """ONNX Runtime with its first provider, for any number of windows."""
+        del rows
+        return EvaluatorInfo(f"onnxruntime ({self._session.get_providers()[0]})", "")

@@ -10,6 +10,7 @@ from taxel.artifacts import Artifact
 from taxel.errors import ArtifactError, MissingDependency
 from taxel.manifest import Platform
 from taxel_server.runtimes.corrected import CorrectedRuntime
+from taxel_server.runtimes.evaluators import EvaluatorInfo
 from taxel_server.runtimes.options import DEFAULTS, RuntimeOptions
 
 
@@ -26,6 +27,9 @@ class Runtime(Protocol):
         Returns:
             (n, 21) float32, or (n, 42) with the spread of each channel behind the channels.
         """
+
+    def evaluator(self, rows: int) -> EvaluatorInfo:
+        """Which evaluator computes a call of so many windows, and with which instructions."""
 
 
 Factory = Callable[[Artifact, RuntimeOptions], Runtime]
@@ -71,4 +75,4 @@ def open_runtime(artifact: Artifact, options: RuntimeOptions = DEFAULTS) -> Runt
         raise ArtifactError(
             f"{artifact.model_path} takes {runtime.features} features, but its manifest names {expected}"
         )
-    return CorrectedRuntime(runtime.evaluate, manifest) if manifest.effects else runtime
+    return CorrectedRuntime(runtime.evaluate, runtime.evaluator, manifest) if manifest.effects else runtime

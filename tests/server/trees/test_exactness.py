@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from taxel.manifest import Normalisation
 from taxel_bench.forests import ForestShape, write_forest
 from taxel_server.runtimes.trees import TreesRuntime
-from taxel_server.runtimes.trees.forms import Forms
-from taxel_server.runtimes.trees.parse import read_forest
-from taxel_server.runtimes.trees.scales import Scales
+from taxel_server.runtimes.trees.autotune import Forms
+from taxel_server.runtimes.trees.normalisation import Scales
+from taxel_server.runtimes.trees.reading.xgboost_json import read_forest
 
 Model = Callable[..., dict[str, Any]]
 Write = Callable[[dict[str, Any]], Path]
@@ -44,7 +44,7 @@ class Evaluators:
     def __init__(self, path: Path, normalisation: Normalisation) -> None:
         self._runtime = TreesRuntime(path, normalisation)
         # A form that disagrees on the sample at load is logged, and would not be compared.
-        with TestCase().assertNoLogs("taxel_server.runtimes.trees.forms", "ERROR"):
+        with TestCase().assertNoLogs("taxel_server.runtimes.trees.autotune", "ERROR"):
             self._kernels = Forms.of(read_forest(path), Scales.of(normalisation)).kernels
 
     def assert_same_bits(self, booster: xgboost.Booster, rows: NDArray[np.float32]) -> None:

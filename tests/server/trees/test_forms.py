@@ -16,12 +16,12 @@ from taxel.manifest import Normalisation
 from taxel_bench.forests import ForestShape, write_forest
 from taxel_server.runtimes.compiled.kernel import Kernel
 from taxel_server.runtimes.trees import forms, twigs_form
-from taxel_server.runtimes.trees.forms import Forms, Timed
-from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.lanes_layout import MOST_TWIGS, TWIG, count_twigs
-from taxel_server.runtimes.trees.parse import read_forest
-from taxel_server.runtimes.trees.scales import Scales
-from taxel_server.runtimes.trees.walk import walk
+from taxel_server.runtimes.trees.autotune import Forms, Timed
+from taxel_server.runtimes.trees.layout.in_order import InOrder
+from taxel_server.runtimes.trees.layout.tree_lanes import MOST_TWIGS, TWIG, count_twigs
+from taxel_server.runtimes.trees.normalisation import Scales
+from taxel_server.runtimes.trees.plain_walk import walk
+from taxel_server.runtimes.trees.reading.xgboost_json import read_forest
 
 Windows = NDArray[np.float32]
 

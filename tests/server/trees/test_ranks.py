@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from taxel.manifest import Normalisation
-from taxel_server.runtimes.compiled.plans import pack, unpack
-from taxel_server.runtimes.trees.columns import Columns
-from taxel_server.runtimes.trees.ranks import ROWS, Ranking, rank_rows
-from taxel_server.runtimes.trees.scales import Scales
+from taxel_server.runtimes.compiled.arguments import pack, unpack
+from taxel_server.runtimes.trees.few_rows.ranks import ROWS, Ranking, rank_rows
+from taxel_server.runtimes.trees.layout.columns import Columns
+from taxel_server.runtimes.trees.normalisation import Scales
 
 HIGHEST = 65535
 

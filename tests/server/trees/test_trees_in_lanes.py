@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.trees.calls import call
-from taxel_server.runtimes.trees.lanes_layout import COLUMN_BITS
-from taxel_server.runtimes.trees.lookups import can_look_up
-from taxel_server.runtimes.trees.trees_in_lanes import find_exits, trees_at_once
+from taxel_server.runtimes.trees.few_rows.tree_lanes import find_exits, trees_at_once
+from taxel_server.runtimes.trees.layout.tree_lanes import COLUMN_BITS
+from taxel_server.runtimes.trees.simd.calls import call
+from taxel_server.runtimes.trees.simd.lookups import can_look_up
 
 COLUMNS = 31
 TABLE = 32

@@ -41,10 +41,13 @@ def models(connect: Connect = None, repository: Repository = None, as_json: Json
     if as_json:
         print_json({"models": [asdict(model) for model in offered]})
         return
-    table = Table("model", "version", "state", "inputs", "platform")
+    loaded = any(model.one_row for model in offered)
+    more = ("one row", "many rows", "instructions") if loaded else ()
+    table = Table("model", "version", "state", "inputs", "platform", *more)
     for model in offered:
         combination = "" if model.combination is None else str(model.combination)
-        table.add_row(model.name, model.version, model.state, combination, model.platform)
+        evaluators = (model.one_row, model.many_rows, model.instruction_set) if loaded else ()
+        table.add_row(model.name, model.version, model.state, combination, model.platform, *evaluators)
     OUT.print(table)
     for model in offered:
         if model.reason:

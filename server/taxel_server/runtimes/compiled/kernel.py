@@ -7,11 +7,15 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.compiled.plans import Scratch
+from taxel_server.runtimes.compiled.arguments import Scratch
 
 
 class Kernel(Protocol):
     """A model ready to evaluate; safe to call from any thread."""
+
+    @property
+    def name(self) -> str:
+        """How it evaluates."""
 
     def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32]) -> None:
         """Fills `result` (n, outputs) with what the model says of `windows` (n, features)."""
@@ -19,6 +23,8 @@ class Kernel(Protocol):
 
 class CompiledKernel(ABC):
     """A model compiled for some number of rows."""
+
+    name: str
 
     def __init__(self, evaluation: Callable[..., None], plan: NDArray[np.int64]) -> None:
         """Takes the function of a plan, a scratch's plan, windows and a result, and the first of these."""

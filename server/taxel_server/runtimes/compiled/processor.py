@@ -1,12 +1,42 @@
 """What the processor can do that code is generated for."""
 
-from numba.core.registry import cpu_target
+import platform
+from functools import cache
+from typing import Final
+
+import numba
+from llvmlite import binding
+
+_X86_SETS: Final = {"avx512-vbmi": "avx512vbmi", "avx512": "avx512bw", "avx2": "avx2", "ssse3": "ssse3"}
+"""Each instruction set that makes a difference here, the best first, and LLVM's name for it."""
+
+_ARM: Final = ("aarch64", "arm64")
+
+
+@cache
+def _features() -> frozenset[str]:
+    """What numba generates code for: what `NUMBA_CPU_FEATURES` names, or else what this processor has."""
+    if numba.config.CPU_FEATURES is not None:
+        given = str(numba.config.CPU_FEATURES).split(",")
+        return frozenset(feature[1:] for feature in given if feature.startswith("+"))
+    avx = bool(numba.config.ENABLE_AVX)
+    try:
+        found = binding.get_host_cpu_features()
+    except RuntimeError:  # LLVM does not know this processor
+        return frozenset()
+    return frozenset(name for name, has in found.items() if has and (avx or not name.startswith("avx")))
 
 
 def processor_has(*features: str) -> bool:
     """Whether code is generated for a processor with all these features, in LLVM's names."""
-    _, _, found = cpu_target.target_context.codegen().magic_tuple()
-    return {f"+{feature}" for feature in features} <= set(found.split(","))
+    return _features().issuperset(features)
+
+
+def instruction_set() -> str:
+    """The best of `avx512-vbmi`, `avx512`, `avx2`, `ssse3`, `neon` and `generic` that code may use."""
+    if platform.machine() in _ARM:
+        return "neon"
+    return next((name for name, feature in _X86_SETS.items() if processor_has(feature)), "generic")
 
 
 def register_bytes() -> int:

@@ -12,8 +12,10 @@ from typing_extensions import override
 
 from taxel.channels import CHANNELS
 from taxel.manifest import Normalisation
+from taxel_server.runtimes.compiled.arguments import Scratch, pack, together
 from taxel_server.runtimes.compiled.kernel import CompiledKernel
-from taxel_server.runtimes.compiled.plans import Scratch, pack, together
+from taxel_server.runtimes.compiled.processor import instruction_set
+from taxel_server.runtimes.evaluators import EvaluatorInfo
 from taxel_server.runtimes.networks.graph import Unsupported, read_graph
 from taxel_server.runtimes.networks.lowering import lower
 from taxel_server.runtimes.networks.program import Program
@@ -31,6 +33,8 @@ _REPEATS: Final = 9
 
 class ProgramKernel(CompiledKernel):
     """A program, evaluated window by window."""
+
+    name = "network-program"
 
     def __init__(self, program: Program) -> None:
         self._memory = program.memory
@@ -66,6 +70,12 @@ class NetworkRuntime:
         result = np.empty((rows, len(CHANNELS)), np.float32)
         self._kernel.evaluate(windows, result)
         return result
+
+    def evaluator(self, rows: int) -> EvaluatorInfo:
+        """The program, or ONNX Runtime where there are more windows than it takes."""
+        if rows > self.few:
+            return self._many.evaluator(rows)
+        return EvaluatorInfo(self._kernel.name, instruction_set())
 
 
 def compiled_network(

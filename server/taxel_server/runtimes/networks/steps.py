@@ -6,8 +6,8 @@ import numba
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from taxel_server.runtimes.compiled.caching import fresh
-from taxel_server.runtimes.compiled.plans import array_at
+from taxel_server.runtimes.compiled.arguments import array_at
+from taxel_server.runtimes.compiled.compiling import compiled
 from taxel_server.runtimes.networks.functions import (
     exponential,
     exponential_linear,
@@ -246,8 +246,7 @@ def _carry_out(step, memory, weights):  # type: ignore[no-untyped-def]
         _sum(_sum_in(step), memory)
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def evaluate(plan, scratch, windows, result):  # type: ignore[no-untyped-def]
     """Fills the rows of a result with what a program makes of windows."""
     steps, weights = array_at(plan[0, 0], plan[0, 1], np.int64), plan[1, 0]

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from taxel.errors import ArtifactError
 from taxel.manifest import Normalisation
-from taxel_server.runtimes.trees.forms import BLOCKS, Forms
-from taxel_server.runtimes.trees.parse import read_forest
-from taxel_server.runtimes.trees.scales import Scales
+from taxel_server.runtimes.compiled.processor import instruction_set
+from taxel_server.runtimes.evaluators import EvaluatorInfo
+from taxel_server.runtimes.trees.autotune import BLOCKS, Forms
+from taxel_server.runtimes.trees.normalisation import Scales
+from taxel_server.runtimes.trees.reading.xgboost_json import read_forest
 
 
 class TreesRuntime:
@@ -67,6 +69,10 @@ class TreesRuntime:
         else:
             self._share(self._pool, windows, result)
         return result
+
+    def evaluator(self, rows: int) -> EvaluatorInfo:
+        """What computes so many windows; of more than a long block's, the whole blocks."""
+        return EvaluatorInfo(self._cheapest[min(rows, len(self._cheapest) - 1)].name, instruction_set())
 
     def _share(
         self, pool: ThreadPoolExecutor, windows: NDArray[np.float32], result: NDArray[np.float32]

@@ -3,9 +3,7 @@
 from functools import cache
 from typing import Final
 
-import numba
-
-from taxel_server.runtimes.compiled.caching import fresh
+from taxel_server.runtimes.compiled.compiling import address_of, compiled
 from taxel_server.runtimes.compiled.processor import register_bytes
 from taxel_server.runtimes.compiled.vectors import (
     AHEAD,
@@ -25,10 +23,16 @@ from taxel_server.runtimes.compiled.vectors import (
     splat,
     store,
 )
-from taxel_server.runtimes.trees.lanes_layout import COLUMN_BITS, COLUMNS_AT, LIMITS_AT, LINE, MASKS_AT
-from taxel_server.runtimes.trees.lookups import interleave, lookup
-from taxel_server.runtimes.trees.ranks import ROWS
-from taxel_server.runtimes.trees.words import bytes_at, elements, floats_at, lowest_common_bit, widen
+from taxel_server.runtimes.trees.few_rows.ranks import ROWS
+from taxel_server.runtimes.trees.layout.tree_lanes import COLUMN_BITS, COLUMNS_AT, LIMITS_AT, LINE, MASKS_AT
+from taxel_server.runtimes.trees.simd.lookups import interleave, lookup
+from taxel_server.runtimes.trees.simd.vectors64 import (
+    bytes_at,
+    elements,
+    floats_at,
+    lowest_common_bit,
+    widen,
+)
 
 OUTPUTS_AT_ONCE: Final = 8
 """Trees whose leaves are added at once, each to an output of its own."""
@@ -46,8 +50,7 @@ def trees_at_once() -> int:
     return min(4 * register_bytes(), _MOST_LANES)
 
 
-@numba.njit(cache=True)
-@fresh
+@compiled
 def _ask(address, lines, level):  # type: ignore[no-untyped-def]
     """Asks for cache lines, to be in the cache of a level, 1 or 2; the address behind them."""
     for _ in range(lines):
@@ -79,8 +82,7 @@ def _find_exits(columns: int, bits: int) -> int:
     lanes = trees_at_once()
     size = (2 + bits // 8) * lanes
 
-    @numba.cfunc("void(intp, intp, intp, intp, intp, intp, intp)", cache=True)
-    @fresh
+    @address_of("void(intp, intp, intp, intp, intp, intp, intp)")
     def traverse(nodes, steps, ranks, rows, exits, wanted, lines):  # type: ignore[no-untyped-def]
         # One row asks for nodes shortly before it needs them; several, for the next group's meanwhile.
         soon = nodes + (AHEAD if rows == 1 else size * steps)
@@ -100,15 +102,14 @@ def _find_exits(columns: int, bits: int) -> int:
                 node += size
             store(exits + row * lanes * (bits // 8), minus(splat(steps, bits, lanes), since))
 
-    return int(traverse.address)
+    return traverse
 
 
 def _find_packed_exits(columns: int) -> int:
     lanes = trees_at_once()
     size, least = 2 * lanes, 1 << COLUMN_BITS
 
-    @numba.cfunc("void(intp, intp, intp, intp, intp, intp, intp)", cache=True)
-    @fresh
+    @address_of("void(intp, intp, intp, intp, intp, intp, intp)")
     def traverse(nodes, steps, ranks, rows, exits, wanted, lines):  # type: ignore[no-untyped-def]
         soon = nodes + (AHEAD if rows == 1 else size * steps)
         each = size // 64 if rows == 1 else -(-size // (64 * (rows - 1)))
@@ -132,7 +133,7 @@ def _find_packed_exits(columns: int) -> int:
                 node += size
             store(exits + row * lanes, reached)
 
-    return int(traverse.address)
+    return traverse
 
 
 @cache
@@ -145,8 +146,7 @@ def put_exits() -> int:
     """
     lanes, width = trees_at_once(), register_bytes()
 
-    @numba.cfunc("void(intp, intp, intp, intp)", cache=True)
-    @fresh
+    @address_of("void(intp, intp, intp, intp)")
     def put(exits, seats, memory, seated):  # type: ignore[no-untyped-def]
         for first in range(0, lanes, width):
             place = memory + ROWS * first
@@ -156,7 +156,7 @@ def put_exits() -> int:
         for lane in range(lanes):
             put_word(seated + 8 * integer_at(seats + 4 * lane, 32), integer_at(memory + 8 * lane, 64))
 
-    return int(put.address)
+    return put
 
 
 @cache
@@ -168,8 +168,7 @@ def add_leaves() -> int:
     the base score; at last how many cache lines of leaves a tree takes, as a rule.
     """
 
-    @numba.cfunc("void(intp, intp, intp, intp, intp, intp)", cache=True)
-    @fresh
+    @address_of("void(intp, intp, intp, intp, intp, intp)")
     def add_all(trees, counts, leaves, exits, sums, lines):  # type: ignore[no-untyped-def]
         total = load_floats(sums, ROWS)
         for tree in range(trees):
@@ -179,7 +178,7 @@ def add_leaves() -> int:
             leaves += 4 * integer_at(counts + tree, 8)
         store(sums, total)
 
-    return int(add_all.address)
+    return add_all
 
 
 @cache
@@ -193,8 +192,7 @@ def find_twigs(bits: int) -> int:
     """
     lanes, size = trees_at_once(), bits // 8
 
-    @numba.cfunc("void(intp, intp, intp, intp, intp)", cache=True)
-    @fresh
+    @address_of("void(intp, intp, intp, intp, intp)")
     def find(first, counts, rows, exits, places):  # type: ignore[no-untyped-def]
         for lane in range(0, lanes, OUTPUTS_AT_ONCE):
             start = load(first + 8 * lane, 64, OUTPUTS_AT_ONCE)
@@ -205,7 +203,7 @@ def find_twigs(bits: int) -> int:
             count = widen(load(counts + lane * size, bits, OUTPUTS_AT_ONCE))
             store(first + 8 * lane, plus(start, elements(0, count, LINE)))
 
-    return int(find.address)
+    return find
 
 
 @cache
@@ -219,8 +217,7 @@ def add_twigs(columns: int) -> int:
     """
     lanes = trees_at_once()
 
-    @numba.cfunc("void(intp, intp, intp, intp, intp, intp, intp, intp, intp)", cache=True)
-    @fresh
+    @address_of("void(intp, intp, intp, intp, intp, intp, intp, intp, intp)")
     def add_all(ranks, rows, places, ahead, leaves, rounds, outputs, sums, width):  # type: ignore[no-untyped-def]
         for lane in range(0, lanes, OUTPUTS_AT_ONCE):
             for row in range(rows):
@@ -242,4 +239,4 @@ def add_twigs(columns: int) -> int:
                     leaf += 4 * outputs
                 store(sums + row * width + 4 * output, total)
 
-    return int(add_all.address)
+    return add_all

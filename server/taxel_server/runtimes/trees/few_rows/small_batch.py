@@ -3,23 +3,22 @@
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.compiled.caching import fresh
+from taxel_server.runtimes.compiled.arguments import Scratch, array_in, number_in, pack, together
+from taxel_server.runtimes.compiled.compiling import compiled, inlined
 from taxel_server.runtimes.compiled.kernel import CompiledKernel
-from taxel_server.runtimes.compiled.plans import Scratch, pack, together, unpack
 from taxel_server.runtimes.compiled.processor import register_bytes
-from taxel_server.runtimes.trees.calls import call
-from taxel_server.runtimes.trees.columns import Columns
-from taxel_server.runtimes.trees.forest import Forest
-from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.lanes_layout import MOST_TWIGS, TrunksLayout, table_size
-from taxel_server.runtimes.trees.lookups import interleaved_lane
-from taxel_server.runtimes.trees.ranks import ROWS, Ranking, rank_rows
-from taxel_server.runtimes.trees.scales import Scales, put_rows
-from taxel_server.runtimes.trees.trees_in_lanes import add_leaves, find_exits, put_exits, trees_at_once
+from taxel_server.runtimes.trees.few_rows.ranks import ROWS, Ranking, rank_rows, read_ranking
+from taxel_server.runtimes.trees.few_rows.tree_lanes import add_leaves, find_exits, put_exits, trees_at_once
+from taxel_server.runtimes.trees.layout.columns import Columns
+from taxel_server.runtimes.trees.layout.in_order import InOrder
+from taxel_server.runtimes.trees.layout.tree_lanes import MOST_TWIGS, TrunksLayout, table_size
+from taxel_server.runtimes.trees.normalisation import Scales, put_rows, read_scales
+from taxel_server.runtimes.trees.reading.forest import Forest
+from taxel_server.runtimes.trees.simd.calls import call
+from taxel_server.runtimes.trees.simd.lookups import interleaved_lane
 
 _BATCH: Final = 2800
 """Fewest trees whose exits are found before their leaves are added; all that stays in the cache."""
@@ -46,6 +45,28 @@ class _Trees(NamedTuple):
     base_score: NDArray[np.float32]
 
 
+@inlined
+def _read_trees(plan: NDArray[np.int64], first: int) -> _Trees:
+    return _Trees(
+        number_in(plan, first),
+        number_in(plan, first + 1),
+        number_in(plan, first + 2),
+        array_in(plan, first + 3, np.int64),
+        array_in(plan, first + 4, np.int64),
+        array_in(plan, first + 5, np.int64),
+        array_in(plan, first + 6, np.int64),
+        array_in(plan, first + 7, np.int64),
+        array_in(plan, first + 8, np.int64),
+        number_in(plan, first + 9),
+        number_in(plan, first + 10),
+        number_in(plan, first + 11),
+        number_in(plan, first + 12),
+        number_in(plan, first + 13),
+        number_in(plan, first + 14),
+        array_in(plan, first + 15, np.float32),
+    )
+
+
 class _Scratch(NamedTuple):
     ranks: NDArray[np.int8]
     exits: NDArray[np.uint8]
@@ -55,8 +76,22 @@ class _Scratch(NamedTuple):
     backwards: NDArray[np.int64]
 
 
+@inlined
+def _read_scratch(plan: NDArray[np.int64], first: int) -> _Scratch:
+    return _Scratch(
+        array_in(plan, first, np.int8),
+        array_in(plan, first + 1, np.uint8),
+        array_in(plan, first + 2, np.int64),
+        array_in(plan, first + 3, np.int64),
+        array_in(plan, first + 4, np.float32),
+        array_in(plan, first + 5, np.int64),
+    )
+
+
 class TreesKernel(CompiledKernel):
     """A forest that `fits`, compiled for a handful of rows."""
+
+    name = "small-batch"
 
     def __init__(self, forest: Forest, index: InOrder, columns: Columns, scales: Scales) -> None:
         lanes = trees_at_once()
@@ -141,8 +176,7 @@ def _places(
     return np.concatenate(places), np.array(groups)
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
     """Adds every tree's leaf to the sums [output][row], batch after batch.
 
@@ -176,11 +210,15 @@ def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
             call(trees.addition, (*given, sums + 4 * ROWS * output, lines))
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+_TREES: Final = len(Ranking._fields)
+_SCALES: Final = _TREES + len(_Trees._fields)
+
+
+@compiled
 def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
-    ranking, trees, scales = unpack(plan, Ranking, _Trees, Scales)
-    (scratch,) = unpack(memory, _Scratch)
+    ranking = read_ranking(plan, 0)
+    trees, scales = _read_trees(plan, _TREES), read_scales(plan, _SCALES)
+    scratch = _read_scratch(memory, 0)
     for start in range(0, windows.shape[0], ROWS):
         rows = min(ROWS, windows.shape[0] - start)
         rank_rows(ranking, scales, windows, start, rows, 255, 128, trees.ranks, scratch.ranks)

@@ -7,35 +7,31 @@ from pathlib import Path
 
 import pytest
 
-from taxel_server.runtimes.compiled.caching import fingerprint, forget
+from taxel_server.runtimes.compiled.compiling import fingerprint
 
 CALLING = """
 import sys
 sys.path[:0] = [sys.argv[1]]
 from pathlib import Path
-from taxel_server.runtimes.compiled import caching
-caching._FINGERPRINT = caching.fingerprint(Path(sys.argv[1]))
+from taxel_server.runtimes.compiled import compiling
+compiling._RUNTIMES = Path(sys.argv[1])
 import outer
 value = outer.twice_called(20)
-print(value, sum(outer.twice_called.stats.cache_hits.values()))
+print(value, sum(outer.twice_called.stats.cache_hits.values()), compiling.cache_folder())
 """
 OUTER = """
-import numba
 from inner import called
-from taxel_server.runtimes.compiled.caching import fresh
+from taxel_server.runtimes.compiled.compiling import compiled
 
-@numba.njit(cache=True)
-@fresh
+@compiled
 def twice_called(x):
     return called(called(x))
 """
 OUTER_OF_TYPES = """
-import numba
 from inner import {name}
-from taxel_server.runtimes.compiled.caching import fresh
+from taxel_server.runtimes.compiled.compiling import compiled
 
-@numba.njit(cache=True)
-@fresh
+@compiled
 def added(given):
     return given.x + 2
 
@@ -53,27 +49,28 @@ def write(folder: Path, step: int) -> None:
     )
 
 
-def call(folder: Path) -> tuple[int, int]:
-    """What a process of its own is told, and how often the cache answered."""
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
+def call(folder: Path, **variables: str) -> tuple[int, int, str]:
+    """What a process of its own is told, how often the cache answered, and where the cache is."""
+    environment = os.environ | {"XDG_CACHE_HOME": str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment.pop("NUMBA_CACHE_DIR", None)
     done = subprocess.run(
         [sys.executable, "-c", CALLING, str(folder)],
-        env=environment,
+        env=environment | variables,
         capture_output=True,
         text=True,
         check=True,
     )
-    value, hits = done.stdout.split()
-    return int(value), int(hits)
+    value, hits, place = done.stdout.split()
+    return int(value), int(hits), place
 
 
 def test_a_change_in_what_is_called_compiles_again(tmp_path: Path) -> None:
     write(tmp_path, 1)
-    assert call(tmp_path) == (22, 0)
-    assert call(tmp_path) == (22, 1)
+    assert call(tmp_path)[:2] == (22, 0)
+    assert call(tmp_path)[:2] == (22, 1)
     write(tmp_path, 3)
-    assert call(tmp_path) == (26, 0)
-    assert call(tmp_path) == (26, 1)
+    assert call(tmp_path)[:2] == (26, 0)
+    assert call(tmp_path)[:2] == (26, 1)
 
 
 @pytest.mark.parametrize("name", ["deep/one.py", "deep/two.py"])
@@ -92,15 +89,21 @@ def test_a_type_that_is_gone_is_not_asked_for(tmp_path: Path) -> None:
             f"from typing import NamedTuple\n\nclass {name}(NamedTuple):\n    x: int\n"
         )
         (tmp_path / "outer.py").write_text(OUTER_OF_TYPES.format(name=name))
-        assert call(tmp_path) == (22, 0)
-        assert call(tmp_path) == (22, 1)
+        assert call(tmp_path)[:2] == (22, 0)
+        assert call(tmp_path)[:2] == (22, 1)
 
 
-def test_what_another_version_left_is_removed(tmp_path: Path) -> None:
-    cache = tmp_path / "deep" / "__pycache__"
-    cache.mkdir(parents=True)
-    kept = {"walk.walk-1f-20.py311.nbi", "walk.walk-1f-20.py311.1.nbc", "walk.cpython-311.pyc"}
-    for name in {*kept, "walk.walk-2f-20.py311.nbi", "walk.walk-20.py311.1.nbc"}:
-        (cache / name).touch()
-    forget(tmp_path, "1f")
-    assert {path.name for path in cache.iterdir()} == kept
+def test_the_users_own_cache_folder_is_respected(tmp_path: Path) -> None:
+    write(tmp_path, 1)
+    own = tmp_path / "own"
+    assert Path(call(tmp_path, NUMBA_CACHE_DIR=str(own))[2]).parent == own
+    assert call(tmp_path, NUMBA_CACHE_DIR=str(own))[:2] == (22, 1)
+    assert not (tmp_path / "cache").exists()
+
+
+def test_where_nothing_can_be_written_every_process_compiles(tmp_path: Path) -> None:
+    write(tmp_path, 1)
+    (tmp_path / "no folder").touch()
+    for _ in range(2):
+        assert call(tmp_path, XDG_CACHE_HOME=str(tmp_path / "no folder")) == (22, 0, "None")
+    assert not list(tmp_path.rglob("*.nb?"))

@@ -1,13 +1,10 @@
 """Compares a block of rows with every cut of a forest, once each, however many nodes ask for it."""
 
-import numba
-
-from taxel_server.runtimes.compiled.caching import fresh
-from taxel_server.runtimes.trees.bits import not_below
+from taxel_server.runtimes.compiled.compiling import compiled
+from taxel_server.runtimes.trees.simd.bits import not_below
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def _load_feature(scales, windows, first, feature, x):  # type: ignore[no-untyped-def]
     """A feature of a block of rows, the last row's repeated; place 8 j + k is for lane k lanes / 8 + j."""
     eighth = x.size // 8
@@ -19,8 +16,7 @@ def _load_feature(scales, windows, first, feature, x):  # type: ignore[no-untype
             x[lane] = (x[lane] - scales.input_mean[feature]) / scales.input_std[feature]
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def compare(columns, scales, windows, first, x, comparisons):  # type: ignore[no-untyped-def]
     """Makes all comparisons with a block of rows: a bit is set where a row goes right."""
     values, words = x.ctypes.data, x.size // 64

@@ -3,18 +3,23 @@
 from dataclasses import dataclass
 from typing import Final, NamedTuple, Self
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.compiled.caching import fresh
+from taxel_server.runtimes.compiled.arguments import Scratch, array_in, number_in, pack, together
+from taxel_server.runtimes.compiled.compiling import compiled, inlined
 from taxel_server.runtimes.compiled.kernel import CompiledKernel
-from taxel_server.runtimes.compiled.plans import Scratch, pack, together, unpack
-from taxel_server.runtimes.trees.calls import call
-from taxel_server.runtimes.trees.columns import Columns
-from taxel_server.runtimes.trees.forest import Forest
-from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.lanes_layout import (
+from taxel_server.runtimes.trees.few_rows.ranks import ROWS, Ranking, rank_rows, read_ranking
+from taxel_server.runtimes.trees.few_rows.tree_lanes import (
+    OUTPUTS_AT_ONCE,
+    add_twigs,
+    find_exits,
+    find_twigs,
+    trees_at_once,
+)
+from taxel_server.runtimes.trees.layout.columns import Columns
+from taxel_server.runtimes.trees.layout.in_order import InOrder
+from taxel_server.runtimes.trees.layout.tree_lanes import (
     LINE,
     MOST_TWIGS,
     TWIG,
@@ -23,15 +28,9 @@ from taxel_server.runtimes.trees.lanes_layout import (
     count_twigs,
     table_size,
 )
-from taxel_server.runtimes.trees.ranks import ROWS, Ranking, rank_rows
-from taxel_server.runtimes.trees.scales import Scales, put_rows
-from taxel_server.runtimes.trees.trees_in_lanes import (
-    OUTPUTS_AT_ONCE,
-    add_twigs,
-    find_exits,
-    find_twigs,
-    trees_at_once,
-)
+from taxel_server.runtimes.trees.normalisation import Scales, put_rows, read_scales
+from taxel_server.runtimes.trees.reading.forest import Forest
+from taxel_server.runtimes.trees.simd.calls import call
 
 _MOST_BYTES: Final = 2**27
 """Most memory that trunks, and lines for places without a tree, may take."""
@@ -90,6 +89,28 @@ class _Trees(NamedTuple):
     base_score: NDArray[np.float32]
 
 
+@inlined
+def _read_trees(plan: NDArray[np.int64], first: int) -> _Trees:
+    return _Trees(
+        number_in(plan, first),
+        number_in(plan, first + 1),
+        number_in(plan, first + 2),
+        array_in(plan, first + 3, np.int64),
+        array_in(plan, first + 4, np.int64),
+        array_in(plan, first + 5, np.int64),
+        number_in(plan, first + 6),
+        number_in(plan, first + 7),
+        number_in(plan, first + 8),
+        number_in(plan, first + 9),
+        number_in(plan, first + 10),
+        number_in(plan, first + 11),
+        number_in(plan, first + 12),
+        number_in(plan, first + 13),
+        number_in(plan, first + 14),
+        array_in(plan, first + 15, np.float32),
+    )
+
+
 class _Scratch(NamedTuple):
     ranks: NDArray[np.int8]
     exits: NDArray[np.uint16]
@@ -100,8 +121,23 @@ class _Scratch(NamedTuple):
     sums: NDArray[np.float32]
 
 
+@inlined
+def _read_scratch(plan: NDArray[np.int64], first: int) -> _Scratch:
+    return _Scratch(
+        array_in(plan, first, np.int8),
+        array_in(plan, first + 1, np.uint16),
+        array_in(plan, first + 2, np.int64),
+        array_in(plan, first + 3, np.int64),
+        array_in(plan, first + 4, np.int64),
+        array_in(plan, first + 5, np.float32),
+        array_in(plan, first + 6, np.float32),
+    )
+
+
 class TwigsKernel(CompiledKernel):
     """A forest that `fits`, compiled for a row or two."""
+
+    name = "leaf-blocks"
 
     def __init__(self, forest: Forest, index: InOrder, columns: Columns, scales: Scales) -> None:
         size = table_size(columns)
@@ -158,8 +194,7 @@ class TwigsKernel(CompiledKernel):
         return Scratch(own)
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
     """Adds every tree's leaf to the sums; a group's trunks go before the twigs of the group before it."""
     ranks, sums, exits = scratch.ranks.ctypes.data, scratch.sums.ctypes.data, scratch.exits.ctypes.data
@@ -180,11 +215,15 @@ def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
         places, ahead = ahead, places
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+_TREES: Final = len(Ranking._fields)
+_SCALES: Final = _TREES + len(_Trees._fields)
+
+
+@compiled
 def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
-    ranking, trees, scales = unpack(plan, Ranking, _Trees, Scales)
-    (scratch,) = unpack(memory, _Scratch)
+    ranking = read_ranking(plan, 0)
+    trees, scales = _read_trees(plan, _TREES), read_scales(plan, _SCALES)
+    scratch = _read_scratch(memory, 0)
     outputs = trees.base_score.size
     for start in range(0, windows.shape[0], ROWS):
         rows = min(ROWS, windows.shape[0] - start)

@@ -3,14 +3,13 @@
 from dataclasses import dataclass
 from typing import Final, Self
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.compiled.caching import fresh
-from taxel_server.runtimes.trees.columns import Columns
-from taxel_server.runtimes.trees.forest import LEAF, Forest
-from taxel_server.runtimes.trees.in_order import InOrder
+from taxel_server.runtimes.compiled.compiling import compiled
+from taxel_server.runtimes.trees.layout.columns import Columns
+from taxel_server.runtimes.trees.layout.in_order import InOrder
+from taxel_server.runtimes.trees.reading.forest import LEAF, Forest
 
 LINKED_NODE: Final = np.dtype([("column", "<u2"), ("limit", "<u2"), ("left", "<i4")])
 """A node; its right child follows its left one, and a leaf is its own left child.
@@ -49,8 +48,7 @@ class LinkedLayout:
         return cls(columns, nodes, forest.value[source])
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def _link(roots, left, right, node_start, source, inner, new_left):  # type: ignore[no-untyped-def]
     """Orders the nodes of each tree breadth first; names of inner nodes are their in-order ones."""
     leaves = np.empty(left.size, dtype=np.int32)

@@ -11,7 +11,9 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.trees.in_order import InOrder
+from taxel_server.runtimes.compiled.arguments import array_in
+from taxel_server.runtimes.compiled.compiling import inlined
+from taxel_server.runtimes.trees.layout.in_order import InOrder
 
 
 @dataclass(frozen=True)
@@ -88,3 +90,14 @@ class PlainColumns(NamedTuple):
     default_left: NDArray[np.bool_]
     start: NDArray[np.int64]
     cuts: NDArray[np.float32]
+
+
+@inlined
+def read_columns(plan: NDArray[np.int64], first: int) -> PlainColumns:
+    """Columns, packed from an entry of a plan on."""
+    return PlainColumns(
+        array_in(plan, first, np.int32),
+        array_in(plan, first + 1, np.bool_),
+        array_in(plan, first + 2, np.int64),
+        array_in(plan, first + 3, np.float32),
+    )

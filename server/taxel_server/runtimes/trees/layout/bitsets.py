@@ -8,13 +8,12 @@ say which set they split.
 from dataclasses import dataclass
 from typing import Final, Self
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.compiled.caching import fresh
-from taxel_server.runtimes.trees.columns import Columns
-from taxel_server.runtimes.trees.in_order import InOrder
+from taxel_server.runtimes.compiled.compiling import compiled
+from taxel_server.runtimes.trees.layout.columns import Columns
+from taxel_server.runtimes.trees.layout.in_order import InOrder
 
 MOST_LEAVES: Final = {1: 256, 2: 65536}
 """Leaves of the largest tree whose leaf numbers take so many bytes."""
@@ -190,8 +189,7 @@ def _full_levels(index: InOrder, small: NDArray[np.bool_]) -> int:
     return int(np.argmax(np.append(nodes / places, 0.0) < _OCCUPIED))
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def _number(leaves, node_start, leaf_start, depth, place, small, full, number, count):  # type: ignore[no-untyped-def]
     """Level by level; between inner nodes i - 1 and i lies leaf i, the first right of node i - 1."""
     before = np.empty((depth.max() if depth.size else 0) + 2, dtype=np.int32)
@@ -216,8 +214,7 @@ def _number(leaves, node_start, leaf_start, depth, place, small, full, number, c
         count[tree] = before[before.size - 1]
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def _place(  # type: ignore[no-untyped-def]
     members,
     records,

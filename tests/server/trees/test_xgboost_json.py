@@ -12,9 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from taxel.errors import ArtifactError
-from taxel_server.runtimes.trees.decimals import nearest
-from taxel_server.runtimes.trees.parse import read_forest
-from taxel_server.runtimes.trees.scan import ScannedText
+from taxel_server.runtimes.trees.reading.xgboost_json import nearest, read_forest
 
 STUMP = (0, 0.25, True, (1.5,), (-2.5,))
 Model = Callable[..., dict[str, Any]]
@@ -60,14 +58,14 @@ PARAM = ("learner", "learner_model_param")
         (("learner", "gradient_booster"), "name", "dart", r"gradient_booster\.name.*gbtree.*'dart'"),
         (("learner", "gradient_booster"), "name", "gblinear", "'gblinear'"),
         (("learner", "objective"), "name", "reg:logistic", r"objective\.name.*'reg:logistic'"),
-        (("learner", "gradient_booster", "model"), "trees", [], r"model\.trees: .* at least 1 item"),
-        (TREE, "left_children", [], r"trees\.1\.left_children.*\[\]"),
+        (("learner", "gradient_booster", "model"), "trees", [], r"length >= 1.*model\.trees`"),
+        (TREE, "left_children", [], "tree 1: left_children has 0 entries: expected 3"),
         (PARAM, "num_class", "3", "num_class"),
         (PARAM, "num_feature", "0", "num_feature"),
         (PARAM, "base_score", "[1.0, 2.0]", "base_score"),
         (PARAM, "base_score", "often", "base_score"),
         (PARAM, "base_score", "[NaN]", "base_score"),
-        ((*TREE, "tree_param"), "size_leaf_vector", "21", r"trees\.1\.tree_param\.size_leaf_vector"),
+        ((*TREE, "tree_param"), "size_leaf_vector", "21", r"trees\[1\]\.tree_param\.size_leaf_vector"),
         ((*TREE, "tree_param"), "num_nodes", "5", "tree 1: left_children has 3 entries: expected 5"),
         ((*TREE, "split_type"), 0, 1, "categorical"),
         ((*TREE, "left_children"), 0, 3, "tree 1, node 0: a child that is not a node"),
@@ -75,14 +73,14 @@ PARAM = ("learner", "learner_model_param")
         ((*TREE, "right_children"), 0, -1, "tree 1, node 0: a node with only one child"),
         ((*TREE, "right_children"), 0, 0, "tree 1, node 0: a node reached twice"),
         ((*TREE, "left_children"), 0, 2, "tree 1, node 2: a node reached twice"),
-        ((*TREE, "left_children"), 0, 1.5, "left_children holds 1.5: expected 32-bit integers"),
-        ((*TREE, "left_children"), 0, 3e9, "left_children holds 3000000000.0: expected 32-bit integers"),
+        ((*TREE, "left_children"), 0, 1.5, r"Expected `int`, got `float` - .*left_children"),
+        ((*TREE, "left_children"), 0, 3e9, "left_children"),
         ((*TREE, "split_indices"), 0, 6, "tree 1, node 0: a feature that the model does not have"),
-        ((*TREE, "split_conditions"), 0, float("nan"), "tree 1, node 0: split_conditions is NaN"),
-        (TREE, "left_children", 4, r"trees\.1\.left_children"),
-        (TREE, "left_children", ["1"], r"trees\.1\.left_children"),
-        (TREE, "left_children", [True], r"trees\.1\.left_children"),
-        (TREE[:-1], 1, {}, r"trees\.1"),
+        ((*TREE, "split_conditions"), 0, float("nan"), "tree 1: split_conditions: Expected `float`, got `null`"),
+        (TREE, "left_children", 4, r"Expected `array`, got `int`.*left_children"),
+        (TREE, "left_children", ["1"], r"Expected `int`, got `str`.*left_children"),
+        (TREE, "left_children", [True], r"Expected `int`, got `bool`.*left_children"),
+        (TREE[:-1], 1, {}, r"missing required field `tree_param`.*trees"),
         (TREE[:-2], "tree_info", [0], "tree_info has 1 entries: expected one for each of 2 trees"),
         (TREE[:-2], "tree_info", [0, 1], "tree_info names outputs 0 to 1 of 1"),
     ],
@@ -106,12 +104,15 @@ def test_a_damaged_file_is_refused(tmp_path: Path, text: str) -> None:
         read_forest(path)
 
 
-@pytest.mark.parametrize("text", ["1,,2", "1 2", "1-2", "--1", "1e", "+", "Na", "1,2,", "."])
-def test_what_is_no_number_is_refused(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "array.json"
-    path.write_text(f"[{text}]")
-    with pytest.raises(ArtifactError, match=r"x holds .*: expected a number"):
-        ScannedText.of(path).floats([0], "x")
+NUMBERS = ["1,,2", "1 2", "1-2", "--1", "1e", "+", "Na", "1,2,", ".", '"1"', "null", "NaN"]
+
+
+@pytest.mark.parametrize("text", NUMBERS)
+def test_what_is_no_number_is_refused(model: Model, write: Write, text: str) -> None:
+    path = write(model([STUMP]))
+    path.write_text(path.read_text().replace("[0.25, 1.5, -2.5]", f"[0.25, 1.5, {text}]"))
+    with pytest.raises(ArtifactError, match=r"model\d*\.json: .+"):
+        read_forest(path)
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
@@ -119,29 +120,12 @@ def test_a_missing_file_is_refused(tmp_path: Path) -> None:
         read_forest(tmp_path / "model.json")
 
 
-@given(
-    st.recursive(
-        st.none() | st.booleans() | st.text() | st.lists(st.integers(-(2**31), 2**31 - 1)),
-        lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4),
-        max_leaves=12,
-    ),
-    st.sampled_from([None, 1]),
-)
-def test_scanning_sets_arrays_aside_and_keeps_the_rest(
-    tmp_path_factory: pytest.TempPathFactory, content: Any, indent: int | None
-) -> None:
-    path = tmp_path_factory.mktemp("scan") / "any.json"
-    path.write_text(json.dumps(content, indent=indent))
-    scanned = ScannedText.of(path)
-
-    def restore(part: Any) -> Any:
-        if isinstance(part, dict):
-            return {key: restore(value) for key, value in part.items()}
-        if isinstance(part, list) and len(part) == 1 and type(part[0]) is int:
-            return scanned.integers(part, "x").tolist()
-        return [restore(value) for value in part] if isinstance(part, list) else part
-
-    assert restore(json.loads(scanned.skeleton)) == content
+@pytest.mark.parametrize("text", ["[" * 200_000, '{"learner":' * 100_000])
+def test_a_file_that_nests_without_end_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "model.json"
+    path.write_text(text)
+    with pytest.raises(ArtifactError, match=r"model\.json"):
+        read_forest(path)
 
 
 def _bits(values: NDArray[np.float32]) -> list[int]:
@@ -149,24 +133,29 @@ def _bits(values: NDArray[np.float32]) -> list[int]:
 
 
 def _spelt(number: np.float32, spelling: Callable[[np.float32], str]) -> str:
-    if np.isnan(number):
-        return "NaN"
     return spelling(number) if np.isfinite(number) else f"{'-' if number < 0 else ''}Infinity"
 
 
-@given(st.lists(st.floats(width=32), min_size=1))
+def _leaves(model: Model, folder: Path, tokens: list[str]) -> NDArray[np.float32]:
+    """Leaf values as read from these tokens, each the only leaf of a tree."""
+    text = json.dumps(model([(float(place),) for place in range(1000, 1000 + len(tokens))]))
+    for place, token in enumerate(tokens):
+        text = text.replace(f"[{1000.0 + place}]", f"[ {token}\n]")
+    path = folder / "model.json"
+    path.write_text(text)
+    return read_forest(path).value
+
+
+@given(st.lists(st.floats(width=32, allow_nan=False), min_size=1, max_size=99))
 def test_floats_written_in_any_way_are_read_exactly(
-    tmp_path_factory: pytest.TempPathFactory, numbers: list[float]
+    model: Model, tmp_path_factory: pytest.TempPathFactory, numbers: list[float]
 ) -> None:
     expected = np.array(numbers, dtype=np.float32)
-    path = tmp_path_factory.mktemp("floats") / "floats.json"
     spellings = (str, lambda number: repr(float(number)), lambda number: f"{float(number):.9E}")
-    arrays = [[_spelt(number, spelling) for number in expected] for spelling in spellings]
-    path.write_text("".join(f"[{' ,'.join(array)}]" for array in arrays))
-    scanned = ScannedText.of(path)
-    for array in range(3):
-        found = scanned.floats([array], "x")
-        assert _bits(found) == _bits(expected)
+    folder = tmp_path_factory.mktemp("floats")
+    for spelling in spellings:
+        tokens = [_spelt(number, spelling) for number in expected]
+        assert _bits(_leaves(model, folder, tokens)) == _bits(expected)
 
 
 @pytest.mark.parametrize(
@@ -181,8 +170,6 @@ def test_floats_written_in_any_way_are_read_exactly(
         ("3.4028236e38", np.inf),
     ],
 )
-def test_a_decimal_is_rounded_once(tmp_path: Path, token: str, expected: float) -> None:
-    path = tmp_path / "number.json"
-    path.write_text(f"[{token}]")
-    assert ScannedText.of(path).floats([0], "x")[0] == np.float32(expected)
+def test_a_decimal_is_rounded_once(model: Model, tmp_path: Path, token: str, expected: float) -> None:
+    assert _leaves(model, tmp_path, ["1.5", token])[1] == np.float32(expected)
     assert nearest(token) == np.float32(expected)

@@ -2,14 +2,13 @@
 
 from typing import Final
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.compiled.caching import fresh
-from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.lookups import can_look_up
-from taxel_server.runtimes.trees.rows_layout import LeafNumbers
+from taxel_server.runtimes.compiled.compiling import compiled
+from taxel_server.runtimes.trees.layout.bitsets import LeafNumbers
+from taxel_server.runtimes.trees.layout.in_order import InOrder
+from taxel_server.runtimes.trees.simd.lookups import can_look_up
 
 LEAVES: Final = np.dtype([("table", "<i8"), ("exits", "<i4"), ("kind", "<i4")])
 """Of a tree: its leaf table's first byte, its exits' place, and the table's kind.
@@ -52,8 +51,7 @@ def write_leaf_tables(
     return tables
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def _write_tables(starts, counts, places, kinds, numbers, values, tables):  # type: ignore[no-untyped-def]
     for tree in range(starts.size):
         plane, step = (16 * kinds[tree], 1) if kinds[tree] > 0 else (1, 4)

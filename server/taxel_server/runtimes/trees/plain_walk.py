@@ -1,12 +1,11 @@
 """What a forest says of a row, plainly: from node to node; every faster form is checked against it."""
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.compiled.caching import fresh
-from taxel_server.runtimes.trees.forest import LEAF, Forest
-from taxel_server.runtimes.trees.scales import Scales
+from taxel_server.runtimes.compiled.compiling import compiled
+from taxel_server.runtimes.trees.normalisation import Scales
+from taxel_server.runtimes.trees.reading.forest import LEAF, Forest
 
 
 def walk(forest: Forest, scales: Scales, windows: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -29,8 +28,7 @@ def walk(forest: Forest, scales: Scales, windows: NDArray[np.float32]) -> NDArra
     return result * scales.output_std + scales.output_mean if scales.applied else result
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def _walk(roots, outputs, left, right, feature, default_left, value, base_score, windows, result):  # type: ignore[no-untyped-def]
     for row in range(windows.shape[0]):
         for output in range(base_score.size):

@@ -5,11 +5,11 @@ from typing import Final
 
 import numba
 
-from taxel_server.runtimes.compiled.caching import fresh
+from taxel_server.runtimes.compiled.compiling import address_of, inlined
 from taxel_server.runtimes.compiled.vectors import AHEAD, integer_at, load, prefetch, splat, store
-from taxel_server.runtimes.trees.bits import common, either, number, put_numbers, without
-from taxel_server.runtimes.trees.rows_layout import GROUP, RECORDS
-from taxel_server.runtimes.trees.words import elements, widen, words_at
+from taxel_server.runtimes.trees.layout.bitsets import GROUP, RECORDS
+from taxel_server.runtimes.trees.simd.bits import common, either, number, put_numbers, without
+from taxel_server.runtimes.trees.simd.vectors64 import elements, widen, words_at
 
 _SIGNATURE: Final = "void(intp, intp, intp, intp, intp, intp, intp, intp, intp, intp)"
 
@@ -37,7 +37,7 @@ def memory_words(numbers: int) -> int:
     return (_LEAVES + max(numbers + 16, 2 * _APART)) * 8
 
 
-@numba.njit(inline="always")
+@inlined
 def _split_at(place, goes_right, new, words):  # type: ignore[no-untyped-def]
     """Splits a set of rows: the left child keeps its place, the right one gets a new one."""
     rows = load(place, 64, words)
@@ -46,14 +46,14 @@ def _split_at(place, goes_right, new, words):  # type: ignore[no-untyped-def]
     store(new, right)
 
 
-@numba.njit(inline="always")
+@inlined
 def _split(node, bits, comparisons, leaves, scale, new, words):  # type: ignore[no-untyped-def]
     """Splits the rows that reach a node, whose record is two numbers of so many bits."""
     goes_right = load(comparisons + 8 * words * integer_at(node, bits), 64, words)
     _split_at(leaves + scale * integer_at(node + bits // 8, bits), goes_right, new, words)
 
 
-@numba.njit(inline="always")
+@inlined
 def _number_by_sixteens(sets, sixteens, unions, bits, words):  # type: ignore[no-untyped-def]
     """Four bits of the number of the set that each row is in; the sets' unions by sixteens."""
     bit0 = splat(0, 64, words)
@@ -73,7 +73,7 @@ def _number_by_sixteens(sets, sixteens, unions, bits, words):  # type: ignore[no
     store(bits + 24 * words, bit3)
 
 
-@numba.njit(inline="always")
+@inlined
 def _put_bits(bits, addresses, words):  # type: ignore[no-untyped-def]
     eight = (
         load(bits, 64, words),
@@ -88,7 +88,7 @@ def _put_bits(bits, addresses, words):  # type: ignore[no-untyped-def]
     put_numbers(eight, addresses)
 
 
-@numba.njit(inline="always")
+@inlined
 def _put_narrow(memory, leaves, sixteens, addresses, words):  # type: ignore[no-untyped-def]
     """Writes the number of the leaf that each row reached, a byte."""
     if sixteens <= 2:
@@ -106,7 +106,7 @@ def _put_narrow(memory, leaves, sixteens, addresses, words):  # type: ignore[no-
         _put_bits(memory, addresses, words)
 
 
-@numba.njit(inline="always")
+@inlined
 def _number_wide(memory, sixteens, words):  # type: ignore[no-untyped-def]
     """Sixteen bits of the number of the leaf that each row reached."""
     size = 8 * words
@@ -146,7 +146,7 @@ def find_exits(bytes_: int, lanes: int) -> int:
     return _four_trees_in_a_vector() if lanes == 64 else _one_tree_after_another()
 
 
-@numba.njit(inline="always")
+@inlined
 def _ask_ahead(records, size, later, each):  # type: ignore[no-untyped-def]
     """Asks for the records that come after a group's, and for what is wanted when all groups are done."""
     for line in range(AHEAD, AHEAD + size, 64):
@@ -158,8 +158,7 @@ def _ask_ahead(records, size, later, each):  # type: ignore[no-untyped-def]
 def _eight_trees_in_a_vector() -> int:
     size = RECORDS[1].itemsize
 
-    @numba.cfunc(_SIGNATURE, cache=True)
-    @fresh
+    @address_of(_SIGNATURE)
     def traverse(count, groups, records, full, sets, comparisons, memory, exits, later, each):  # type: ignore[no-untyped-def]
         _clear(memory, integer_at(groups + _GROUP * (count - 1) + 16, 64), 0, 8)
         leaves = memory + 64 * _LEAVES
@@ -198,10 +197,10 @@ def _eight_trees_in_a_vector() -> int:
             groups += _GROUP
             later += each
 
-    return int(traverse.address)
+    return traverse
 
 
-@numba.njit(inline="always")
+@inlined
 def _split_full(node, comparisons, leaves, at, new):  # type: ignore[no-untyped-def]
     """Splits the rows of one tree at a place of its full levels."""
     goes_right = load(comparisons + 32 * integer_at(node, 16), 64, 4)
@@ -211,8 +210,7 @@ def _split_full(node, comparisons, leaves, at, new):  # type: ignore[no-untyped-
 def _four_trees_in_turn() -> int:
     size = RECORDS[1].itemsize
 
-    @numba.cfunc(_SIGNATURE, cache=True)
-    @fresh
+    @address_of(_SIGNATURE)
     def traverse(count, groups, records, full, sets, comparisons, memory, exits, later, each):  # type: ignore[no-untyped-def]
         _clear(memory, integer_at(groups + _GROUP * (count - 1) + 16, 64), _APART, 4)
         leaves0 = memory + 32 * _LEAVES
@@ -249,14 +247,13 @@ def _four_trees_in_turn() -> int:
             groups += _GROUP
             later += each
 
-    return int(traverse.address)
+    return traverse
 
 
 def _four_trees_in_a_vector() -> int:
     size = RECORDS[2].itemsize
 
-    @numba.cfunc(_SIGNATURE, cache=True)
-    @fresh
+    @address_of(_SIGNATURE)
     def traverse(count, groups, records, _full, _sets, comparisons, memory, exits, later, each):  # type: ignore[no-untyped-def]
         _clear(memory, integer_at(groups + _GROUP * (count - 1) + 16, 64), 0, 4)
         leaves = memory + 32 * _LEAVES
@@ -282,14 +279,13 @@ def _four_trees_in_a_vector() -> int:
             groups += _GROUP
             later += each
 
-    return int(traverse.address)
+    return traverse
 
 
 def _one_tree_after_another() -> int:
     size = RECORDS[2].itemsize
 
-    @numba.cfunc(_SIGNATURE, cache=True)
-    @fresh
+    @address_of(_SIGNATURE)
     def traverse(count, groups, records, _full, _sets, comparisons, memory, exits, later, each):  # type: ignore[no-untyped-def]
         _clear(memory, integer_at(groups + _GROUP * (count - 1) + 16, 64), 0, 4)
         leaves = memory + 32 * _LEAVES
@@ -309,4 +305,4 @@ def _one_tree_after_another() -> int:
             groups += _GROUP
             later += each
 
-    return int(traverse.address)
+    return traverse

@@ -20,12 +20,11 @@ with a larger leaf when that root's turn comes.
 from dataclasses import dataclass
 from typing import Self
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.compiled.caching import fresh
-from taxel_server.runtimes.trees.forest import LEAF, Forest
+from taxel_server.runtimes.compiled.compiling import compiled
+from taxel_server.runtimes.trees.reading.forest import LEAF, Forest
 
 
 @dataclass(frozen=True)
@@ -99,8 +98,7 @@ class InOrder:
         return index
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def _renumber(  # type: ignore[no-untyped-def]
     roots, left, right, value, node_start, leaf_start, first, last, depth, place, source, leaf_value
 ):

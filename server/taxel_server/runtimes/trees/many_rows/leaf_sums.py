@@ -3,17 +3,15 @@
 from functools import cache
 from typing import Final
 
-import numba
-
-from taxel_server.runtimes.compiled.caching import fresh
+from taxel_server.runtimes.compiled.compiling import address_of, inlined
 from taxel_server.runtimes.compiled.processor import register_bytes
 from taxel_server.runtimes.compiled.vectors import add, integer_at, load, load_floats, store
-from taxel_server.runtimes.trees.lookups import assemble, can_look_up, gather, lookup
+from taxel_server.runtimes.trees.simd.lookups import assemble, can_look_up, gather, lookup
 
 _SIGNATURE: Final = "void(intp, intp, intp, intp, intp, intp)"
 
 
-@numba.njit(inline="always")
+@inlined
 def _leaves(planes, exits, size, lanes):  # type: ignore[no-untyped-def]
     """The leaves at some exits, each of their four bytes looked up by itself."""
     places = load(exits, 8, lanes)
@@ -25,7 +23,7 @@ def _leaves(planes, exits, size, lanes):  # type: ignore[no-untyped-def]
     )
 
 
-@numba.njit(inline="always")
+@inlined
 def _plus_gathered(total, kind, table, exits, upper, lanes):  # type: ignore[no-untyped-def]
     """Adds the leaves of a tree whose table holds floats."""
     if kind == 0:
@@ -33,7 +31,7 @@ def _plus_gathered(total, kind, table, exits, upper, lanes):  # type: ignore[no-
     return add(total, gather(table, exits, upper, lanes))
 
 
-@numba.njit(inline="always")
+@inlined
 def _plus_looked_up(total, kind, table, exits, upper, lanes):  # type: ignore[no-untyped-def]
     """Adds the leaves of a tree with a table of any kind."""
     if kind == 1:
@@ -62,8 +60,7 @@ def add_leaves(lanes: int) -> int:
     """
     part = min(lanes, 2 * register_bytes())
 
-    @numba.cfunc(_SIGNATURE, cache=True)
-    @fresh
+    @address_of(_SIGNATURE)
     def add_trees(count, trees, tables, exits, sums, rows):  # type: ignore[no-untyped-def]
         for first in range(0, rows, part):
             total = load_floats(sums + 4 * first, part)
@@ -73,4 +70,4 @@ def add_leaves(lanes: int) -> int:
                 total = _plus_leaves(total, integer_at(tree + 12, 32), table, places, lanes, part)
             store(sums + 4 * first, total)
 
-    return int(add_trees.address)
+    return add_trees

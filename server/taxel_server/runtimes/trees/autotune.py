@@ -10,18 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.kernel import Kernel
-from taxel_server.runtimes.trees.columns import Columns
-from taxel_server.runtimes.trees.forest import Forest
-from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.lanes_layout import can_stand_side_by_side
-from taxel_server.runtimes.trees.linked_form import LinkedKernel
-from taxel_server.runtimes.trees.ranks import ROWS
-from taxel_server.runtimes.trees.rows_form import RowsForm, RowsKernel
-from taxel_server.runtimes.trees.rows_layout import MOST_LEAVES
-from taxel_server.runtimes.trees.scales import Scales
-from taxel_server.runtimes.trees.trees_form import TreesKernel
-from taxel_server.runtimes.trees.twigs_form import TwigsKernel
-from taxel_server.runtimes.trees.walk import walk
+from taxel_server.runtimes.trees.few_rows.leaf_blocks import TwigsKernel
+from taxel_server.runtimes.trees.few_rows.node_walk import LinkedKernel
+from taxel_server.runtimes.trees.few_rows.ranks import ROWS
+from taxel_server.runtimes.trees.few_rows.small_batch import TreesKernel
+from taxel_server.runtimes.trees.layout.bitsets import MOST_LEAVES
+from taxel_server.runtimes.trees.layout.columns import Columns
+from taxel_server.runtimes.trees.layout.in_order import InOrder
+from taxel_server.runtimes.trees.layout.tree_lanes import can_stand_side_by_side
+from taxel_server.runtimes.trees.many_rows.bitset import RowsForm, RowsKernel
+from taxel_server.runtimes.trees.normalisation import Scales
+from taxel_server.runtimes.trees.plain_walk import walk
+from taxel_server.runtimes.trees.reading.forest import Forest
 
 BLOCKS: Final = (64, 256)
 """Rows of a block: short ones waste fewer lanes, long ones read the forest less often."""
@@ -33,6 +33,8 @@ _REPEATS: Final = 7
 
 class WalkKernel:
     """The plain walk, where a faster form is not to be trusted."""
+
+    name = "plain-walk"
 
     def __init__(self, forest: Forest, scales: Scales) -> None:
         self._forest = forest

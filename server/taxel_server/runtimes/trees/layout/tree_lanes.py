@@ -11,14 +11,13 @@ early which part of it; with twigs of one leaf the whole tree is trunk, which se
 from dataclasses import dataclass
 from typing import Final, Self
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.compiled.caching import fresh
-from taxel_server.runtimes.trees.columns import Columns
-from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.lookups import can_look_up
+from taxel_server.runtimes.compiled.compiling import compiled
+from taxel_server.runtimes.trees.layout.columns import Columns
+from taxel_server.runtimes.trees.layout.in_order import InOrder
+from taxel_server.runtimes.trees.simd.lookups import can_look_up
 
 TWIG: Final = 8
 """Most leaves of a twig that is more than a leaf."""
@@ -167,8 +166,7 @@ def _distances(index: InOrder, most: int) -> NDArray[np.int64]:
     return np.where(in_trunk, distances, -1)
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def _put_trunks(trees, start, each, leaves, node_start, column, limit, distance, nodes):  # type: ignore[no-untyped-def]
     lanes = trees.shape[1]
     for group in range(trees.shape[0]):
@@ -190,8 +188,7 @@ def _put_trunks(trees, start, each, leaves, node_start, column, limit, distance,
                 step += each * lanes
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def _put_twigs(  # type: ignore[no-untyped-def]
     trees, first_twig, leaves, node_start, leaf_start, column, limit, first, last, value, lines
 ):

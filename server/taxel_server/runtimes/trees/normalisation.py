@@ -2,13 +2,13 @@
 
 from typing import NamedTuple, Self
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from taxel.manifest import Normalisation
 from taxel.scaling import Scaler
-from taxel_server.runtimes.compiled.caching import fresh
+from taxel_server.runtimes.compiled.arguments import array_in, number_in
+from taxel_server.runtimes.compiled.compiling import compiled, inlined
 
 
 class Scales(NamedTuple):
@@ -28,15 +28,25 @@ class Scales(NamedTuple):
         return cls(not normalisation.folded, inputs.mean, inputs.std, outputs.mean, outputs.std)
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@inlined
+def read_scales(plan: NDArray[np.int64], first: int) -> Scales:
+    """Scales, packed from an entry of a plan on."""
+    return Scales(
+        number_in(plan, first) != 0,
+        array_in(plan, first + 1, np.float32),
+        array_in(plan, first + 2, np.float32),
+        array_in(plan, first + 3, np.float32),
+        array_in(plan, first + 4, np.float32),
+    )
+
+
+@compiled
 def restore(scales, output, value):  # type: ignore[no-untyped-def]
     """A sum in the scale that its output was trained from."""
     return value * scales.output_std[output] + scales.output_mean[output] if scales.applied else value
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def put_rows(scales, sums, each_row, each_output, first, rows, result):  # type: ignore[no-untyped-def]
     """Writes sums, whose rows and outputs are so far apart, to rows of the result, restored."""
     for row in range(rows):

@@ -10,14 +10,13 @@ How many of a block are <= x says which block comes next. Two cache lines find a
 
 from typing import Final, NamedTuple, Self
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.compiled.caching import fresh
-from taxel_server.runtimes.compiled.plans import together
+from taxel_server.runtimes.compiled.arguments import array_in, number_in, together
+from taxel_server.runtimes.compiled.compiling import compiled, inlined
 from taxel_server.runtimes.compiled.vectors import count, load_floats, not_above, splat_float
-from taxel_server.runtimes.trees.columns import Columns
+from taxel_server.runtimes.trees.layout.columns import Columns
 
 ROWS: Final = 8
 """Rows that are ranked, and go through a group of trees, at once."""
@@ -62,6 +61,18 @@ class Ranking(NamedTuple):
         return cls(columns.feature, columns.default_left, most, start, cuts)
 
 
+@inlined
+def read_ranking(plan: NDArray[np.int64], first: int) -> Ranking:
+    """A ranking, packed from an entry of a plan on."""
+    return Ranking(
+        array_in(plan, first, np.int32),
+        array_in(plan, first + 1, np.bool_),
+        number_in(plan, first + 2),
+        array_in(plan, first + 3, np.int64),
+        array_in(plan, first + 4, np.float32),
+    )
+
+
 def _levels(cuts: NDArray[np.float32]) -> list[NDArray[np.float32]]:
     """A column's levels, the least first."""
     level = np.full((len(cuts) // _BLOCK + 1) * _BLOCK, np.nan, dtype=np.float32)
@@ -71,8 +82,7 @@ def _levels(cuts: NDArray[np.float32]) -> list[NDArray[np.float32]]:
     return [*_levels(level[_BLOCK - 1 : -1 : _BLOCK]), level]
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def rank_rows(ranking, scales, windows, first, rows, highest, bias, size, ranks):  # type: ignore[no-untyped-def]
     """Ranks [row][column] of some rows, less the bias; 0 or `highest` for a missing value."""
     cuts, levels = ranking.cuts.ctypes.data, ranking.levels

@@ -1,14 +1,16 @@
 """Hands many arrays to a compiled function as one: calling it with each of them costs microseconds."""
 
 import mmap
-from typing import Any, Final, get_args, get_type_hints
+from typing import Any, Final
 
 import numba
 import numpy as np
 from llvmlite import ir
 from numba.core import types
-from numba.extending import intrinsic, overload
+from numba.extending import intrinsic
 from numpy.typing import NDArray
+
+from taxel_server.runtimes.compiled.compiling import inlined
 
 _CACHE_LINE: Final = 64
 _HUGE_PAGE: Final = 2**21
@@ -17,7 +19,8 @@ _HUGE_PAGE: Final = 2**21
 def pack(*tuples: tuple[Any, ...]) -> NDArray[np.int64]:
     """Two integers for every entry: an array's address and size, or a number and 0.
 
-    The arrays must be contiguous and outlive the plan, which does not hold them. `unpack` reads a plan.
+    The arrays must be contiguous and outlive the plan, which does not hold them. `array_in` and
+    `number_in` read it.
     """
     entries = []
     for entry in (entry for entries in tuples for entry in entries):
@@ -73,39 +76,19 @@ def _pointer(_context, _address):  # type: ignore[no-untyped-def]
     return types.voidptr(types.int64), generate
 
 
-@numba.njit
-def array_at(address, size, dtype):  # type: ignore[no-untyped-def]
-    """The array of one axis that an entry of a plan describes."""
+@inlined
+def array_at(address: int, size: int, dtype: Any) -> Any:
+    """The array of one axis at an address; in compiled code."""
     return numba.carray(_pointer(address), size, dtype)
 
 
-def unpack(plan: NDArray[np.int64], *kinds: type) -> Any:
-    """In compiled code, the named tuples that a plan was packed from, given their classes.
-
-    Entries are read as the classes' annotations say: `int`, `bool`, or `NDArray` of some type.
-
-    Raises:
-        TypeError: it is called by plain Python.
-    """
-    names = ", ".join(kind.__name__ for kind in kinds)
-    raise TypeError(f"plain Python unpacks {len(plan)} entries as {names}: expected compiled code")
+@inlined
+def array_in(plan: NDArray[np.int64], entry: int, dtype: Any) -> Any:
+    """The array of one axis that an entry of a plan describes; in compiled code."""
+    return numba.carray(_pointer(plan[entry, 0]), plan[entry, 1], dtype)
 
 
-@overload(unpack)
-def _unpack(_plan, *kinds):  # type: ignore[no-untyped-def]
-    names: dict[str, Any] = {"__name__": __name__, "array_at": array_at}
-    tuples, entry = [], 0
-    for number, kind in enumerate(kinds):
-        names[f"kind_{number}"] = kind.instance_class
-        fields = []
-        for hint in get_type_hints(kind.instance_class).values():
-            if hint in (int, bool):
-                fields.append(f"_plan[{entry}, 0]" + (" != 0" if hint is bool else ""))
-            else:
-                names[f"type_{entry}"] = get_args(get_args(hint)[1])[0]
-                fields.append(f"array_at(_plan[{entry}, 0], _plan[{entry}, 1], type_{entry})")
-            entry += 1
-        tuples.append(f"kind_{number}({', '.join(fields)}),")
-    # What numba compiles has to name every field.
-    exec(f"def read(_plan, *kinds):\n    return ({' '.join(tuples)})", names)
-    return names["read"]
+@inlined
+def number_in(plan: NDArray[np.int64], entry: int) -> Any:
+    """The number that an entry of a plan is; in compiled code."""
+    return plan[entry, 0]

@@ -3,24 +3,23 @@
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple, Self
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.compiled.caching import fresh
+from taxel_server.runtimes.compiled.arguments import Scratch, array_in, number_in, pack, together
+from taxel_server.runtimes.compiled.compiling import compiled, inlined
 from taxel_server.runtimes.compiled.kernel import CompiledKernel
-from taxel_server.runtimes.compiled.plans import Scratch, pack, together, unpack
-from taxel_server.runtimes.trees.calls import call
-from taxel_server.runtimes.trees.columns import Columns, PlainColumns
-from taxel_server.runtimes.trees.comparisons import compare
-from taxel_server.runtimes.trees.forest import Forest
-from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.leaf_sums import add_leaves
-from taxel_server.runtimes.trees.leaf_tables import LEAVES, write_leaf_tables
-from taxel_server.runtimes.trees.lookups import assembled_lane
-from taxel_server.runtimes.trees.rows_as_bits import find_exits, memory_words
-from taxel_server.runtimes.trees.rows_layout import GROUP, LeafNumbers, RowsLayout, split_sets
-from taxel_server.runtimes.trees.scales import Scales, restore
+from taxel_server.runtimes.trees.layout.bitsets import GROUP, LeafNumbers, RowsLayout, split_sets
+from taxel_server.runtimes.trees.layout.columns import Columns, PlainColumns, read_columns
+from taxel_server.runtimes.trees.layout.in_order import InOrder
+from taxel_server.runtimes.trees.layout.leaf_tables import LEAVES, write_leaf_tables
+from taxel_server.runtimes.trees.many_rows.comparisons import compare
+from taxel_server.runtimes.trees.many_rows.leaf_sums import add_leaves
+from taxel_server.runtimes.trees.many_rows.traversal import find_exits, memory_words
+from taxel_server.runtimes.trees.normalisation import Scales, read_scales, restore
+from taxel_server.runtimes.trees.reading.forest import Forest
+from taxel_server.runtimes.trees.simd.calls import call
+from taxel_server.runtimes.trees.simd.lookups import assembled_lane
 
 _GROUP: Final = GROUP.itemsize
 
@@ -38,6 +37,18 @@ class _Part(NamedTuple):
     traversal: int
 
 
+@inlined
+def _read_part(plan: NDArray[np.int64], first: int) -> _Part:
+    return _Part(
+        array_in(plan, first, np.int64),
+        number_in(plan, first + 1),
+        number_in(plan, first + 2),
+        number_in(plan, first + 3),
+        number_in(plan, first + 4),
+        number_in(plan, first + 5),
+    )
+
+
 class _Sums(NamedTuple):
     """The leaves of all trees, output by output."""
 
@@ -50,12 +61,36 @@ class _Sums(NamedTuple):
     lane: NDArray[np.int64]
 
 
+@inlined
+def _read_sums(plan: NDArray[np.int64], first: int) -> _Sums:
+    return _Sums(
+        array_in(plan, first, np.int64),
+        array_in(plan, first + 1, np.int64),
+        number_in(plan, first + 2),
+        number_in(plan, first + 3),
+        number_in(plan, first + 4),
+        array_in(plan, first + 5, np.float32),
+        array_in(plan, first + 6, np.int64),
+    )
+
+
 class _Scratch(NamedTuple):
     x: NDArray[np.float32]
     comparisons: NDArray[np.int64]
     memory: NDArray[np.int64]
     exits: NDArray[np.uint8]
     sums: NDArray[np.float32]
+
+
+@inlined
+def _read_scratch(plan: NDArray[np.int64], first: int) -> _Scratch:
+    return _Scratch(
+        array_in(plan, first, np.float32),
+        array_in(plan, first + 1, np.int64),
+        array_in(plan, first + 2, np.int64),
+        array_in(plan, first + 3, np.uint8),
+        array_in(plan, first + 4, np.float32),
+    )
 
 
 @dataclass(frozen=True)
@@ -116,6 +151,7 @@ class RowsKernel(CompiledKernel):
 
     def __init__(self, form: RowsForm, lanes: int, scales: Scales) -> None:
         self.lanes = lanes
+        self.name = f"bitset-{lanes}"
         self._form = form
         layouts = (form.narrow, form.wide)
         sets = [split_sets(layout.full) for layout in layouts]
@@ -158,8 +194,7 @@ class RowsKernel(CompiledKernel):
         )
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def _find_exits(part, output, sums, scratch):  # type: ignore[no-untyped-def]
     """Writes the exits of one output's trees, and asks for their leaf tables."""
     first, stop = part.group_start[output], part.group_start[output + 1]
@@ -173,11 +208,18 @@ def _find_exits(part, output, sums, scratch):  # type: ignore[no-untyped-def]
         call(part.traversal, (*given, exits, tables, bytes_ // (stop - first)))
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+_NARROW: Final = len(PlainColumns._fields)
+_WIDE: Final = _NARROW + len(_Part._fields)
+_SUMS: Final = _WIDE + len(_Part._fields)
+_SCALES: Final = _SUMS + len(_Sums._fields)
+
+
+@compiled
 def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
-    columns, narrow, wide, sums, scales = unpack(plan, PlainColumns, _Part, _Part, _Sums, Scales)
-    (scratch,) = unpack(memory, _Scratch)
+    columns = read_columns(plan, 0)
+    narrow, wide = _read_part(plan, _NARROW), _read_part(plan, _WIDE)
+    sums, scales = _read_sums(plan, _SUMS), read_scales(plan, _SCALES)
+    scratch = _read_scratch(memory, 0)
     lanes = sums.lane.size
     exits, totals = scratch.exits.ctypes.data, scratch.sums.ctypes.data
     for first in range(0, windows.shape[0], lanes):

@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 from typing import Final, Self
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from taxel.errors import ArtifactError
-from taxel_server.runtimes.compiled.caching import fresh
+from taxel_server.runtimes.compiled.compiling import compiled
 
 LEAF: Final = -1
 """The left child of a node that has no children."""
@@ -99,8 +98,7 @@ class Forest:
         )
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def _preorder(features, roots, left, right, feature, order, new_left, new_right, new_roots):  # type: ignore[no-untyped-def]
     """Walks every tree once; returns a fault's number (0: none) with its tree and node."""
     seen = np.zeros(left.size, dtype=np.bool_)

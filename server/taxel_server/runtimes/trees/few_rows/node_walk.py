@@ -2,19 +2,18 @@
 
 from typing import Final, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.compiled.caching import fresh
+from taxel_server.runtimes.compiled.arguments import Scratch, array_in, number_in, pack
+from taxel_server.runtimes.compiled.compiling import compiled, inlined
 from taxel_server.runtimes.compiled.kernel import CompiledKernel
-from taxel_server.runtimes.compiled.plans import Scratch, pack, unpack
 from taxel_server.runtimes.compiled.vectors import integer_at
-from taxel_server.runtimes.trees.forest import Forest
-from taxel_server.runtimes.trees.in_order import InOrder
-from taxel_server.runtimes.trees.linked_layout import LinkedLayout
-from taxel_server.runtimes.trees.ranks import ROWS, Ranking, rank_rows
-from taxel_server.runtimes.trees.scales import Scales, put_rows
+from taxel_server.runtimes.trees.few_rows.ranks import ROWS, Ranking, rank_rows, read_ranking
+from taxel_server.runtimes.trees.layout.in_order import InOrder
+from taxel_server.runtimes.trees.layout.linked_nodes import LinkedLayout
+from taxel_server.runtimes.trees.normalisation import Scales, put_rows, read_scales
+from taxel_server.runtimes.trees.reading.forest import Forest
 
 _WALKERS: Final = 16
 """Walks that advance in turn, so that one need not wait for another's memory."""
@@ -29,14 +28,37 @@ class _Trees(NamedTuple):
     base_score: NDArray[np.float32]
 
 
+@inlined
+def _read_trees(plan: NDArray[np.int64], first: int) -> _Trees:
+    return _Trees(
+        array_in(plan, first, np.int64),
+        array_in(plan, first + 1, np.int32),
+        number_in(plan, first + 2),
+        array_in(plan, first + 3, np.float32),
+        number_in(plan, first + 4),
+        array_in(plan, first + 5, np.float32),
+    )
+
+
 class _Scratch(NamedTuple):
     ranks: NDArray[np.uint16]
     sums: NDArray[np.float32]
     walkers: NDArray[np.int64]
 
 
+@inlined
+def _read_scratch(plan: NDArray[np.int64], first: int) -> _Scratch:
+    return _Scratch(
+        array_in(plan, first, np.uint16),
+        array_in(plan, first + 1, np.float32),
+        array_in(plan, first + 2, np.int64),
+    )
+
+
 class LinkedKernel(CompiledKernel):
     """A forest of any size, to be walked."""
+
+    name = "node-walk"
 
     def __init__(self, forest: Forest, index: InOrder, scales: Scales) -> None:
         layout = LinkedLayout.of(forest, index)
@@ -63,8 +85,7 @@ class LinkedKernel(CompiledKernel):
         return Scratch(own)
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+@compiled
 def _walk(trees, scratch, rows):  # type: ignore[no-untyped-def]
     """Every tree with every row is a walk; they advance together, in handfuls, until none moves."""
     walks, outputs = trees.root.size * rows, trees.base_score.size
@@ -90,11 +111,15 @@ def _walk(trees, scratch, rows):  # type: ignore[no-untyped-def]
             scratch.sums[row * outputs + trees.output[tree]] += trees.value[place[walker]]
 
 
-@numba.njit(cache=True, nogil=True)
-@fresh
+_TREES: Final = len(Ranking._fields)
+_SCALES: Final = _TREES + len(_Trees._fields)
+
+
+@compiled
 def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
-    ranking, trees, scales = unpack(plan, Ranking, _Trees, Scales)
-    (scratch,) = unpack(memory, _Scratch)
+    ranking = read_ranking(plan, 0)
+    trees, scales = _read_trees(plan, _TREES), read_scales(plan, _SCALES)
+    scratch = _read_scratch(memory, 0)
     outputs = trees.base_score.size
     for start in range(0, windows.shape[0], ROWS):
         rows = min(ROWS, windows.shape[0] - start)

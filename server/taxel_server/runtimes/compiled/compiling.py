@@ -1,0 +1,83 @@
+"""Compiles functions with numba, and keeps what was compiled between processes.
+
+Numba compiles a cached function again when its own file has changed, but not when a file has changed
+that it calls into. So the cache has a folder of its own for each state of the code: the folder's name
+holds a fingerprint of all the files that may be called.
+"""
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any, Final, ParamSpec, TypeVar, cast
+
+import numba
+
+from taxel import __version__
+
+_RUNTIMES: Final = Path(__file__).parent.parent
+
+_Given = ParamSpec("_Given")
+_Result = TypeVar("_Result")
+
+
+def fingerprint(folder: Path) -> str:
+    """Of the versions of Taxel and numba, and of the Python files below a folder: names and content."""
+    total = hashlib.sha256(f"{__version__} {numba.__version__}".encode())
+    for path in sorted(folder.rglob("*.py")):
+        total.update(f"{path.relative_to(folder)}:{path.stat().st_size}:".encode())
+        total.update(path.read_bytes())
+    return total.hexdigest()[:16]
+
+
+@cache
+def cache_folder() -> Path | None:
+    """Where compiled code is kept: below `NUMBA_CACHE_DIR`, or else in the user's cache folder.
+
+    None if nothing can be written there: then every process compiles for itself.
+    """
+    user = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    parent = Path(numba.config.CACHE_DIR or Path(user) / "taxel")
+    folder = parent / f"compiled-{fingerprint(_RUNTIMES)}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except OSError:
+        return None
+
+
+def compiled(function: Callable[_Given, _Result]) -> Callable[_Given, _Result]:
+    """Compiles a function for the types that it is called with, and keeps the code; it releases the GIL."""
+    with _caching() as caching:
+        result = numba.njit(cache=caching, nogil=True)(function)
+    return cast("Callable[_Given, _Result]", result)
+
+
+def inlined(function: Callable[_Given, _Result]) -> Callable[_Given, _Result]:
+    """Makes a function part of each compiled function that calls it."""
+    return cast("Callable[_Given, _Result]", numba.njit(inline="always")(function))
+
+
+def address_of(signature: str) -> Callable[[Callable[..., Any]], int]:
+    """Compiles a function at once, for a signature in numba's words; gives its address."""
+
+    def compile_now(function: Callable[..., Any]) -> int:
+        with _caching() as caching:
+            return int(numba.cfunc(signature, cache=caching)(function).address)
+
+    return compile_now
+
+
+@contextmanager
+def _caching() -> Iterator[bool]:
+    """Sets numba's cache folder while a function is decorated: that is when numba looks where it is."""
+    folder, before = cache_folder(), numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(folder or "")
+    try:
+        yield folder is not None
+    finally:
+        numba.config.CACHE_DIR = before

@@ -1,0 +1,1 @@
+"""Evaluates few rows: every lane of a vector is a tree."""

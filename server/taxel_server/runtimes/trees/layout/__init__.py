@@ -1,0 +1,1 @@
+"""Lays a forest out in memory, as its evaluators read it."""

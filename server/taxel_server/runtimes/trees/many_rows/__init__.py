@@ -1,0 +1,1 @@
+"""Evaluates many rows: every lane, or bit, of a vector is a row."""

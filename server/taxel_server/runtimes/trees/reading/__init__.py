@@ -1,0 +1,1 @@
+"""Reads a forest from a model file."""

@@ -1,0 +1,1 @@
+"""Vector operations of the forest's kernels."""
