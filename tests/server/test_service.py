@@ -30,13 +30,13 @@ def client(engine: Engine, start: ServerStarter) -> Iterator[RemoteSource]:
 
 def test_remote_and_local_agree(client: RemoteSource, repository: Path, make_windows: WindowMaker) -> None:
     with taxel.load(repository) as local:
-        assert client.models() == local.models()
         for name, version, features in (("skin", None, 6), ("skin", "2", 6), ("wide", None, 12)):
             remote, near = client.predictor(name, version), local.predictor(name, version)
             assert remote.manifest == near.manifest
             for rows in (1, 7, 3000):
                 windows = make_windows(rows, features, seed=rows)
                 np.testing.assert_array_equal(remote.predict(windows), near.predict(windows))
+        assert client.models() == local.models()
 
 
 def test_the_server_describes_itself(client: RemoteSource) -> None:

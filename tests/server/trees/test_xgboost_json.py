@@ -76,7 +76,7 @@ PARAM = ("learner", "learner_model_param")
         ((*TREE, "left_children"), 0, 1.5, r"Expected `int`, got `float` - .*left_children"),
         ((*TREE, "left_children"), 0, 3e9, "left_children"),
         ((*TREE, "split_indices"), 0, 6, "tree 1, node 0: a feature that the model does not have"),
-        ((*TREE, "split_conditions"), 0, float("nan"), "tree 1: split_conditions: Expected `float`, got `null`"),
+        ((*TREE, "split_conditions"), 0, float("nan"), "tree 1: split_conditions: Expected `float`"),
         (TREE, "left_children", 4, r"Expected `array`, got `int`.*left_children"),
         (TREE, "left_children", ["1"], r"Expected `int`, got `str`.*left_children"),
         (TREE, "left_children", [True], r"Expected `int`, got `bool`.*left_children"),
