@@ -30,7 +30,7 @@ _LIBRARIES: Final = ("numpy", "scipy", "statsmodels", "torch")
 
 
 def describe(study: Study, cells: Sequence[CellResult]) -> dict[str, Any]:
-    """Everything that is reported, for JSON; docs/study.md tells the fields."""
+    """Everything that is reported, for JSON; docs/study_json.md lists the fields."""
     summaries = _summaries(study, cells)
     settings = study.settings
     return {
