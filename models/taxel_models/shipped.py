@@ -1,4 +1,4 @@
-"""Where the artifacts that come with Taxel lie: in the wheel, or in the checkout."""
+"""The repository of shipped artifacts: in the wheel, or in the checkout."""
 
 from pathlib import Path
 

@@ -1,22 +1,30 @@
-"""Decodes requests; what one client asks again and again is decoded once.
+"""Decodes requests. What the requests of one client have in common is decoded once.
 
-Its requests differ in their numbers only. All bytes around the numbers are a request's envelope:
-where it is that of an earlier request, so is all that it says, checks included.
+Such requests differ only in their numbers. All bytes around the numbers are the envelope of a request.
+A request with the envelope of an earlier request says the same, so its checks are not repeated.
 """
 
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from taxel.errors import RequestError
+from taxel.errors import RequestError, ResourceExhausted
 from taxel.protocol import SMALL, InferRequest, unpack_infer_request
 
-_MOST: Final = 64
-"""Envelopes that are remembered; whoever sends others has each request decoded."""
+_MOST_KNOWN: Final = 64
+"""Envelopes that are kept. Requests with further envelopes are decoded each time."""
+
+_LEAST_BYTES: Final = 64
+"""The smallest envelope: names, datatype, shape."""
+
+_MOST_BYTES: Final = 4096
+"""The largest envelope that is accepted: with an id and parameters."""
+
+_FLOAT_BYTES: Final = 4
 
 
-class _Said(NamedTuple):
-    """What an envelope says."""
+class _Envelope(NamedTuple):
+    """What an envelope says about its request."""
 
     shape: tuple[int, ...]
     timeout_ms: float | None
@@ -24,35 +32,56 @@ class _Said(NamedTuple):
 
 
 class RequestReader:
-    """Decodes infer requests of at most so many windows. Thread-safe."""
+    """Decodes infer requests. Thread-safe.
+
+    Args:
+        max_rows: the most windows in one request.
+    """
 
     def __init__(self, max_rows: int) -> None:
         self._max_rows = max_rows
         self._places: dict[int, tuple[int, int]] = {}
-        """Where the numbers begin and end in a request of so many bytes."""
-        self._known: dict[tuple[int, bytes], _Said] = {}
-        """By the bytes of a request, how many and which envelope."""
+        """Where the numbers start and stop, by the request's size in bytes."""
+        self._known: dict[tuple[int, bytes], _Envelope] = {}
+        """Envelopes by the request's size in bytes and the envelope's bytes."""
 
-    def read(self, payload: bytes) -> InferRequest:
-        """Decodes a request; its windows are a read-only view of its bytes.
+    def rows_in(self, size: int, features: int) -> int:
+        """The number of windows in a request of `size` bytes, estimated before it is decoded.
+
+        Args:
+            features: the number of columns of a window.
 
         Raises:
-            RequestError: as `taxel.protocol.unpack_infer_request` does.
+            ResourceExhausted: one request may not have so many windows.
+        """
+        row_bytes = features * _FLOAT_BYTES
+        if size > self._max_rows * row_bytes + _MOST_BYTES:
+            raise ResourceExhausted(
+                f"inputs[0].data: a request of {size} bytes: "
+                f"expected at most {self._max_rows} rows of {features} float32 in one request"
+            )
+        return min(max((size - _LEAST_BYTES) // row_bytes, 1), self._max_rows)
+
+    def read(self, payload: bytes) -> InferRequest:
+        """Decode a request. Its windows are a read-only view of its bytes.
+
+        Raises:
+            RequestError: see `taxel.protocol.unpack_infer_request`.
         """
         place = self._places.get(len(payload))
         if place is not None:
             start, stop = place
-            said = self._known.get((len(payload), payload[:start] + payload[stop:]))
-            if said is not None:
-                windows = np.frombuffer(payload, "<f4", (stop - start) // 4, start)
-                return InferRequest(windows.reshape(said.shape), None, said.timeout_ms, said.spread)
+            known = self._known.get((len(payload), payload[:start] + payload[stop:]))
+            if known is not None:
+                windows = np.frombuffer(payload, "<f4", (stop - start) // _FLOAT_BYTES, start)
+                return InferRequest(windows.reshape(known.shape), None, known.timeout_ms, known.spread)
         request = unpack_infer_request(payload, self._max_rows)
-        if request.id is None and request.windows.nbytes <= SMALL and len(self._known) < _MOST:
+        if request.id is None and request.windows.nbytes <= SMALL and len(self._known) < _MOST_KNOWN:
             self._remember(payload, request)
         return request
 
     def _remember(self, payload: bytes, request: InferRequest) -> None:
-        """Remembers an envelope, if other numbers at what looks like their place are decoded as such."""
+        """Keep an envelope, if a request with other numbers at the same place decodes to those numbers."""
         shape, numbers = request.windows.shape, request.windows.tobytes()
         start = payload.find(numbers)
         stop = start + len(numbers)
@@ -65,4 +94,4 @@ class RequestReader:
             return
         if self._places.setdefault(len(payload), (start, stop)) == (start, stop):
             envelope = payload[:start] + payload[stop:]
-            self._known[len(payload), envelope] = _Said(shape, request.timeout_ms, request.spread)
+            self._known[len(payload), envelope] = _Envelope(shape, request.timeout_ms, request.spread)

@@ -83,6 +83,6 @@ def open_repository(path: Path) -> LocalSource:
     """What `taxel.load` finds through the entry point `taxel.engines`.
 
     Raises:
-        ArtifactError: it is no folder.
+        ArtifactError: the path is not a folder.
     """
     return LocalSource(path)

@@ -16,7 +16,7 @@ import zenoh
 from typing_extensions import override
 from zenoh.handlers import FifoChannel, Handler
 
-from taxel.errors import Internal, RequestError, ResourceExhausted
+from taxel.errors import Internal, RequestError
 from taxel.protocol import InferRequest, InferResponse, model_key, pack_infer_response
 from taxel_server.batcher import Batcher
 from taxel_server.engine import Engine, LoadedModel
@@ -28,12 +28,6 @@ from taxel_server.options import ServerOptions
 from taxel_server.session import open_session
 
 _LOG: Final = logging.getLogger(__name__)
-
-_ENVELOPE_BYTES: Final = 64
-"""What every request holds besides its windows: names, datatype, shape."""
-
-_MAX_ENVELOPE_BYTES: Final = 4096
-"""What a request may hold besides its windows, with an id and parameters."""
 
 _NOTHING: Final = zenoh.ZBytes(b"")
 
@@ -159,26 +153,11 @@ class Service:
             return
         payload = query.payload or _NOTHING
         try:
-            rows = self._rows_in(len(payload), model)
+            rows = self._reader.rows_in(len(payload), len(model.manifest.window.features))
             infer(QueryJob(query, payload, model, rows, self._reader))
         except RequestError as error:
             _LOG.debug("%s: %s: %s", model.label, error.code, error)
             self._metadata_thread.take(query, error)
-
-    def _rows_in(self, size: int, model: LoadedModel) -> int:
-        """How many rows a request of so many bytes holds, known before it is decoded.
-
-        Raises:
-            ResourceExhausted: more than one request may hold.
-        """
-        most, features = self._options.max_request_rows, len(model.manifest.window.features)
-        row_bytes = features * 4
-        if size > most * row_bytes + _MAX_ENVELOPE_BYTES:
-            raise ResourceExhausted(
-                f"inputs[0].data: a request of {size} bytes: "
-                f"expected at most {most} rows of {features} float32 in one request"
-            )
-        return min(max((size - _ENVELOPE_BYTES) // row_bytes, 1), most)
 
 
 def _taken(take: Callable[[], zenoh.Query | None]) -> zenoh.Query | None:

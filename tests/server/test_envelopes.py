@@ -112,7 +112,7 @@ def test_what_is_refused_is_refused_again() -> None:
 
 
 def test_only_so_many_envelopes_are_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(envelopes, "_MOST", 3)
+    monkeypatch.setattr(envelopes, "_MOST_KNOWN", 3)
     reader = RequestReader(MAX_ROWS)
     windows = np.ones((1, 12), np.float32)
     for timeout in range(1, 9):

@@ -14,7 +14,8 @@ import taxel
 from taxel.errors import Internal, NotFound, TaxelError, Unavailable
 from taxel.protocol import pack_infer_request, unpack_infer_response, unpackb
 from taxel.remote import RemoteSource
-from taxel_server.engine import Engine, LoadedModel
+from taxel_server.engine import Engine
+from taxel_server.envelopes import RequestReader
 from taxel_server.options import ServerOptions
 from taxel_server.service import Service
 
@@ -63,6 +64,17 @@ def test_id_and_times_come_back(client: RemoteSource, make_windows: WindowMaker)
     assert response.batch_rows == 5
     assert response.queue_us >= 0
     assert response.compute_us > 0
+
+
+def test_a_reply_tells_how_long_the_server_took(client: RemoteSource, make_windows: WindowMaker) -> None:
+    predictor = client.predictor("skin")
+    windows = make_windows(5)
+    reply = predictor.infer(windows)
+    np.testing.assert_array_equal(reply.outputs, predictor.predict(windows))
+    assert (reply.batch_rows, reply.compute_us > 0, reply.queue_us >= 0) == (5, True, True)
+    assert reply.spread is None
+    with pytest.raises(taxel.InvalidArgument, match="gives no spread"):
+        predictor.infer(windows, spread=True)
 
 
 def test_statistics_count_requests_rows_and_errors(
@@ -185,16 +197,16 @@ def test_a_query_that_cannot_be_handed_on_is_answered_and_harms_no_other(
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    rows_in = Service._rows_in
+    rows_in = RequestReader.rows_in
     sizes = []
 
-    def fail_once(self: Service, size: int, model: LoadedModel) -> int:
+    def fail_once(self: RequestReader, size: int, features: int) -> int:
         sizes.append(size)
         if len(sizes) == 1:
             raise ArithmeticError("odd")
-        return rows_in(self, size, model)
+        return rows_in(self, size, features)
 
-    monkeypatch.setattr(Service, "_rows_in", fail_once)
+    monkeypatch.setattr(RequestReader, "rows_in", fail_once)
     with taxel.connect(start(engine)) as client:
         predictor = client.predictor("skin")
         with pytest.raises(Internal, match="the server's log says more"):

@@ -1,7 +1,7 @@
-"""Files and folders that appear whole or not at all: written beside their place, then renamed.
+"""Files and folders that appear whole or not at all. They are written beside their place and then renamed.
 
-One thing is weaker: where a folder replaces another, a process that is killed between two renames
-leaves the old one beside its place, as `.NAME.….old`.
+One case is weaker. If a folder replaces another and the process is killed between two renames, the old
+folder stays beside its place, as `.NAME.….old`.
 """
 
 import os
@@ -16,10 +16,10 @@ from taxel.errors import SettingsError
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary path to write to; it takes the place of `path` if the block succeeds.
+    """Yield a temporary path to write to; it becomes `path` if the block succeeds.
 
     Raises:
-        SettingsError: a file cannot stand at `path`.
+        SettingsError: a file cannot be written at `path`.
     """
     check_file_place(path)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
@@ -31,7 +31,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def check_file_place(path: Path) -> None:
-    """Refuse, before any work is done, a place where no file can be written.
+    """Check before any work that a file can be written here.
 
     Raises:
         SettingsError: its folder does not exist, or it is a folder itself.
@@ -44,14 +44,14 @@ def check_file_place(path: Path) -> None:
 
 @contextmanager
 def whole_folder(path: Path, *, replacing: str | None = None) -> Iterator[Path]:
-    """Yield a temporary folder to fill; it takes the place of `path` if the block succeeds.
+    """Yield a temporary folder to fill; it becomes `path` if the block succeeds.
 
     Args:
-        path: where the folder shall be; missing parents are made.
+        path: where the folder will be; missing parents are made.
         replacing: a folder that holds a file of this name may be replaced.
 
     Raises:
-        SettingsError: something stands at `path` that is not to be replaced.
+        SettingsError: something else is already at `path`.
     """
     path = path.resolve()
     check_folder_place(path, replacing=replacing)
@@ -80,10 +80,10 @@ def _replace(path: Path, new: Path) -> None:
 
 
 def check_folder_place(path: Path, *, replacing: str | None = None) -> None:
-    """Refuse, before any work is done, a place where no folder can be written.
+    """Check before any work that a folder can be written here.
 
     Raises:
-        SettingsError: something stands at `path` that is not to be replaced, or a file above it.
+        SettingsError: something else is at `path`, or a file is where one of its folders should be.
     """
     above = next((parent for parent in path.parents if parent.exists()), path)
     if above.is_file():

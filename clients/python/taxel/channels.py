@@ -9,7 +9,7 @@ CHANNELS: Final = ("pac0", "pdc", *ELECTRODES)
 """Vibration, static pressure, then the electrodes: the columns of every prediction."""
 
 ELECTRODE_COLUMNS: Final = slice(2, len(CHANNELS))
-"""Where the electrodes stand among `CHANNELS`."""
+"""The positions of the electrodes in `CHANNELS`."""
 
 COUNTS_MAX: Final = 4095
 """Largest value of the sensor's 12-bit converter, in counts."""

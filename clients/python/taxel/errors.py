@@ -111,6 +111,6 @@ _BY_CODE: Final[dict[str, type[RequestError]]] = {
 
 
 def from_code(code: str, text: str) -> RequestError:
-    """The error that a wire `code` stands for; an unknown code is `Internal` and says so."""
+    """The error of a wire `code`. An unknown code becomes `Internal`, and the text says so."""
     error = _BY_CODE.get(code)
     return error(text) if error else Internal(f"{text} (unknown error code {code!r})")

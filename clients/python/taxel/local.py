@@ -1,7 +1,7 @@
-"""Predictors evaluated in this process, by whichever installed package provides an engine.
+"""Predictors that are evaluated in this process, by an installed package with an engine.
 
-The engine lives in `taxel_server`, above this package; it makes itself known through an entry
-point, so that nothing here imports upwards and a client installs without it.
+The engine is in `taxel_server`, above this package. It is found through an entry point, so this package
+does not import it and a client can be installed without it.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ def load(repository: str | Path) -> PredictorSource:
     """Open a repository of artifacts for prediction in this process.
 
     Raises:
-        ArtifactError: it is no folder.
+        ArtifactError: the path is not a folder.
         MissingDependency: the engine is not installed.
     """
     for entry in entry_points(group=ENGINES):

@@ -1,4 +1,4 @@
-"""What an artifact says of itself: `manifest.json`, checked whenever it is read."""
+"""The manifest of an artifact: `manifest.json`, checked whenever it is read."""
 
 from typing import Annotated, Any, Final, Literal, Self
 
@@ -24,7 +24,7 @@ Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 
 
 class Tensor(Schema):
-    """A tensor as the Open Inference Protocol describes it; -1 stands for the batch axis."""
+    """A tensor as the Open Inference Protocol describes it; -1 is the batch axis."""
 
     name: str
     datatype: Literal["FP32"] = "FP32"
@@ -32,10 +32,10 @@ class Tensor(Schema):
 
 
 class WindowLayout(Schema):
-    """The window that a model was trained on, spelled out so that nothing is left to memory.
+    """The window that a model was trained on, with every feature by name.
 
-    `features` names every column in order: those of the input combination, then the extras of the
-    model file, then those that only the effects take. The window's middle lies `shift` ticks
+    `features` has the name of every column in order: first the input combination's, then the extras of the
+    model file, then the extras that only the effects take. The window's middle lies `shift` ticks
     before T.
     """
 
@@ -75,7 +75,7 @@ class WindowLayout(Schema):
 
     @property
     def model_columns(self) -> int:
-        """How many of the features, the first ones, the model file takes."""
+        """How many features the model file takes: the first ones."""
         return len(self.features) - len(self.effect_extras)
 
     @model_validator(mode="after")
@@ -102,10 +102,10 @@ class WindowLayout(Schema):
 
 
 class Normalisation(Schema):
-    """Mean and standard deviation of what the model file takes and gives, over the training set.
+    """Means and standard deviations of the model file's inputs and outputs, over the training set.
 
-    `folded` says that the model file already takes raw windows and gives counts; otherwise
-    whoever evaluates it normalises before and after.
+    If `folded` is true, the model file takes raw windows and gives counts. Otherwise the runtime
+    normalises before and after.
     """
 
     input_mean: tuple[FiniteFloat, ...]
@@ -125,7 +125,7 @@ class Source(Schema):
 
 
 class Training(Schema):
-    """How a model came to be: enough to make it again."""
+    """How a model was trained: enough to train it again."""
 
     family: str
     data: tuple[Source, ...]
@@ -137,7 +137,7 @@ class Training(Schema):
 
 
 class Imported(Schema):
-    """What a model was made from that another program trained; how it came to be is not known."""
+    """The file of another program that a model was made from. How it was trained is not known."""
 
     format: str
     file: str
@@ -145,7 +145,7 @@ class Imported(Schema):
 
 
 class Parity(Schema):
-    """How far the artifact's predictions are from those of what it was made from, in counts."""
+    """The largest difference between the artifact's predictions and those of its source, in counts."""
 
     windows: int
     largest_difference: FiniteFloat
@@ -153,10 +153,10 @@ class Parity(Schema):
 
 
 class RoundedWeights(Schema):
-    """What rounding the weights costs on held-out windows, against what was measured.
+    """The errors on held-out windows with rounded weights and with the original weights.
 
     Attributes:
-        datatype: of most weights in the model file.
+        datatype: datatype of most weights in the model file.
         windows: how many were compared.
         norm_mae: normalised mean absolute error of the artifact.
         float32_norm_mae: that of the trained model.
@@ -171,7 +171,7 @@ class RoundedWeights(Schema):
 
     @property
     def rise(self) -> float:
-        """Of the error, relative."""
+        """The largest relative rise of the error."""
         return self.norm_mae / self.float32_norm_mae - 1
 
 
@@ -184,9 +184,9 @@ class ModelFile(Schema):
 
 
 class Manifest(Schema):
-    """Everything there is to know of an artifact besides its weights.
+    """Everything about an artifact except its weights.
 
-    `training` says how it came to be, or `imported` what it was made from: one of the two.
+    Either `training` says how it was trained, or `imported` names the file that it was made from.
 
     Raises:
         pydantic.ValidationError: any part is missing, unknown or at odds with another.
@@ -213,7 +213,7 @@ class Manifest(Schema):
 
     @property
     def gives_spread(self) -> bool:
-        """Whether it says how far its members lie apart."""
+        """Whether it has a second output with the spread of its members."""
         return len(self.outputs) > 1
 
     @property

@@ -1,4 +1,4 @@
-"""What a user holds: a predictor, and the source it came from; local and remote are alike."""
+"""Predictors and their sources. Local and remote ones have the same interface."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ class Predictor(ABC):
     """Turns windows into the 21 channels.
 
     Attributes:
-        manifest: everything known of the model.
+        manifest: everything about the model.
     """
 
     def __init__(self, manifest: Manifest) -> None:
@@ -92,7 +92,7 @@ class Predictor(ABC):
     def predict_with_spread(
         self, windows: NDArray[Any], *, timeout: float | None = None
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Predict the channels and how far the members of an ensemble lie apart.
+        """Predict the channels, and the spread over the members of an ensemble.
 
         Args:
             windows: as for `predict`.
@@ -107,7 +107,7 @@ class Predictor(ABC):
         """
 
     def check_gives_spread(self) -> None:
-        """Refuse to ask a model for a spread that it does not give.
+        """Raise if the model gives no spread.
 
         Raises:
             InvalidArgument: the model is no ensemble.
@@ -118,7 +118,7 @@ class Predictor(ABC):
 
 
 def _with_extras(windows: NDArray[Any], layout: WindowLayout) -> NDArray[Any]:
-    """Windows with the defaults of the last extra features, where these are not given."""
+    """Windows with defaults for the extra features that are missing at the end."""
     most = len(layout.features)
     least = most - len(layout.extras)
     if windows.ndim != 2 or not least <= windows.shape[1] <= most:

@@ -32,8 +32,8 @@ _MAX_PARTS: Final = 64
 """Most lists and maps in one request, and most entries in each."""
 
 _FEW_VALUES: Final = 72
-"""Of one window of the widest combination. Added up as Python's numbers, their sum is finite if they all
-are: float32 does not overflow there."""
+"""The number of values in one window of the widest combination. Their sum in Python's float is finite if
+all of them are finite, because a sum of float32 cannot overflow there."""
 
 _FLOAT: Final = np.dtype("<f4")
 
@@ -290,7 +290,7 @@ def pack_error(error: RequestError) -> bytes:
 
 
 def unpack_error(payload: bytes) -> RequestError:
-    """The error that an error reply stands for; `Internal` where it is not one of ours."""
+    """The error in an error reply; `Internal` if the reply is not one of ours."""
     try:
         reply = _mapping(unpackb(payload), "error")
         return from_code(str(reply["code"]), str(reply["error"]))

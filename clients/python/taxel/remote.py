@@ -92,19 +92,33 @@ class RemotePredictor(Predictor):
 
     @override
     def predict(self, windows: NDArray[Any], *, timeout: float | None = None) -> NDArray[np.float32]:
-        return self._infer(windows, timeout, spread=False).outputs
+        return self.infer(windows, timeout=timeout).outputs
 
     @override
     def predict_with_spread(
         self, windows: NDArray[Any], *, timeout: float | None = None
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        self.check_gives_spread()
-        response = self._infer(windows, timeout, spread=True)
+        response = self.infer(windows, timeout=timeout, spread=True)
         if response.spread is None or len(response.spread) != len(response.outputs):
             raise Internal("the server answered without the spread that was asked for")
         return response.outputs, response.spread
 
-    def _infer(self, windows: NDArray[Any], timeout: float | None, *, spread: bool) -> InferResponse:
+    def infer(
+        self, windows: NDArray[Any], *, timeout: float | None = None, spread: bool = False
+    ) -> InferResponse:
+        """Predict, and return the server's whole reply: predictions, and how long they took.
+
+        Args:
+            windows: as for `predict`.
+            timeout: as for `predict`.
+            spread: ask for an ensemble's spread, too.
+
+        Raises:
+            InvalidArgument: as `predict`; or the model is no ensemble and a spread is asked for.
+            RequestError: no prediction could be had.
+        """
+        if spread:
+            self.check_gives_spread()
         wait = self._source.timeout if timeout is None else checked_timeout(timeout)
         rows = self.checked(windows)
         payload = pack_infer_request(rows, timeout_ms=wait * 1e3, spread=spread)

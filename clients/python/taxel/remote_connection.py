@@ -1,4 +1,4 @@
-"""A zenoh session with one server: queries that are waited for, and others that are not."""
+"""A zenoh session with one server: queries that wait for their answer, and queries that do not."""
 
 import json
 import time
@@ -13,14 +13,14 @@ from taxel.errors import DeadlineExceeded, InvalidArgument, RequestError, Unavai
 from taxel.protocol import unpack_error
 
 Done = Callable[[bytes | RequestError], None]
-"""Told how a query ended."""
+"""Called with the result of a query."""
 
 _AS_THEY_COME: Final = zenoh.ConsolidationMode.NONE
-"""There is one answer: nothing is gained by waiting for the end of answers before it is read."""
+"""There is one answer, so it can be read before zenoh reports the end of answers."""
 
 
 class Connection:
-    """Asks a server's keys; each query has one answer. Thread-safe.
+    """Queries the keys of a server; each query has one answer. Thread-safe.
 
     Args:
         endpoint: where the server listens, such as `tcp/127.0.0.1:7447`.
@@ -41,8 +41,8 @@ class Connection:
         """One query, one answer.
 
         Raises:
-            RequestError: the server's typed error; `Unavailable` where nobody answers,
-                `DeadlineExceeded` where the answer does not come in time.
+            RequestError: the server's typed error; `Unavailable` if nobody answers,
+                `DeadlineExceeded` if the answer does not come in time.
         """
         wait = self.timeout if timeout is None else timeout
         return self._sent(
@@ -52,10 +52,10 @@ class Connection:
         )()
 
     def asker(self, key: str, wait: float) -> Callable[[bytes], bytes]:
-        """What asks one key again and again, as `get` does but faster: zenoh is told the key once.
+        """A function that queries one key. It is faster than `get`: zenoh learns the key once.
 
         Args:
-            key: that is asked.
+            key: the key to query.
             wait: seconds to wait for each answer.
 
         Raises:
@@ -65,7 +65,7 @@ class Connection:
         return lambda payload: ask(payload)()
 
     def pipelined_asker(self, key: str, wait: float) -> Callable[[bytes], Callable[[], bytes]]:
-        """As `asker`, but a query does not wait for its answer: it gives what does, once, when called.
+        """Like `asker`, but a query returns at once. It returns a function that waits for the answer, once.
 
         Raises:
             Unavailable: this source was closed.
@@ -77,13 +77,13 @@ class Connection:
         return lambda payload: self._sent(key, wait, lambda: querier.get(payload=payload))
 
     def send(self, key: str, payload: bytes, done: Done) -> None:
-        """One query that nobody waits for; any number may be on their way.
+        """Send one query without waiting. Any number of such queries may be in flight.
 
         Args:
-            key: that is asked.
-            payload: what it is asked.
-            done: called exactly once with the answer, or with the error that `get` would raise, on
-                zenoh's network thread, which it must not hold up.
+            key: the key to query.
+            payload: the content of the query.
+            done: called exactly once with the answer, or with the error that `get` would raise. It is
+                called on zenoh's network thread, so it must return quickly.
         """
         settle = _once(done)
         started = time.monotonic()
@@ -104,13 +104,13 @@ class Connection:
             settle(self._broken(error))
 
     def close(self) -> None:
-        """End the session; whoever asks afterwards is told that it is `Unavailable`."""
+        """End the session. Later queries raise `Unavailable`."""
         self._session.close()  # type: ignore[no-untyped-call]
 
     def _sent(
         self, key: str, wait: float, send: Callable[[], zenoh.handlers.Handler[zenoh.Reply]]
     ) -> Callable[[], bytes]:
-        """What waits for the one answer to a query, which is sent at once."""
+        """Send a query at once and return a function that waits for its one answer."""
         started = time.monotonic()
         try:
             replies = send()
@@ -136,7 +136,7 @@ class Connection:
         return self._late(key, wait) if text == b"Timeout" else unpack_error(text)
 
     def _silence(self, key: str, wait: float, started: float) -> RequestError:
-        """What it means that a query has ended without a reply."""
+        """The error of a query that ended without a reply."""
         if time.monotonic() - started >= wait:
             return self._late(key, wait)
         return Unavailable(f"{self.endpoint}: nobody answers {key}")
@@ -160,7 +160,7 @@ def checked_timeout(timeout: float) -> float:
 
 
 def _once(done: Done) -> Done:
-    """What passes on the first outcome that it is told, and no other."""
+    """A function that passes on the first outcome and ignores all others."""
     settled = False
 
     def settle(outcome: bytes | RequestError) -> None:

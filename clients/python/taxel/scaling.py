@@ -1,4 +1,4 @@
-"""z-scores: the one normalisation that training, export and serving share, in float32."""
+"""z-scores in float32: the normalisation that training, export and serving share."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 class Scaler:
     """Subtracts a mean and divides by a standard deviation, column by column.
 
-    All arithmetic is float32 in this order, so that every implementation of it (NumPy, numba, an
-    ONNX graph) gives the same bits.
+    All arithmetic is float32 in this order. So every implementation (NumPy, numba, an ONNX graph)
+    gives the same bits.
 
     Attributes:
         mean: (k,) float32.
@@ -30,7 +30,7 @@ class Scaler:
 
     @classmethod
     def fit(cls, values: ArrayLike) -> Self:
-        """From the columns of (n, k); a column that never changes gets a deviation of 1."""
+        """From the columns of (n, k); a column that never changes gets a standard deviation of 1."""
         array = np.asarray(values, dtype=np.float64)
         std = array.std(axis=0)
         constant = std <= 1e-12 * np.maximum(1.0, np.abs(array).max(axis=0))

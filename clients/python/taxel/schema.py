@@ -1,4 +1,4 @@
-"""What everything that is stored in a manifest is made of: a frozen base, and fields checked alike."""
+"""The base class and the field types of everything in a manifest."""
 
 from typing import Annotated
 
@@ -8,7 +8,7 @@ from taxel.channels import CHANNELS
 
 
 class Schema(BaseModel):
-    """A part of a manifest: it never changes, and unknown fields are refused."""
+    """The base of a manifest's parts. They are frozen and refuse unknown fields."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -23,7 +23,7 @@ ChannelName = Annotated[str, AfterValidator(_channel)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 PerChannel = Annotated[tuple[FiniteFloat, ...], Field(min_length=len(CHANNELS), max_length=len(CHANNELS))]
-"""One number a channel, in the order of `CHANNELS`."""
+"""One number for each channel, in the order of `CHANNELS`."""
 
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Matrix = tuple[Vector, Vector, Vector]

@@ -1,1 +1,1 @@
-"""Geometry: where the sensor is in a recording's frame, estimated from light contacts on its skin."""
+"""Calibration: the sensor's place in a recording's frame, estimated from light contacts on its skin."""

@@ -1,4 +1,4 @@
-"""A calibration: recordings in, their placement in the sensor's frame and what it is worth out."""
+"""A calibration: the placement of recordings in the sensor's frame, and its uncertainty."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ class Calibration:
         fit: the placement.
         placed: (n, 3), the light contacts' points in the sensor's frame, mm.
         nearest: the electrodes nearest to where the contacts began.
-        seed: of the fit.
+        seed: seed of the fit.
         sources: name, rows and sha256 of each recording.
     """
 
@@ -81,7 +81,7 @@ class Calibration:
         }
 
     def _components(self) -> dict[str, Any]:
-        """Each component with its standard error and 95 % interval; those that are not fitted without."""
+        """Each component. Fitted ones have a standard error and a 95 % interval."""
         found: dict[str, Any] = {}
         columns = zip(self.fit.names, self.fit.placement.values, self.fit.resampled.T, strict=True)
         for name, value, resampled in columns:
@@ -110,7 +110,7 @@ def calibrate(
     """Estimate where the sensor is in the frame that recordings share.
 
     Args:
-        limits: forces that tell a light contact; those of `Limits` if not given.
+        limits: forces that define a light contact; the defaults of `Limits` if not given.
         standoff: distance of the tracked point from the skin as it just touches, mm; fitted if not given.
 
     Raises:
@@ -139,8 +139,8 @@ def calibrate(
 def in_sensor_frame(recording: Recording, calibration: Calibration) -> Recording:
     """A recording with its positions and forces in the sensor's frame.
 
-    The tracked point becomes the contact point only where the probe's offset is known; the standoff is
-    not taken off, because it has no meaning away from the skin.
+    The tracked point becomes the contact point only if the probe's offset is known. The standoff is not
+    subtracted, because it has no meaning away from the skin.
     """
     placement, samples = calibration.fit.placement, recording.samples
     orientation = None

@@ -1,4 +1,4 @@
-"""A calibration as pictures: the light contacts on the skin before and after, and the electrodes."""
+"""Pictures of a calibration: light contacts on the skin before and after, and nearest electrodes."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -14,7 +14,7 @@ from taxel_models.twin.geometry import height_above_skin
 from taxel_models.twin.sensor import Sensor
 
 _SHOWN_MM: Final = 3.0
-"""Distances beyond this have the colour of the ends of the scale."""
+"""Larger distances have the colours at the ends of the scale."""
 
 
 def draw_contacts(calibration: Calibration, sensor: Sensor, path: Path) -> None:
@@ -66,7 +66,7 @@ def _dots(axis: Any, x: NDArray[np.float64], y: NDArray[np.float64], height: NDA
 
 
 def draw_nearest(calibration: Calibration, path: Path) -> None:
-    """Draw how many contacts each electrode is the nearest to."""
+    """Draw how many contacts are nearest to each electrode."""
     nearest = calibration.nearest
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     axis = figure.subplots()

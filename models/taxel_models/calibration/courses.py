@@ -1,7 +1,7 @@
-"""The placement once more, from the whole courses of the contacts instead of one position of each.
+"""The second fit of the placement, from all positions of the contacts instead of one position of each.
 
-What a tracker gets wrong changes little during one contact, so the positions of a contact tell how the
-skin runs under it much better than where it is. The model of a position's signed distance from the skin:
+A tracker's error changes little during one contact. So the positions of a contact show the direction of the
+skin well, although each position is uncertain. The model of a position's signed distance from the skin is
 
     distance = standoff - (s + d) F^(2/3) + n · o + e
 
@@ -11,8 +11,8 @@ normal there, and e the position's own error. o, d and e are random, each with i
 deviation. The placement, the standoff and s are those that make the distances most likely
 (generalised least squares).
 
-n turns as a contact is displaced over a round skin. So the model is linear about the positions less
-the errors found so far, and solved again until nothing changes.
+n rotates as a contact moves over the round skin. So the model is linear about the current estimate of the
+positions without their errors, and it is solved again until nothing changes.
 """
 
 from dataclasses import dataclass
@@ -28,17 +28,17 @@ from taxel_models.calibration.motion import Placement, outward
 from taxel_models.twin.geometry import height_above_skin
 
 SOFTNESS_SD_MM: Final = 1.0
-"""SD of the deviations d, and of s from 0: wide, as an indentation under 1 N is about a millimetre."""
+"""SD of the deviations d, and of s about 0. It is wide: an indentation under 1 N is about a millimetre."""
 
 OUTLIER: Final = 2.0
 """Contacts with errors of more than so many SDs count about linearly."""
 
 _POSITION_MM: Final = 0.1
-"""SD of a position's own error, to begin with."""
+"""Initial SD of a position's own error."""
 
 _ROUNDS: Final = 200
 _SETTLED_MM: Final = 1e-4
-"""The most rounds, and the change of a component, mm or rad, below which no more are needed."""
+"""The most rounds, and the change of a component, mm or rad, below which the fit has converged."""
 
 
 @dataclass(frozen=True)
@@ -67,11 +67,11 @@ class _Round:
     """The model, linear about some placement and errors.
 
     Attributes:
-        normal: (n, c, c), of each contact's share of the normal equations, c columns.
-        right: (n, c), of their right-hand side.
+        normal: (n, c, c), each contact's share of the normal matrix, for c columns.
+        right: (n, c), each contact's share of the right-hand side.
         errors: (n, 3), each contact's error as estimated, mm.
-        own: (m,), what is left at each position, mm.
-        fitted: how many numbers were fitted to `own`, in effect.
+        own: (m,), the remaining error of each position, mm.
+        fitted: the effective number of fitted parameters.
     """
 
     normal: NDArray[np.float64]
@@ -93,11 +93,11 @@ def refine(
 
     Args:
         free: (k,), which components to refine.
-        pull: (free components,), of the weak pull towards the recorded frame, per mm or rad.
+        pull: (free components,), strength of the weak pull towards the recorded frame, per mm or rad.
         draws: (draws, n), contacts of the bootstrap resamples.
 
     Raises:
-        RecordingError: the courses lead to no one placement.
+        RecordingError: the fit does not converge.
     """
     courses = _Courses(contacts, radius, free, placement.centre)
     heights = height_above_skin(placement.placed(contacts.position, contacts.orientation), radius)
@@ -117,7 +117,7 @@ def refine(
             break
         values[chosen] += step
         change, before = linear.errors - errors, change
-        # Near the seam of the skin, linear models about two errors may each lead to the other.
+        # Near the seam of the skin, two linear models may lead to each other without end.
         share[(change * before).sum(axis=1) < 0.0] *= 0.5
         errors = errors + share * change
         position_error = residual_sd(linear.own, linear.fitted)
@@ -169,7 +169,7 @@ class _Courses:
 
         Args:
             values: (k + 1,), the components and the softness.
-            errors: (n, 3), of the contacts, to be taken off; none if not given.
+            errors: (n, 3), the contacts' errors, which are subtracted; none if not given.
         """
         placement = Placement(values[:-1], self._centre)
         placed = placement.placed(self._contacts.course, self._contacts.course_orientation)

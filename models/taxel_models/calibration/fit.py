@@ -1,7 +1,7 @@
 """The placement that brings contacts onto the skin.
 
-Robust least squares on their light touches finds it from several starts, and says what they determine.
-The contacts' whole courses refine it.
+Robust least squares on the light touches finds it from several starts, and shows which components they
+determine. A second fit to all positions of the contacts refines it.
 """
 
 from collections.abc import Sequence
@@ -20,30 +20,30 @@ from taxel_models.calibration.motion import RIGID, STANDOFF, Placement, componen
 from taxel_models.twin.geometry import height_above_skin
 
 OUTLIER_MM: Final = 1.0
-"""Distances beyond this count about linearly (soft L1 loss): a wrongly found contact hardly pulls."""
+"""Larger distances count about linearly (soft L1 loss), so an outlier has little weight."""
 
 STARTS: Final = 16
-"""Random starts beside the recorded frame itself."""
+"""Random starts, in addition to the recorded frame."""
 
 RESAMPLES: Final = 120
 """Bootstrap resamples, from which the intervals come."""
 
 ALIKE: Final = 1.05
-"""Costs within 5 % of the least are taken for as good: the difference is noise."""
+"""Costs within 5 % of the least count as equal: the difference is noise."""
 
 EXTENT_MM: Final = 2.0
-"""Contacts closer to their centre than this, as root mean square, say nothing about a frame."""
+"""Contacts closer to their centre than this (root mean square) do not determine a frame."""
 
 _TYPICAL: Final = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 1.0, 1.0, 1.0])
-"""Steps of about the same effect, mm and rad."""
+"""Steps of about equal effect, mm and rad."""
 
 _FAR: Final = {"tilt_y": 10.0, "tilt_z": 10.0, "standoff": 5.0}
 _FAR_MM: Final = 1e3
-"""A weak pull towards the recorded frame and a small standoff, as distances of one mm each: it decides
-between placements that fit alike, no more. Without it a line of contacts would get a hair-thin skin."""
+"""Scales of a weak pull towards the recorded frame and a small standoff. The pull only decides between
+placements that fit equally well. Without it, a line of contacts would be fitted by a skin with a radius near 0."""
 
 _EVALUATIONS: Final = 100
-"""Most steps of one start; what is determined needs about ten."""
+"""The most steps of one start. A problem that is well determined needs about ten."""
 
 _SOMEWHERE_MM: Final = (-4.0, 0.0, -3.0)
 """About where the centre of contacts with a fingertip lies: starts scatter around it."""
@@ -58,7 +58,7 @@ class Fit:
         placement: held components are 0, given ones as given.
         held: components that the contacts do not determine.
         given: components that were known beforehand.
-        resampled: (draws, k), the components of bootstrap resamples; all alike where not fitted.
+        resampled: (draws, k), the components of bootstrap resamples; constant for components not fitted.
         agreeing: starts that ended at the light touches' placement, of `STARTS` + 1.
         softness: indentation under 1 N, mm.
         contact_error: SD of the error that a contact's positions share, in each axis, mm.
@@ -141,14 +141,15 @@ class _Problem:
 def fit(contacts: LightContacts, radius: float, seed: int, standoff: float | None = None) -> Fit:
     """Place contacts on a skin of `radius` mm.
 
-    Components that they do not determine are held at 0 and the others fitted anew, one after another.
+    Components that the contacts do not determine are held at 0, one after another, and the others are
+    fitted again.
 
     Args:
-        seed: of the starts and of the resamples.
-        standoff: of the tracked point as it just touches, mm, where it is known.
+        seed: seed of the starts and of the resamples.
+        standoff: distance of the tracked point from the skin at first touch, mm, if it is known.
 
     Raises:
-        RecordingError: the contacts all lie in one place, determine nothing, or lead to no one placement.
+        RecordingError: all contacts are in one place, they determine nothing, or the fit does not converge.
         SettingsError: a standoff is given where an offset is fitted.
     """
     count = len(contacts)
@@ -156,8 +157,8 @@ def fit(contacts: LightContacts, radius: float, seed: int, standoff: float | Non
     lever = float(np.sqrt(((contacts.position - centre) ** 2).sum(axis=1).mean()))
     if lever < EXTENT_MM:
         raise RecordingError(
-            f"the {count} light contacts lie within {lever:.2f} mm (rms) of one place, which tells no "
-            f"frame; expected contacts spread over the skin, by at least {EXTENT_MM:g} mm"
+            f"the {count} light contacts lie within {lever:.2f} mm (rms) of one place, which does not "
+            f"determine a frame; expected contacts spread over the skin, by at least {EXTENT_MM:g} mm"
         )
     names = components_of(contacts)
     known = _known(names, standoff)
@@ -221,7 +222,7 @@ def _starts(
 
 
 def _best(problem: _Problem, starts: Sequence[NDArray[np.float64]]) -> tuple[Any, int]:
-    """Of the best placements, the nearest to the recorded frame, and how many starts reached it."""
+    """The best placement that is nearest to the recorded frame, and how many starts reached it."""
     results = [problem.solve(start) for start in starts]
     least = min(result.cost for result in results)
     alike = [result for result in results if result.cost <= ALIKE * least + 1e-9]

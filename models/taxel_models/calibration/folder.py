@@ -29,7 +29,7 @@ def write_calibration(
         rewritten: recordings to write in the sensor's frame.
 
     Raises:
-        SettingsError: the folder exists and is not to be overwritten, or is no calibration.
+        SettingsError: the folder exists and may not be overwritten, or is not a calibration.
     """
     with whole_folder(folder, replacing=RECORD if overwrite else None) as place:
         text = json.dumps(calibration.report(), indent=1, allow_nan=False) + "\n"

@@ -16,22 +16,22 @@ LIMIT_MM: Final = 0.5
 """A component is determined if its standard error moves the contacts by less than this."""
 
 _LEAST_SD_MM: Final = 0.01
-"""Residuals smaller than this are taken for this much noise: no tracker is better."""
+"""The least SD of the residuals: no tracker is better."""
 
 _AS_LOOSE: Final = 0.5
-"""Two components that stand for one another are about as loose; the later one is held."""
+"""If two components can replace each other, their errors are about equal. The later one is held."""
 
 
 def undetermined(
     jacobian: NDArray[np.float64], residuals: NDArray[np.float64], known: NDArray[np.float64], lever: float
 ) -> int | None:
-    """The place of the free component to hold next, or none if all are determined.
+    """The index of the free component to hold next; None if all are determined.
 
     Args:
         jacobian: (n, free components), mm by mm or rad.
         residuals: (n,), mm.
         known: (k,), NaN for the components that the columns stand for.
-        lever: root-mean-square distance of the contacts from their centre, mm: what an angle moves.
+        lever: root-mean-square distance of the contacts from their centre, mm: the lever of an angle.
     """
     places = np.flatnonzero(np.isnan(known))
     if not len(places):
@@ -46,12 +46,12 @@ def undetermined(
 
 
 def standard_errors(jacobian: NDArray[np.float64], residuals: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of each column's component, from s² (JᵀJ)⁻¹; infinite where no residual depends on it."""
+    """Standard error of each column's component, from s² (JᵀJ)⁻¹; infinite if no residual depends on it."""
     rows, columns = jacobian.shape
     _, sizes, directions = np.linalg.svd(jacobian, full_matrices=False)
     tiny = rows * np.finfo(float).eps * sizes[0]
     inverse = np.where(sizes > tiny, 1.0 / np.maximum(sizes, tiny), np.inf)
-    # 0 · inf: a component without a share in a direction that nothing depends on.
+    # 0 · inf: nothing depends on this direction, and the component has no share in it.
     shares = np.where(np.abs(directions) > 1e-6, directions, 0.0)
     with np.errstate(invalid="ignore"):
         parts = np.nan_to_num(shares * inverse[:, None], nan=0.0, posinf=np.inf, neginf=-np.inf)
@@ -59,11 +59,11 @@ def standard_errors(jacobian: NDArray[np.float64], residuals: NDArray[np.float64
 
 
 def residual_sd(residuals: NDArray[np.float64], fitted: float) -> float:
-    """The residuals' standard deviation, mm, by their median size, which outliers leave alone.
+    """The residuals' standard deviation, mm, estimated from their median size, which is robust to outliers.
 
     Args:
         residuals: (n,), mm.
-        fitted: how many numbers were fitted to them.
+        fitted: the number of fitted parameters.
     """
     rows = len(residuals)
     raw = 1.4826 * float(np.median(np.abs(residuals))) * np.sqrt(rows / max(rows - fitted, 1.0))

@@ -26,7 +26,7 @@ def search(
         typer.Option("--data", metavar="PATH", help="A recording: a CSV file or a folder. Repeatable."),
     ],
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="Folder of the search; an unfinished one goes on.")
+        Path, typer.Option("--output", "-o", help="Folder of the search; an unfinished one is continued.")
     ],
     model: Annotated[str, typer.Option(help="Model family: xgb, ffnn or transformer.")] = "xgb",
     inputs: Annotated[int, typer.Option(min=1, max=8, help="Input combination.")] = 1,

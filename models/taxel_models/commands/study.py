@@ -21,7 +21,7 @@ def study(
         typer.Option("--data", metavar="PATH", help="A recording: a CSV file or a folder. Repeatable."),
     ],
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="Folder of the study; an unfinished one goes on.")
+        Path, typer.Option("--output", "-o", help="Folder of the study; an unfinished one is continued.")
     ],
     models: Annotated[
         str, typer.Option(metavar="NAME,…", help="Model families.")

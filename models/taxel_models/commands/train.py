@@ -27,7 +27,9 @@ def train(
     ] = None,
     hyperparameters: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Hyperparameters that `taxel search` found; --set goes on top."),
+        typer.Option(
+            metavar="FILE", help="Hyperparameters that `taxel search` found; --set overrides them."
+        ),
     ] = None,
     holdout: Annotated[
         Literal["auto", "trials", "chunks"],

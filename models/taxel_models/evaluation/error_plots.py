@@ -20,12 +20,12 @@ _MEASURED, _PREDICTED = "#444444", "#d1495b"
 
 
 def draw_errors(errors: ErrorMetrics, by_stretch: NDArray[np.float64], title: str, path: Path) -> None:
-    """A box a channel: how its normalised MAE varies over stretches, and its mean as a dot.
+    """Draw one box for each channel: its normalised MAE over stretches, with its mean as a dot.
 
     Args:
         errors: over everything.
         by_stretch: (stretches, 21) normalised MAE of each trial or chunk.
-        title: of the picture.
+        title: title of the picture.
         path: the picture to write.
     """
     figure, axes = plt.subplots(figsize=(9, 3.8), layout="constrained")

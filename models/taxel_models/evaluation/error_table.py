@@ -7,7 +7,7 @@ from taxel_models.evaluation.metrics import ErrorMetrics
 
 
 def error_table(errors: ErrorMetrics) -> Table:
-    """One row a channel, then the paper's two averages."""
+    """One row for each channel, then the paper's two averages."""
     table = Table("channel", "MAE, counts", "norm. MAE")
     for column in table.columns[1:]:
         column.justify = "right"

@@ -16,7 +16,7 @@ from taxel_models.evaluation.error_plots import draw_errors, draw_traces
 from taxel_models.evaluation.metrics import ErrorMetrics
 
 _CHUNK: Final = 1000
-"""Most windows of a stretch that one point of the box plot stands for."""
+"""The most windows in one stretch; each stretch is a value of the box plot."""
 
 
 def write_report(
@@ -35,10 +35,10 @@ def write_report(
         time_ns: (n,) the windows' times.
         measured: (n, 21) counts.
         predicted: (n, 21) counts.
-        normalisation: of the model's training; always saying its mean is the baseline.
+        normalisation: from the model's training; its mean is the baseline's prediction.
 
     Raises:
-        SettingsError: something else than a report stands at `folder`.
+        SettingsError: `folder` holds something other than a report.
     """
     std = normalisation.output_std
     errors = ErrorMetrics.of(measured, predicted, std)

@@ -1,4 +1,4 @@
-"""How far predictions are from measurements, as the paper reports it."""
+"""Error metrics of predictions, as in the paper."""
 
 from dataclasses import dataclass
 from typing import Any, Self

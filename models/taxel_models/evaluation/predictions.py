@@ -1,4 +1,4 @@
-"""Predictions of a recording as a CSV file: `time_ns` and the 21 channels, one row a window."""
+"""Predictions of a recording as a CSV file: `time_ns` and the 21 channels, one row for each window."""
 
 from pathlib import Path
 

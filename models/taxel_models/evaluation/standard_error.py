@@ -1,8 +1,8 @@
-"""How far the mean of a cross-validation's folds is to be trusted.
+"""The standard error of a mean over the folds of a cross-validation.
 
-Folds of one data set share training data, so that a plain paired t-test finds differences too often.
-Nadeau and Bengio (Inference for the generalization error, Machine Learning 52, 2003) widen its
-variance by the ratio of test to training data.
+The folds share training data, so a plain paired t-test finds differences too often. Nadeau and Bengio
+(Inference for the generalization error, Machine Learning 52, 2003) enlarge its variance by the ratio of
+test to training data.
 """
 
 import math

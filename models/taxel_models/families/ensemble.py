@@ -1,7 +1,7 @@
-"""Ensembles: several models, of one family or of several, whose mean is the prediction.
+"""Ensembles: several models of one or more families. Their mean is the prediction.
 
-The paper suggests them for the tip electrodes, which every single model finds hardest. The spread
-of the members, channel by channel, tells where they disagree.
+The paper suggests ensembles for the tip electrodes, where the errors of every model are largest. The
+spread of the members shows where they disagree.
 """
 
 import json
@@ -29,7 +29,7 @@ class Member(Hyperparameters):
 
 
 class EnsembleHyperparameters(Hyperparameters):
-    """The members; each has a seed of its own: the ensemble's plus its place."""
+    """The members. The seed of a member is the ensemble's seed plus the member's index."""
 
     members: Annotated[tuple[Member, ...], Field(min_length=2)]
 
@@ -106,7 +106,7 @@ class EnsembleFamily(Family):
             }
             members += [member] * count
             chosen = {key: value for key, value in chosen.items() if not key.startswith(f"{name}.")}
-        # What no member took is left for the validation to refuse by name.
+        # The validation refuses, by name, what no member took.
         return {"members": members, **chosen}
 
     @override

@@ -1,4 +1,4 @@
-"""What a model family has to offer for training, export and study to work with it."""
+"""The interface of a model family for training, export and study."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -13,11 +13,11 @@ from pydantic import BaseModel, ConfigDict
 from taxel.windows import WindowSpec
 
 Progress = Callable[[float, str], None]
-"""Told how much is done, 0 to 1, and what is going on."""
+"""Called with the share that is done, 0 to 1, and a note on the current work."""
 
 
 def unseen(done: float, note: str) -> None:
-    """Progress that nobody watches."""
+    """A `Progress` that does nothing."""
 
 
 class Hyperparameters(BaseModel):
@@ -28,7 +28,7 @@ class Hyperparameters(BaseModel):
 
 @dataclass(frozen=True)
 class FitData:
-    """One part of a data set, z-scored, float32.
+    """The training, validation or test set, as float32 z-scores.
 
     Attributes:
         windows: (n, f).
@@ -55,7 +55,7 @@ class FitTask:
         seed: of every random choice.
         jobs: cores to use.
         with_temperature: give the temperature to a family that can take it.
-        checkpoint: a file to keep progress in, so that an interrupted fit goes on from there.
+        checkpoint: a file for the progress; an interrupted fit continues from it.
     """
 
     spec: WindowSpec
@@ -74,9 +74,9 @@ class History(BaseModel):
     Attributes:
         unit: what a step is: an epoch, or a tree of every channel.
         loss: what the losses are.
-        train: the training loss after each step; empty where it is not known.
+        train: the training loss after each step; empty if it is not known.
         validation: the validation loss after each step.
-        best: the step, counted from 1, whose weights were kept; the last where all were.
+        best: the step, from 1, whose weights were kept; the last step if all were kept.
         notes: anything else worth keeping.
     """
 
@@ -111,7 +111,7 @@ class FittedModel(ABC):
 
         Args:
             windows: (n, f).
-            temperature: (n,), for a model that takes it; its mean where none is given.
+            temperature: (n,), for a model that takes it; its mean if not given.
 
         Returns:
             (n, 21).

@@ -1,7 +1,4 @@
-"""What the paper publishes of each model, by family and input combination.
-
-Its hyperparameters, found with SMAC3, and its inference table.
-"""
+"""The paper's hyperparameters, found with SMAC3, and its inference table, by family and combination."""
 
 import json
 from functools import cache
@@ -38,8 +35,8 @@ def published_parameters(family: str, combination: int) -> int:
 def published_inference_ms(family: str, combination: int) -> float:
     """The published time of one prediction, ms, the mean over 100 windows.
 
-    Of a network it is the time of all channels; of `xgb` that of ONE, since the published script
-    divides the sum over 21 regressors by 21.
+    For a network, it is the time of all channels. For `xgb` it is the time of ONE channel, because the
+    published script divides the sum over 21 regressors by 21.
 
     Raises:
         SettingsError: the paper gives none.

@@ -23,7 +23,7 @@ FAMILIES: Final = tuple(_HOMES)
 
 
 def family(name: str) -> Family:
-    """The family of this name; only then is its library imported.
+    """The family of this name. Its library is imported only here.
 
     Raises:
         SettingsError: there is no such family.

@@ -82,7 +82,7 @@ class _Watch(xgboost.callback.TrainingCallback):  # type: ignore[misc]
         self._done = 0
         self._lock = Lock()
         self.stopped = False
-        """Set it, and every channel ends after the tree that it is building."""
+        """When it is set, every channel stops after its current tree."""
 
     @override
     def after_iteration(self, *_: Any) -> bool:
@@ -90,7 +90,7 @@ class _Watch(xgboost.callback.TrainingCallback):  # type: ignore[misc]
         return self.stopped
 
     def advance(self, trees: int) -> None:
-        """Count trees that were built, or that stopping early made needless."""
+        """Count trees that were built, or that were not needed because training stopped early."""
         with self._lock:
             self._done += trees
             self._progress(self._done / self._total, f"{self._done} of {self._total} trees")
@@ -112,7 +112,7 @@ class XgbFamily(Family):
         watch = _Watch(task.progress, chosen.n_estimators * len(CHANNELS))
 
         def fit_some(columns: range) -> list[tuple[int, xgboost.Booster, list[float]]]:
-            # One thread and one binned matrix a worker: no result depends on how many there are.
+            # One thread and one binned matrix for each worker: no result depends on their number.
             train = xgboost.QuantileDMatrix(task.train.windows, max_bin=chosen.max_bin, nthread=1)
             validation = xgboost.QuantileDMatrix(
                 task.validation.windows, max_bin=chosen.max_bin, nthread=1, ref=train
@@ -134,7 +134,7 @@ class XgbFamily(Family):
             try:
                 wait(futures, return_when=FIRST_EXCEPTION)
             finally:
-                # All are done, or one failed, or the user interrupts: the others shall not go on.
+                # All are done, one failed, or the user interrupts: the others must stop.
                 watch.stopped = True
         fitted = sorted(booster for future in futures for booster in future.result())
         boosters = tuple(booster for _, booster, _ in fitted)

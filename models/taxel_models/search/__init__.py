@@ -1,1 +1,1 @@
-"""Search: hyperparameters found with SMAC3 in the paper's search spaces."""
+"""Hyperparameter search with SMAC3 in the paper's search spaces."""

@@ -1,4 +1,4 @@
-"""A search as a picture: every trial's cost, and the best so far."""
+"""A picture of a search: the cost of every search trial, and the best so far."""
 
 from typing import BinaryIO
 
@@ -14,8 +14,8 @@ def draw_trials(outcome: Outcome, title: str, file: BinaryIO) -> None:
     """Draw the cost of each trial by its epochs, and the incumbent's as a line.
 
     Args:
-        outcome: of the search.
-        title: of the picture.
+        outcome: result of the search.
+        title: title of the picture.
         file: to write the PNG picture to.
     """
     figure = Figure(figsize=(8, 4), layout="constrained")

@@ -18,17 +18,17 @@ from taxel_models.training.dataset import Dataset
 from taxel_models.training.train import Scalers
 
 WORST: Final = 10.0
-"""The cost of a diverged fit, and the greatest there is; knowing nothing costs less than 1."""
+"""The cost of a diverged fit, and the largest cost. The mean predictor costs less than 1."""
 
 TASK: Final = "task"
-"""The name under which the task travels to workers."""
+"""The name of the task when it is sent to workers."""
 
 
 def fit_task(recordings: Sequence[Recording], settings: SearchSettings, jobs: int) -> FitTask:
     """The training and the validation set, z-scored by the training set; the test set stays unseen.
 
     Raises:
-        SettingsError: the recordings cannot be divided so.
+        SettingsError: the recordings cannot be split with these settings.
     """
     spec = WindowSpec.of(settings.combination)
     data = Dataset.of(recordings, spec, settings.split)
@@ -49,8 +49,8 @@ class Objective:
     """SMAC's target function.
 
     Attributes:
-        settings: of the search.
-        task: to fit to; none where it is scattered to workers instead.
+        settings: settings of the search.
+        task: the data to fit; None if it is sent to workers instead.
     """
 
     settings: SearchSettings

@@ -1,4 +1,4 @@
-"""A search with SMAC3: run, continued, and what came out."""
+"""Runs and continues a search with SMAC3, and reads its result."""
 
 import json
 import logging
@@ -28,15 +28,15 @@ LOG: Final = "smac.log"
 
 @dataclass(frozen=True)
 class SearchTrial:
-    """One fit.
+    """One fit of a search.
 
     Attributes:
-        number: in the order of starting, from 1.
+        number: from 1, in the order of starting.
         cost: normalised MAE on the validation set.
-        epochs: its budget, for networks.
-        seconds: that it took.
+        epochs: budget of a network.
+        seconds: duration.
         hyperparameters: the configuration, as the family's hyperparameters.
-        about: parameters of the model and its best step, or why it diverged.
+        about: the model's number of parameters and best step, or why the fit diverged.
     """
 
     number: int
@@ -53,8 +53,8 @@ class Outcome:
     """What a search found.
 
     Attributes:
-        trials: that finished, in the order of starting.
-        incumbents: whenever the best changed: the trials finished by then, and its cost.
+        trials: the finished ones, in the order of starting.
+        incumbents: for each change of the best: the number of finished trials, and its cost.
         winner: the incumbent's trial with the largest budget.
     """
 
@@ -72,7 +72,7 @@ class Outcome:
 class _Scenario(Scenario):  # type: ignore[misc]
     """A scenario that continues whatever its folder holds: `SearchSettings.keep` has compared the settings.
 
-    SMAC would ask on the terminal where folder or code have moved.
+    SMAC would ask on the terminal if the folder or the code had moved.
     """
 
     @override
@@ -83,7 +83,7 @@ class _Scenario(Scenario):  # type: ignore[misc]
 
 
 class _Watch(Callback):  # type: ignore[misc]
-    """Tells of progress, and stops at a fault that is not the configuration's."""
+    """Reports progress, and stops the search at a fault that is not the configuration's."""
 
     def __init__(self, progress: Progress, trials: int) -> None:
         self._progress = progress
@@ -107,12 +107,12 @@ def search(
     client: Client | None = None,
     progress: Progress = unseen,
 ) -> Outcome:
-    """Run a search in its folder, or go on with the one there; a finished one is only read.
+    """Run a search in its folder, or continue the one there. A finished search is only read.
 
-    Networks are searched with Hyperband, epochs as budget, XGBoost with full fits (the paper).
+    Networks are searched with Hyperband with epochs as budget, XGBoost with full fits, as in the paper.
 
     Args:
-        client: of a Dask cluster to fit on; here if none.
+        client: client of the Dask cluster that fits; None fits in this process.
 
     Raises:
         SettingsError: the folder holds another search.
@@ -134,7 +134,7 @@ def search(
     )
     facade = MultiFidelityFacade if space.by_epochs else HyperparameterOptimizationFacade
     with _logged_to(folder / LOG), warnings.catch_warnings():
-        # SMAC averages the times of its local searches for its log, also when there was none.
+        # SMAC averages the times of its local searches for its log, even if there was none.
         for text in ("Mean of empty slice", "invalid value encountered in scalar divide"):
             warnings.filterwarnings("ignore", message=text, category=RuntimeWarning)
         try:
@@ -147,7 +147,7 @@ def search(
             )
         except (json.JSONDecodeError, KeyError) as error:
             raise ArtifactError(
-                f"{folder / STATE}: damaged ({error!r}); expected SMAC's state: remove it to begin anew"
+                f"{folder / STATE}: damaged ({error!r}); expected SMAC's state: remove it to start again"
             ) from None
         if client is None:
             smac.optimize()
@@ -173,7 +173,7 @@ def _outcome(settings: SearchSettings, smac: HyperparameterOptimizationFacade) -
         if value.status == StatusType.SUCCESS
     )
     if not trials:
-        raise TaxelError("no trial has finished: expected a longer walltime; the same command goes on")
+        raise TaxelError("no trial has finished: expected a longer walltime; the same command continues")
     winner = history.get_config_id(smac.intensifier.get_incumbent())
     changes = tuple((item.trial, float(item.costs[0])) for item in smac.intensifier.trajectory)
     of_winner = [trial for trial in trials if trial.config_id == winner]
@@ -182,7 +182,7 @@ def _outcome(settings: SearchSettings, smac: HyperparameterOptimizationFacade) -
 
 @contextmanager
 def _logged_to(path: Path) -> Iterator[None]:
-    """SMAC's log as a file; its warnings would go to stderr otherwise."""
+    """Write SMAC's log to a file; otherwise its warnings go to stderr."""
     log = logging.getLogger("smac")
     level, propagate = log.level, log.propagate
     handler = logging.FileHandler(path, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""A search's results on disk, beside the state from which it goes on.
+"""The results of a search on disk, beside the state that continues it.
 
 DIR/search.json             the settings
 DIR/hyperparameters.json    the winner, for `taxel train --hyperparameters`

@@ -21,18 +21,18 @@ _SEARCHED: Final = ("neurons", "activations", "epochs")
 
 
 class SearchSettings(BaseModel):
-    """The settings of a search; the same ones continue it.
+    """The settings of a search. The same settings continue it.
 
     Attributes:
         family: to search for.
         combination: input combination 1..8.
-        trials: fits in all, each of a configuration with a number of epochs.
-        walltime_s: to stop after, over all continuations.
+        trials: number of fits; each fits one configuration with a number of epochs.
+        walltime_s: the search stops after so many seconds, over all continuations.
         epochs: the largest budget of a network's trial.
-        least_epochs: the smallest.
+        least_epochs: the smallest budget.
         held: hyperparameters that are set instead of searched.
         seed: of every random choice.
-        grouping: of `SplitSettings`, as are `test`, `validation` and `split_seed`.
+        grouping, test, validation, split_seed: see `SplitSettings`.
         data: name of each recording, by sha256.
     """
 
@@ -80,7 +80,7 @@ class SearchSettings(BaseModel):
         return SplitSettings(self.grouping, self.test, self.validation, self.split_seed)
 
     def check(self) -> None:
-        """Refuse what can be refused before any work is done.
+        """Check the settings before any work.
 
         Raises:
             SettingsError: the family has no search space, or a hyperparameter cannot be held.
@@ -92,7 +92,7 @@ class SearchSettings(BaseModel):
                 raise SettingsError(f"--set {name}: it is what is searched, or the budget of a trial")
 
     def keep(self, folder: Path) -> None:
-        """Write the settings into a search's folder, or see that the search there is the same one.
+        """Write the settings into a search's folder, or check that the search there has the same settings.
 
         Raises:
             SettingsError: the folder holds something else, or a search with other settings.

@@ -25,7 +25,7 @@ LEARNING_RATES: Final = [float(f"{digit}e-{power}") for power in range(5, 1, -1)
 BATCH_SIZES: Final = [256, 512]
 
 LAYERS: Final = (4, 12)
-"""Layers of the feed-forward network, its output layer counted as one."""
+"""Layers of the feed-forward network, output layer included."""
 
 ACTIVATIONS: Final = ["sigmoid", "relu", "hardtanh", "tanh", "leakyrelu", "elu"]
 
@@ -93,7 +93,7 @@ _TRANSFORMER: Final = (
 
 
 def _ffnn(without: frozenset[str]) -> ConfigurationSpace:
-    """Width (in tens of neurons) and activation of each layer; a layer counts if there are so many."""
+    """Width (in tens of neurons) and activation of each layer. Only the first `layers` layers are used."""
     space = _without(without, *_RECIPE)
     least, most = LAYERS
     layers = Integer("layers", LAYERS)

@@ -1,1 +1,1 @@
-"""From recordings to a trained model: windows, the held-out parts, fitting, and what is kept."""
+"""From recordings to a trained model: windows, held-out rows, fitting, and the files."""

@@ -12,7 +12,7 @@ from matplotlib import pyplot as plt
 
 
 def draw_history(history: History, path: Path) -> None:
-    """Draw the training and validation loss over steps, and where the kept weights stand.
+    """Draw the training and validation loss over steps, and mark the step of the kept weights.
 
     Args:
         history: how fitting went.

@@ -56,7 +56,7 @@ class Dataset:
     """Three sets that share no sample.
 
     Attributes:
-        test_recordings: the test rows as recordings, one for each that has any.
+        test_recordings: the test rows, one recording for each source that has any.
     """
 
     train: Examples

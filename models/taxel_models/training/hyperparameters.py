@@ -31,7 +31,7 @@ class FoundHyperparameters(BaseModel):
 
 
 def read_hyperparameters(path: Path, family: str, combination: int) -> dict[str, Any]:
-    """The hyperparameters in a file, for a family and an input combination.
+    """Read the hyperparameters in a file, for a family and an input combination.
 
     Raises:
         SettingsError: the file is no such file, is for another family or combination, or holds a

@@ -151,9 +151,9 @@ def _source(recording: Recording) -> Source:
 def _metrics(
     test: Examples, fitted: FittedModel, scalers: Scalers, temperature: Temperature | None
 ) -> dict[str, Any]:
-    """Errors on the test set: the model's as it will be served, and those of the training mean.
+    """Errors on the test set: those of the model as it will be served, and those of the mean predictor.
 
-    A model that takes the temperature also reports what it would be with the measured one.
+    For a model that takes the temperature, also the errors with the measured and the mean temperature.
     """
     scaled = scalers.apply(test)
 

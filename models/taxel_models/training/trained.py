@@ -35,8 +35,8 @@ class Temperature(BaseModel):
 
     Attributes:
         served: it is a named input of the served model; otherwise fixed at its mean.
-        mean: of `tdc` in the training set, counts.
-        std: likewise.
+        mean: mean of `tdc` in the training set, counts.
+        std: standard deviation of `tdc` in the training set, counts.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -63,7 +63,7 @@ class TrainedRecord(BaseModel):
 
 @dataclass(frozen=True)
 class TrainedModel:
-    """A fitted model with everything known of how it came to be."""
+    """A fitted model, with the record of its training."""
 
     record: TrainedRecord
     fitted: FittedModel
@@ -80,7 +80,7 @@ class TrainedModel:
 
     @property
     def layout(self) -> WindowLayout:
-        """What the served model takes: the window, and the temperature where it is served."""
+        """What the served model takes: the window, and the temperature if it is served."""
         extras: tuple[ExtraFeature, ...] = ()
         if self.serves_temperature and self.record.temperature is not None:
             extras = (ExtraFeature(name="tdc", unit="counts", default=self.record.temperature.mean),)
@@ -103,7 +103,7 @@ class TrainedModel:
 
         Args:
             windows: (n, f), m and N.
-            temperature: (n,) `tdc` in counts, for a model that takes it; its mean where none is given.
+            temperature: (n,) `tdc` in counts, for a model that takes it; its mean if not given.
 
         Returns:
             (n, 21), counts.
@@ -124,7 +124,7 @@ def save(
     """Write a trained model and its held-out recordings; the folder appears whole or not at all.
 
     Raises:
-        SettingsError: the folder exists and is not to be overwritten, or is no trained model.
+        SettingsError: the folder exists and may not be overwritten, or is not a trained model.
     """
     with whole_folder(folder, replacing=RECORD if overwrite else None) as place:
         (place / "weights").mkdir()
@@ -141,7 +141,7 @@ def load(folder: Path) -> TrainedModel:
     """Read a trained model.
 
     Raises:
-        ArtifactError: the folder is not one, or its content is damaged.
+        ArtifactError: the folder is not a trained model, or its content is damaged.
     """
     path = folder / RECORD
     try:

@@ -1,1 +1,1 @@
-"""The `taxel` command: its frame, and the commands that need no more than the client."""
+"""The `taxel` command line, and the commands that need only the client."""

@@ -1,8 +1,8 @@
 """The `taxel` command line: how commands are found, how they print, how they fail.
 
-Results go to stdout, progress and errors to stderr; `--json` prints one object. Exit 0 is
-success, 2 bad use, 1 any other failure. rich honours `NO_COLOR` and drops colour and progress
-where the stream is no terminal.
+Results go to stdout, progress and errors to stderr; `--json` prints one object. Exit code 0
+is success, 2 is bad use, and 1 is any other failure. rich honours `NO_COLOR`, and shows
+colour and progress only on a terminal.
 """
 
 import json
@@ -35,7 +35,7 @@ def print_json(value: Any) -> None:
 
 
 def new_app(help_text: str) -> typer.Typer:
-    """A command group in the style that all of ours have."""
+    """A command group in the style of all commands."""
     return typer.Typer(
         help=help_text,
         no_args_is_help=True,
@@ -97,10 +97,10 @@ def build() -> typer.Typer:
 
 
 def _load(entry: EntryPoint) -> Callable[..., None]:
-    """A command; one that cannot be loaded says so when called, and leaves the others alone."""
+    """A command. If it cannot be loaded, it says so when it is called, and the other commands work."""
     try:
         command: Callable[..., None] = entry.load()
-    except Exception as error:  # another package's fault must not take this one down
+    except Exception as error:  # another package's fault must not stop this command line
         reason = f"{type(error).__name__}: {error}"
 
         def command() -> None:

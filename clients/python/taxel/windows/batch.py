@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 from taxel.windows.combinations import WindowSpec
 from taxel.windows.extras import ExtraFeature, extra_columns
-from taxel.windows.neighbours import nearest_moved, steps_of
 from taxel.windows.samples import Samples
+from taxel.windows.window_columns import window_columns
 
 
 @dataclass(frozen=True)
 class Windows:
-    """Windows of a recording and where each stands in it.
+    """Windows of a recording, and the row of each in it.
 
     Attributes:
         values: (m, f) float32, columns as `WindowSpec.features`, then the extras.
@@ -49,12 +49,9 @@ def build_windows(
     ticks = samples.ticks()
     rows = _complete_rows(ticks, spec)
     middle = rows - spec.shift
-    now = ticks.position[middle]
-    columns = [
-        nearest_moved(now, (ticks.position[middle + step] for step in steps_of(which)))
-        for which in spec.positions
-    ]
-    columns += [ticks.force[middle + step] for step in spec.force_steps]
+    columns = window_columns(
+        spec, lambda step: ticks.position[middle + step], lambda step: ticks.force[middle + step]
+    )
     if extras:
         columns.append(extra_columns(samples, extras, given or {})[rows])
     return Windows(np.concatenate(columns, axis=1).astype(np.float32), rows)

@@ -10,7 +10,7 @@ PERIOD_NS: Final = 10_000_000
 """One tick: windows are built from samples 10 ms apart."""
 
 REACH: Final = 10
-"""Ticks that 'last' and 'next' position search, and the longest step of any combination."""
+"""The longest step of any combination, ticks; the 'last' and 'next' position are searched as far."""
 
 MOST_SHIFT: Final = 100
 """Largest shift of a window, ticks."""
@@ -41,9 +41,9 @@ class WindowSpec:
     `WindowSpec.of(combination)` is the usual way to get one.
 
     Attributes:
-        positions: which ones, about the middle of the window.
+        positions: which positions, relative to the middle of the window.
         force_steps: ticks from the middle of the window.
-        shift: ticks by which the middle lies before T; 0 unless the channels trail the contact.
+        shift: ticks from the middle of the window to T; 0 unless the channels follow the contact late.
     """
 
     combination: int
@@ -83,7 +83,7 @@ class WindowSpec:
 
     @cached_property
     def unshifted(self) -> "WindowSpec":
-        """The same window around T itself: as the model knows it."""
+        """The same window without a shift, as the model knows it."""
         return replace(self, shift=0)
 
     @cached_property
@@ -99,13 +99,13 @@ class WindowSpec:
 
     @cached_property
     def look_ahead(self) -> int:
-        """Ticks after T that a window needs: online, its answer comes that much later."""
+        """Ticks after T that a window needs. A live answer comes later by as much."""
         reach = max(REACH if "next" in self.positions else 0, max(self.force_steps))
         return max(reach - self.shift, 0)
 
     @property
     def delay_s(self) -> float:
-        """Seconds by which an online answer trails the moment it describes; 0 if causal."""
+        """Delay of a live answer after the moment that it describes, s; 0 if causal."""
         return self.look_ahead * PERIOD_NS / 1e9
 
 

@@ -1,4 +1,4 @@
-"""Values that a model takes beside its window, and where they come from."""
+"""Extra features: values that a model takes in addition to its window."""
 
 from collections.abc import Mapping, Sequence
 from typing import Literal
@@ -14,13 +14,13 @@ from taxel.windows.samples import Samples, resample
 
 
 class ExtraFeature(Schema):
-    """A value that a model takes beside its window, such as the sensor's temperature `tdc`.
+    """A value that a model takes in addition to its window, such as the sensor's temperature `tdc`.
 
-    One with a `history` is computed by the window builder; any other is given by whoever knows it.
-    Whoever does not leaves it out, and `default` stands in: 0 for a history, which means settled.
+    The window builder computes an extra that has a `history`. The caller gives any other extra. If the
+    caller leaves it out, it takes its `default`. For a history the default is 0, which means settled.
 
     Attributes:
-        taken_by: who uses it: the model file, or the effects that correct what it predicts.
+        taken_by: what uses it: the model file, or the effects that correct its prediction.
     """
 
     name: str
@@ -39,8 +39,8 @@ def extra_columns(
 
     Args:
         samples: n samples.
-        given: values by name, each (n,); an extra that is neither a history nor given takes its
-            default, and names that are no extra are left alone.
+        given: values by name, each (n,). An extra that is neither a history nor given takes its
+            default. Names that are no extra are ignored.
 
     Returns:
         (ticks, extras).

@@ -1,9 +1,9 @@
-"""What a model may know of the past beside its window: memories of force and motion, tick by tick.
+"""History features: what a model may know of the past in addition to its window.
 
-Every feature starts settled, as if the segment's first sample had been there for ever, so that a
-stream may begin anywhere; at a gap it starts afresh. `Elapsed` alone runs on.
+Every feature starts settled, as if the first sample of the segment had always been there. So a stream
+may begin anywhere. A feature restarts at a gap; only `Elapsed` continues.
 
-A tick is a row of seven: position, m, force, N, and seconds since the recording's first tick.
+A tick is a row of seven values: position, m, force, N, and seconds since the recording's first tick.
 """
 
 from abc import ABC, abstractmethod
@@ -26,7 +26,7 @@ SHARE_FORCE_N: Final = 0.5
 """Keeps `RelaxationShare` finite where there is no force."""
 
 Followed = Literal["fx", "fy", "fz", "force"]
-"""What a memory follows: a component of the force, or its magnitude; N."""
+"""What a history feature follows: a component of the force, or its magnitude; N."""
 
 
 def followed(which: Followed, ticks: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -42,20 +42,20 @@ class Recursive(Schema, ABC):
     """A feature with a state y that follows u, starting at the segment's first u.
 
     Attributes:
-        of: what u is.
+        of: the signal u.
     """
 
     of: Followed
 
     @abstractmethod
     def rule(self) -> Callable[[float, float], float]:
-        """How y goes on at each tick: from (y, u) to the next y."""
+        """The function from (y, u) to the y of the next tick."""
 
     @abstractmethod
     def value(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
         """The feature, element by element."""
 
-    def along(self, ticks: NDArray[np.float64]) -> NDArray[np.float64]:
+    def column(self, ticks: NDArray[np.float64]) -> NDArray[np.float64]:
         """The feature, (n,), at each tick (n, 7) of one segment."""
         u = followed(self.of, ticks)
         y = np.fromiter(accumulate(u.tolist(), self.rule()), np.float64, len(u))
@@ -63,7 +63,7 @@ class Recursive(Schema, ABC):
 
 
 class Lagged(Schema, ABC):
-    """A feature of a tick and the one `lag` ticks before it, or the segment's first if that is nearer."""
+    """A feature of a tick and the tick `lag` ticks before it, or the segment's first if that is nearer."""
 
     lag: ClassVar[int]
 
@@ -71,7 +71,7 @@ class Lagged(Schema, ABC):
     def value(self, now: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
         """The feature, (n,), of ticks (n, 7) and those before them."""
 
-    def along(self, ticks: NDArray[np.float64]) -> NDArray[np.float64]:
+    def column(self, ticks: NDArray[np.float64]) -> NDArray[np.float64]:
         """The feature, (n,), at each tick (n, 7) of one segment."""
         return self.value(ticks, ticks[np.maximum(np.arange(len(ticks)) - self.lag, 0)])
 
@@ -86,7 +86,7 @@ class _Relaxing(Recursive):
 
 
 class Relaxation(_Relaxing):
-    """What is still to come of a first-order response to u: y - u.
+    """The part of a first-order response to u that is still to come: y - u.
 
     At each tick y += (1 - exp(-10 ms / time_constant_s)) (u - y).
     """
@@ -172,7 +172,7 @@ class Speed(Lagged):
 class Elapsed(Schema):
     """Time since the first sample of a recording or stream, within limits: clip(t, start, end) - start, s.
 
-    A gap does not restart it. Beyond `end_s` it stays, so that nothing is extrapolated.
+    A gap does not restart it. It stays constant after `end_s`, so a model never extrapolates.
     """
 
     kind: Literal["elapsed"] = "elapsed"
@@ -185,7 +185,7 @@ class Elapsed(Schema):
             raise ValueError(f"end_s {self.end_s}: expected more than start_s {self.start_s}")
         return self
 
-    def along(self, ticks: NDArray[np.float64]) -> NDArray[np.float64]:
+    def column(self, ticks: NDArray[np.float64]) -> NDArray[np.float64]:
         """The feature, (n,), at each tick (n, 7)."""
         return np.clip(ticks[:, 6], self.start_s, self.end_s) - self.start_s
 
@@ -193,14 +193,14 @@ class Elapsed(Schema):
 HistoryFeature = Annotated[
     Relaxation | RelaxationShare | Play | Rate | Direction | Speed | Elapsed, Field(discriminator="kind")
 ]
-"""Any of the features, told apart by `kind`."""
+"""Any of the features; `kind` says which."""
 
 
 def history_columns(samples: Samples, features: Sequence[HistoryFeature]) -> NDArray[np.float64]:
-    """Features of the past at every tick of a recording; the same numbers as a live stream's.
+    """History features at every tick of a recording: the same numbers as in a live stream.
 
     Args:
-        samples: resampled to 10 ms ticks first if they are none.
+        samples: resampled to 10 ms ticks first if they are not ticks.
         features: in column order.
 
     Returns:
@@ -212,5 +212,5 @@ def history_columns(samples: Samples, features: Sequence[HistoryFeature]) -> NDA
     columns = np.empty((len(ticks), len(features)))
     for segment in samples.segments:
         for column, feature in enumerate(features):
-            columns[segment, column] = feature.along(ticks[segment])
+            columns[segment, column] = feature.column(ticks[segment])
     return columns

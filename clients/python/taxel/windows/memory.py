@@ -1,4 +1,4 @@
-"""The past of a live stream: what `history_columns` gives for a recording, one tick at a time."""
+"""The history features of a live stream: the numbers of `history_columns`, one tick at a time."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -33,10 +33,10 @@ class Memory:
         self._states.clear()
 
     def step(self, tick: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Take the next tick and give the features there.
+        """Take the next tick and return its features.
 
         Args:
-            tick: (fingers, 7), as in `taxel.windows.history`; it is kept, so do not change it.
+            tick: (fingers, 7), as in `taxel.windows.history`. It is kept, so do not change it.
 
         Returns:
             (fingers, m).
@@ -51,11 +51,11 @@ class Memory:
                 before = self._recent[-1 - min(feature.lag, len(self._recent) - 1)]
                 values[:, column] = feature.value(tick, before)
             else:
-                values[:, column] = feature.along(tick)
+                values[:, column] = feature.column(tick)
         return values
 
     def _followed(self, column: int, u: list[float]) -> list[float]:
-        """The new state of a recursive feature, one number a fingertip."""
+        """The new state of a recursive feature, one number for each fingertip."""
         states, rule = self._states.get(column), self._rules[column]
         if states is None:
             states = u

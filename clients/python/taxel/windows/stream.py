@@ -10,8 +10,8 @@ from taxel.errors import InvalidArgument
 from taxel.windows.combinations import PERIOD_NS, WindowSpec
 from taxel.windows.extras import ExtraFeature
 from taxel.windows.memory import Memory
-from taxel.windows.neighbours import nearest_moved, steps_of
 from taxel.windows.samples import gap_of, period_of, rows_are_ticks
+from taxel.windows.window_columns import window_columns
 
 _INTERVALS_CHECKED: Final = 100
 """The rate is the median of so many intervals, over and over, so that it may jitter and drop frames."""
@@ -82,7 +82,7 @@ class WindowStream:
         self._begin_segment(0)
 
     def _begin_segment(self, time_ns: int) -> None:
-        """Start afresh at a sample that no window reaches back across."""
+        """Start a segment: no window reaches back across this sample."""
         self._count = 0
         self._next_tick_ns = time_ns
         self._memory.restart()
@@ -110,16 +110,16 @@ class WindowStream:
 
         Args:
             time_ns: when the sample was taken, after every earlier one. After a gap of more
-                than 50 ms (or 2.5 periods, if more) the stream starts afresh, so that no window
-                reaches across it.
+                than 50 ms (or 2.5 periods, if more) the stream starts a new segment, and no window
+                reaches across the gap.
             position: (3,) or (fingers, 3), m, in each sensor's own frame.
             force: likewise, N.
-            extras: what is known of the extra features that are no history, such as
-                `{"tdc": 1960.0}`: a number, or one a fingertip. Each holds until it is given anew.
+            extras: extra features that have no history, such as
+                `{"tdc": 1960.0}`: a number, or one for each fingertip. A value holds until the next one.
 
         Returns:
-            Usually one window, or none until enough samples have come; above one where samples
-            come more slowly than ticks.
+            Usually one window. None until enough samples have come. More than one if samples come
+            more slowly than ticks.
 
         Raises:
             InvalidArgument: a shape is wrong, a value is not finite, an extra is none or is computed,
@@ -182,7 +182,7 @@ class WindowStream:
             self._check_rate(median)
 
     def _check_rate(self, median_ns: int) -> None:
-        """Refuse samples that `build_windows` would treat in another way than this stream does."""
+        """Refuse samples that `build_windows` would treat differently."""
         if self._rows_are_ticks:
             wrong = abs(median_ns - PERIOD_NS) > _RATE_TOLERANCE * PERIOD_NS
         else:
@@ -217,12 +217,9 @@ class WindowStream:
         self._count += 1
         if self._count < self._depth:
             return []
-        now = self._around(0)[:, :3]
-        columns = [
-            nearest_moved(now, (self._around(step)[:, :3] for step in steps_of(which)))
-            for which in self.spec.positions
-        ]
-        columns += [self._around(step)[:, 3:6] for step in self.spec.force_steps]
+        columns = window_columns(
+            self.spec, lambda step: self._around(step)[:, :3], lambda step: self._around(step)[:, 3:6]
+        )
         slot = self._slot(0)
         columns.append(self._ticks[slot][:, 6:])
         moment = int(self._times[slot])

@@ -1,8 +1,8 @@
 """The paper's feed-forward network (Zai El Amri and Navarro-Guerrero, IJCNN 2024, supplement).
 
-The published number of layers counts the output layer: a list of L widths stands for L - 1 hidden
-layers and the output, so that its last width and activation are not used. Parameter counts agree
-with the published ones only so.
+The published number of layers includes the output layer: a list of L widths means L - 1 hidden layers and
+the output. Its last width and activation are not used. Only so do the parameter counts agree with the
+published ones.
 """
 
 from typing import Annotated, Final, Literal

@@ -1,4 +1,4 @@
-"""What all network families share: how one is built, fitted, kept and evaluated."""
+"""What all network families share: how a network is built, fitted, stored and evaluated."""
 
 import json
 from abc import abstractmethod
@@ -30,12 +30,12 @@ _WEIGHTS: Final = "weights.pt"
 
 @dataclass(frozen=True)
 class Shape:
-    """What a network has to take and give.
+    """The inputs and outputs of a network.
 
     Attributes:
         spec: its windows; their columns come first.
-        temperature: whether the temperature is one more column, the last.
-        outputs: 21 channels, and two auxiliary ones where the family is fitted to them.
+        temperature: whether the last column is the temperature.
+        outputs: 21 channels, and two auxiliary ones if the family is fitted to them.
     """
 
     spec: WindowSpec
@@ -104,7 +104,7 @@ class NetworkFamily(Family):
     """A family whose models are torch networks."""
 
     uses_temperature: ClassVar[bool] = False
-    """Whether it takes the temperature and is fitted to the auxiliary channels, as Ruppel's do."""
+    """Whether it takes the temperature and is fitted to the auxiliary channels, as Ruppel's are."""
 
     @abstractmethod
     def build(self, shape: Shape, hyperparameters: Any) -> nn.Module:

@@ -1,7 +1,7 @@
 """Network A of Ruppel et al. 2018: all inputs fused at the start, five wide hidden layers.
 
-Published are the five hidden layers and that there are over 6 million parameters, not the widths:
-five times 1250 is our assumption.
+The paper gives five hidden layers and over 6 million parameters, but not the widths. Five layers of 1250
+are our assumption.
 """
 
 from collections.abc import Mapping

@@ -1,7 +1,7 @@
 """Network B of Ruppel et al. 2018: columns for position and force that multiply, and one for temperature.
 
-The position and the force column end linear with as many units and are multiplied element by element;
-a trunk maps the product to the outputs; the temperature column is added to them.
+The position and the force column end in linear layers of equal width. Their outputs are multiplied
+element by element. A trunk maps the product to the outputs, and the temperature column is added to them.
 """
 
 from typing import Annotated

@@ -1,7 +1,7 @@
 """The published training recipe: loss, optimiser, early stopping, best weights kept.
 
-Interrupted training goes on from its checkpoint. On a CPU the epochs that follow are the same ones;
-on a GPU, dropout draws anew.
+Interrupted training continues from its checkpoint. On a CPU, the following epochs are the same as without
+the interruption. On a GPU, dropout draws other numbers.
 """
 
 import copy
@@ -50,7 +50,7 @@ def loss_of(predicted: Tensor, expected: Tensor) -> Tensor:
 
 
 def device() -> torch.device:
-    """A GPU where there is one."""
+    """The GPU, if there is one; else the CPU."""
     return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
@@ -98,7 +98,7 @@ class Trainer:
         self._state = _State()
 
     def train(self) -> History:
-        """Run epochs until the recipe says stop; the network ends with its best weights."""
+        """Run epochs until the recipe says stop. Afterwards the network has its best weights."""
         torch.set_num_threads(max(1, self._task.jobs))
         self._resume()
         while not self._done():
@@ -186,7 +186,7 @@ class Trainer:
             snapshot = torch.load(path, map_location=self._device, weights_only=True)
             agrees = snapshot["fingerprint"] == self._fingerprint()
         except Exception as error:  # torch and pickle raise whatever they like on damaged files
-            _LOG.warning("%s cannot be read (%r): training begins anew", path, error)
+            _LOG.warning("%s cannot be read (%r): training starts again", path, error)
             return
         if not agrees:
             return
@@ -198,7 +198,7 @@ class Trainer:
         torch.set_rng_state(snapshot["random"].cpu())
 
     def _fingerprint(self) -> str:
-        """What a checkpoint has to agree with: recipe, seed, network and data."""
+        """What a checkpoint must match: recipe, seed, network and data."""
         shapes = {name: tuple(value.shape) for name, value in self._network.state_dict().items()}
         sums = [float(part.double().sum()) for part in (*self._inputs, *self._targets)]
         return repr((self._recipe.model_dump(), self._task.seed, shapes, sums))

@@ -1,7 +1,7 @@
 """Parameter counts of the networks beside the published ones.
 
-`python -m taxel_models.families.networks.sizes` prints the table of docs/models.md. The counts come
-out of the architectures with the paper's hyperparameters. Where they disagree, the paper's inference
+`python -m taxel_models.families.networks.sizes` prints the table of docs/models.md. The counts
+follow from the architectures with the paper's hyperparameters. Where they disagree, the paper's inference
 table contradicts its own hyperparameter table.
 """
 
@@ -34,7 +34,7 @@ def agrees(name: str, combination: int) -> bool:
 
 
 def markdown() -> str:
-    """A table of every cell; one that disagrees is in bold."""
+    """A table of all counts. A count that disagrees is in bold."""
     lines = ["| inputs | " + " | ".join(f"{name}, published | ours" for name in COMPARED) + " |"]
     lines.append("| --- |" + " --- | --- |" * len(COMPARED))
     for combination in COMBINATIONS:
