@@ -1,1 +1,1 @@
-"""From a trained model to an artifact that a server loads, checked against each other."""
+"""Exports trained models as artifacts, and checks that both predict the same."""

@@ -1,4 +1,4 @@
-"""Whether an artifact's predictions agree with those that it should give."""
+"""Compares an artifact's predictions with the expected ones."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,13 @@ def agreement(
     tolerance: float,
     source: str,
 ) -> Parity:
-    """How far an artifact's predictions are from those expected.
+    """The differences between an artifact's predictions and the expected ones.
 
     Args:
-        found: (n, 21) what the artifact gives, counts; n above 0.
-        expected: (n, 21) what it should give, counts.
+        found: (n, 21), the artifact's predictions, counts; n above 0.
+        expected: (n, 21), the expected predictions, counts.
         tolerance: largest difference allowed, counts.
-        source: who gives what is expected, for the error's text.
+        source: what gives the expected predictions, for the error's text.
 
     Raises:
         ArtifactError: a prediction differs by more than `tolerance`, or is not finite.

@@ -1,4 +1,4 @@
-"""The README.md that lies beside an artifact and says what it is."""
+"""The README.md of an artifact: a model card."""
 
 from taxel.corrections import AppliedEffect
 from taxel.manifest import Manifest, Parity, RoundedWeights, Training
@@ -6,7 +6,7 @@ from taxel.windows import ExtraFeature
 
 
 def card(manifest: Manifest) -> str:
-    """A model card in Markdown, from nothing but the manifest."""
+    """A model card in Markdown, made from the manifest alone."""
     ahead = manifest.window.look_ahead
     timing = (
         f"online it answers {ahead * manifest.window.sample_period_ms:g} ms late" if ahead else "causal"
@@ -112,7 +112,7 @@ def _agreement(manifest: Manifest, parity: Parity) -> str:
 
 
 def rounding(manifest: Manifest, weights: RoundedWeights) -> str:
-    """What rounded weights save and cost, in one sentence."""
+    """One sentence on the size and the error of rounded weights."""
     return (
         f"Its weights are rounded to {weights.datatype}: on {weights.windows} held-out windows the "
         f"normalised MAE is {weights.norm_mae:.4f}, with float32 weights {weights.float32_norm_mae:.4f} "

@@ -1,4 +1,4 @@
-"""`taxel export`: make a trained model servable."""
+"""`taxel export`: write a trained model as an artifact."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -14,7 +14,7 @@ from taxel_exporters.weights import Weights
 
 
 class Origin(StrEnum):
-    """What there is to export."""
+    """The kinds of sources."""
 
     TRAINED = "trained"
     GAZEBO_PLUGIN = "gazebo-plugin"
@@ -35,7 +35,7 @@ def export(
     description: Annotated[str | None, typer.Option(help="One sentence for its card.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Export a trained model to a repository, checked against the trained one."""
+    """Export a trained model to a repository, and check it against the trained model."""
     with ERR.status("exporting and checking parity"):
         if origin is Origin.TRAINED:
             from taxel_exporters.export import export as run

@@ -29,19 +29,19 @@ def export(
 ) -> Manifest:
     """Export the trained model in `folder` as `<repository>/<name>/<version>`.
 
-    The artifact is built aside, loaded as a server would, and compared with the trained model on
-    its held-out windows; only then does it take its place.
+    The artifact is built in a temporary folder, loaded as a server would load it, and compared with the
+    trained model on held-out windows. Only then is it moved into the repository.
 
     Args:
         name: the family's name if none is given.
         version: the next free one if none is given.
         model_format: `xgboost` or `onnx`; the family's default if none is given.
-        weights: rounded ones are compared with what was measured instead, and only a small rise of
-            the error is accepted.
+        weights: an artifact with rounded weights is compared with measurements instead; only a small
+            rise of the error is accepted.
 
     Raises:
         ArtifactError: the trained model is damaged, the artifact's predictions differ, or rounding
-            costs too much.
+            raises the error too much.
         SettingsError: the name or version is not possible, the version exists, or rounding would
             not make such a model faster.
     """

@@ -1,4 +1,4 @@
-"""How each family is written as a model file. To add one, write its function and name it here."""
+"""Writes each family as a model file. To add a family, write its function and name it here."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -14,11 +14,11 @@ class ExportedModel:
     """A model file's content and how to evaluate it.
 
     Attributes:
-        folded: the file takes raw windows and gives counts by itself.
+        folded: the file takes raw windows and gives counts.
         tolerance: largest difference from the trained model that the format explains, counts.
             Rounded weights are judged by their error instead.
-        spread: the file gives how far its members lie apart as a second output.
-        float32_size: bytes with weights as trained, of a file whose weights are rounded.
+        spread: the file has a second output with the spread of its members.
+        float32_size: if the weights are rounded, the file's bytes with the trained weights.
     """
 
     platform: Platform
@@ -75,9 +75,9 @@ _WRITERS: Final[dict[str, dict[str, _Writer]]] = {
 """The formats of each family; the first is the default."""
 
 _ROUNDABLE: Final = ("ffnn", "network-a", "network-b")
-"""One window is one row to every layer, so that reading weights takes the time.
+"""For one window, every layer has one row, so most of the time is spent on reading weights.
 
-Transformers have a row a token, and are slower with int8 weights.
+Transformers have one row for each token, and are slower with int8 weights.
 """
 
 

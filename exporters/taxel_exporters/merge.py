@@ -1,6 +1,6 @@
-"""Merges one XGBoost model a channel into a single model with as many outputs, without loss.
+"""Merges the XGBoost models of all channels into a single model with as many outputs, without loss.
 
-Trees of one channel keep their order, so that the float32 sums stay the same to the bit:
+Trees of one channel keep their order, so the float32 sums stay the same to the bit:
 iteration k of the merged model holds tree k of every channel that has one.
 """
 

@@ -22,8 +22,7 @@ _BY_MEMBER: Final = "member{}_"
 def ensemble_onnx(trained: TrainedModel) -> onnx.ModelProto:
     """The ONNX model of a trained ensemble.
 
-    Its outputs are the members' mean, and as a second one the standard deviation of the members,
-    both (n, 21) in counts.
+    It has two outputs: the members' mean and their spread (standard deviation), both (n, 21) in counts.
     """
     ensemble = trained.fitted
     assert isinstance(ensemble, EnsembleModel)
@@ -62,7 +61,7 @@ def ensemble_onnx(trained: TrainedModel) -> onnx.ModelProto:
 
 
 def _prefixed(model: onnx.ModelProto, prefix: str) -> onnx.GraphProto:
-    """A member's graph with names of its own, except for the window that all members share."""
+    """A member's graph with its own names, except for the window, which all members share."""
     graph = onnx.compose.add_prefix_graph(model.graph, prefix)
     for node in graph.node:
         for place, name in enumerate(node.input):

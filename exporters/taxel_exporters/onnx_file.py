@@ -1,4 +1,4 @@
-"""What all our ONNX files share: pinned versions, and nothing in them but the model."""
+"""What all our ONNX files share: pinned versions, and no content but the model."""
 
 from typing import Final
 
@@ -9,7 +9,7 @@ IR_VERSION: Final = 10
 
 
 def plain(model: onnx.ModelProto) -> onnx.ModelProto:
-    """A model without the exporter's notes, which name files of the machine that it ran on."""
+    """A model without the exporter's notes, which name files of the exporting machine."""
     model.ir_version = IR_VERSION
     model.producer_name, model.producer_version = "taxel", ""
     del model.metadata_props[:]

@@ -17,25 +17,25 @@ _OPSETS: Final = [helper.make_opsetid("", OPSET)]
 
 @dataclass
 class Graph:
-    """Nodes and constants so far; names are numbers, so that none comes from what is exported."""
+    """The nodes and constants so far. Names are numbers, so no name comes from the exported model."""
 
     nodes: list[NodeProto] = field(default_factory=list)
     constants: list[TensorProto] = field(default_factory=list)
 
     def node(self, operation: str, *inputs: str, **attributes: Any) -> str:
-        """Add a node; its output's name."""
+        """Add a node and return its output's name."""
         name = f"v{len(self.nodes)}"
         self.nodes.append(helper.make_node(operation, inputs, [name], **attributes))
         return name
 
     def split(self, value: str, parts: int, axis: int) -> tuple[str, ...]:
-        """Add a node that divides a value into equal parts; their names."""
+        """Add a node that divides a value into equal parts, and return their names."""
         names = tuple(f"v{len(self.nodes)}_{part}" for part in range(parts))
         self.nodes.append(helper.make_node("Split", [value], names, axis=axis, num_outputs=parts))
         return names
 
     def constant(self, values: ArrayLike, kind: type[np.generic] = np.float32) -> str:
-        """Add a constant; its name."""
+        """Add a constant and return its name."""
         name = f"c{len(self.constants)}"
         self.constants.append(numpy_helper.from_array(np.array(values, kind, order="C"), name))
         return name

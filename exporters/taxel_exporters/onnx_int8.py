@@ -1,8 +1,8 @@
-"""Rounds the weights of an ONNX network to 8 bits, so that a prediction reads a quarter of the bytes.
+"""Rounds the weights of an ONNX network to 8 bits, so a prediction reads a quarter of the bytes.
 
-Each run of 32 weights that meet in one sum shares a scale, and ONNX Runtime rounds what they are
-multiplied with likewise, row by row. A window's prediction therefore does not depend on what else
-is in its batch, as it would with one scale for a whole batch (ONNX's DynamicQuantizeLinear).
+Each block of 32 weights in one sum shares a scale. ONNX Runtime rounds their inputs in the same way, row
+by row. So a window's prediction does not depend on the other windows in its batch. With one scale for
+the whole batch (ONNX's DynamicQuantizeLinear) it would.
 """
 
 from typing import Final
@@ -19,11 +19,11 @@ _BLOCK: Final = 32
 """Weights that share a scale."""
 
 _SMALLEST: Final = 64
-"""Layers that take or give fewer values keep their weights: they are few, and carry most of the error."""
+"""Layers with fewer inputs or outputs keep their weights: these are few, and carry most of the error."""
 
 _STEPS: Final = 127
 _ZERO: Final = 128
-"""Bytes are stored without a sign, with this in the place of 0."""
+"""Bytes are stored without a sign; this value means 0."""
 
 _IN_8_BITS: Final = 4
 """ONNX Runtime's accuracy level that multiplies in 8 bits; any other is slower than float32."""
@@ -35,7 +35,7 @@ def with_int8_weights(model: onnx.ModelProto) -> onnx.ModelProto:
     """A copy of a model whose large dense layers have weights of 8 bits.
 
     Raises:
-        SettingsError: it has no large one.
+        SettingsError: it has no large dense layer.
     """
     rounded = onnx.ModelProto()
     rounded.CopyFrom(model)

@@ -22,10 +22,10 @@ from taxel_models.training.trained import TrainedModel
 
 
 class _Served(nn.Module):
-    """What is served: `taxel.scaling` before and after the network, its first 21 outputs.
+    """The served network: `taxel.scaling` before and after it, and its first 21 outputs.
 
-    The temperature is the window's last column where it is served; elsewhere it is fixed at its
-    mean, which is 0 in z-scores.
+    If the temperature is served, it is the window's last column. Otherwise it is fixed at its mean, which
+    is 0 in z-scores.
     """
 
     input_mean: Tensor

@@ -1,7 +1,7 @@
 """Writes the transformer as ONNX node by node: raw windows in, counts out.
 
-torch's exporter writes what the network does in training. Here only what reaches the output is
-computed, and what is constant is computed at export, in float64:
+torch's exporter writes the whole network. Here only values that reach the output are computed, and
+constants are computed at export, in float64:
 
 - The head reads the class token alone, so the last block computes only that token. Its single
   query meets the tokens themselves instead of a key and a value of each: with k = t K + b, the

@@ -1,4 +1,4 @@
-"""Whether an artifact predicts what its trained model does, on held-out windows."""
+"""Compares an artifact with its trained model on held-out windows."""
 
 from pathlib import Path
 from typing import Final
@@ -21,7 +21,7 @@ def check_parity(
     """Compare the artifact, as it will be served, with the library that trained the model.
 
     Args:
-        held_out: windows to compare on; evenly spaced ones are taken where there are very many.
+        held_out: windows to compare on; if there are very many, evenly spaced ones are taken.
         tolerance: largest difference allowed, counts.
 
     Raises:
@@ -36,7 +36,7 @@ def check_parity(
 def predict_both(
     repository: Path, name: str, trained: TrainedModel, held_out: Examples
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """What the artifact predicts, as it will be served, and what the trained model does, (n, 21) each."""
+    """The predictions of the artifact, as it will be served, and of the trained model, (n, 21) each."""
     windows, temperature = held_out.windows, held_out.temperature.astype(np.float32)
     served = trained.serves_temperature
     expected = trained.predict(windows, temperature[:, 0] if served else None)

@@ -1,4 +1,4 @@
-"""Publishing: an artifact is built aside, checked as a server would load it, and then takes its place."""
+"""Publishes an artifact: builds it in a temporary folder, checks it, and moves it into the repository."""
 
 import shutil
 import tempfile
@@ -15,14 +15,14 @@ from taxel_exporters.card import card
 CARD: Final = "README.md"
 
 Check = Callable[[Path], Parity | RoundedWeights]
-"""Takes the repository in which the artifact is staged; raises `ArtifactError` if it is not right."""
+"""Checks the artifact in a staging repository; raises `ArtifactError` if it is not right."""
 
 
 def publish(repository: Path, manifest: Manifest, content: bytes, check: Check) -> Manifest:
-    """Add an artifact to a repository, whole and checked, or nothing at all.
+    """Add an artifact to a repository, whole and checked, or add nothing.
 
     Args:
-        content: of the model file.
+        content: content of the model file.
         check: compares the staged artifact with what it was made from.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Whether an artifact with rounded weights still predicts well enough, on all held-out windows."""
+"""Checks the error of an artifact with rounded weights on all held-out windows."""
 
 from pathlib import Path
 from typing import Final
@@ -11,7 +11,7 @@ from taxel_models.training.dataset import Examples
 from taxel_models.training.trained import TrainedModel
 
 LARGEST_RISE: Final = 0.01
-"""Of the normalised mean absolute error, relative to the trained model's own."""
+"""The largest rise of the normalised mean absolute error, relative to the trained model's."""
 
 
 def check_rounding(

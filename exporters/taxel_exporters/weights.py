@@ -1,4 +1,4 @@
-"""How the weights of a model file may be stored."""
+"""The datatypes of a model file's weights."""
 
 from enum import StrEnum
 

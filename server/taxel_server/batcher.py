@@ -1,8 +1,8 @@
-"""Greedy batching: take one request, add what is queued, evaluate; knows no transport.
+"""Greedy batching: take one request, add the queued ones, evaluate. It knows no transport.
 
-Nothing waits for a batch to fill: requests gather while the batch before is computed. A request
-larger than a batch is evaluated a batch at a time and goes back behind the others each time, so
-that it does not hold them up, and so that deadlines and stopping reach it.
+No request waits for a batch to fill: requests gather while the batch before is computed. A request larger
+than a batch is evaluated one batch at a time and goes back behind the others each time. So it does not
+block the others, and deadlines and stopping reach it.
 """
 
 import logging
@@ -30,7 +30,7 @@ Piece = tuple[Work, int]
 
 
 class Batcher:
-    """Answers every job, exactly once: with a worker thread, or where nothing is to be done, at once.
+    """Answers every job exactly once, in a worker thread, or at once if it is idle.
 
     Args:
         max_batch_rows: most windows evaluated in one go.
@@ -66,9 +66,9 @@ class Batcher:
             self._queue.put(job)
 
     def run(self, job: Job) -> None:
-        """As `submit`; but if nothing else is to be done, a single window has its answer on return.
+        """Like `submit`, but if the batcher is idle, a single window is answered before this returns.
 
-        To wake the worker would take as long as a window.
+        Waking the worker would take as long as evaluating a window.
         """
         with self._lock:
             busy = bool(self._open)
@@ -80,7 +80,7 @@ class Batcher:
             self._evaluate(job.model, [(work, work.left)])
 
     def _enter(self, job: Job) -> None:
-        """Take a job on, if there is room; under the lock."""
+        """Accept a job, if there is room; call it under the lock."""
         if self._stopping:
             raise Unavailable("the server is stopping")
         if self._rows + job.rows > self._max_queue_rows or len(self._open) + 1 > self._max_queue_requests:
@@ -99,15 +99,15 @@ class Batcher:
         return self._rows
 
     def statistics(self, model: LoadedModel) -> dict[str, Any]:
-        """What a model has done so far."""
+        """The statistics of a model."""
         with self._lock:
             return self._statistics[model].as_dict()
 
     def stop(self, drain_seconds: float) -> None:
         """Take no more jobs; returns at once.
 
-        What is not finished in time is answered with `Unavailable`, as soon as the evaluation
-        that is going on ends.
+        Jobs that are not finished in time are answered with `Unavailable`, as soon as the current
+        evaluation ends.
         """
         with self._lock:
             self._give_up_at = min(self._give_up_at, time.monotonic() + drain_seconds)
@@ -116,7 +116,7 @@ class Batcher:
                 self._queue.put(None)
 
     def abandon(self) -> None:
-        """Answer every job that has no answer yet with `Unavailable`, whatever is going on."""
+        """Answer every open job with `Unavailable` at once."""
         with self._lock:
             jobs = list(self._open)
         for job in jobs:
@@ -132,7 +132,7 @@ class Batcher:
                 self._evaluate(model, pieces)
 
     def _next_batch(self) -> dict[LoadedModel, list[Piece]] | None:
-        """What is queued, up to a batch; waits for the first; None when closed and all is done."""
+        """The queued requests, up to one batch. Waits for the first; None when closed and done."""
         batch: dict[LoadedModel, list[Piece]] = defaultdict(list)
         room = self._max_batch_rows
         while room:
@@ -149,7 +149,7 @@ class Batcher:
         return None if self._draining and not batch else batch
 
     def _admit(self, item: Job | Work) -> Work | None:
-        """The request, checked, if it is still worth evaluating; else it has got its answer."""
+        """The checked request. None if it was refused, or is too late; then it has its answer."""
         job = item.job if isinstance(item, Work) else item
         try:
             now = time.monotonic()
@@ -167,7 +167,7 @@ class Batcher:
         return None
 
     def _evaluate(self, model: LoadedModel, pieces: Sequence[Piece]) -> None:
-        """Evaluate pieces together; if that fails, one by one, so that only the guilty fails."""
+        """Evaluate pieces together. If that fails, evaluate each alone: only the faulty one fails."""
         windows = [work.next_windows(rows) for work, rows in pieces]
         joined = windows[0] if len(windows) == 1 else np.concatenate(windows)
         started = time.monotonic()
@@ -202,7 +202,7 @@ class Batcher:
                 self._settle(work.job, work.response())
 
     def _settle(self, job: Job, result: InferResponse | RequestError) -> None:
-        """Give a job its answer and take it off the books, unless `abandon` has done so."""
+        """Answer a job and remove it from the open jobs, unless `abandon` has done so."""
         with self._lock:
             if job not in self._open:
                 return
@@ -217,5 +217,5 @@ class Batcher:
         try:
             job.answer(result)
         except Exception:
-            # The worker outlives a caller who has gone.
+            # The worker must survive a caller that has gone.
             _LOG.exception("%s: an answer could not be given", job.model.label)

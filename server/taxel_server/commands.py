@@ -25,7 +25,7 @@ STOPPING: Final = (signal.SIGINT, signal.SIGTERM)
 _SIGNAL_CHECK_S: Final = 0.1
 
 _AFTER_DRAINING_S: Final = 0.3
-"""How long stopping may take beyond draining, whatever an evaluation, a client or the network does."""
+"""The longest time that stopping takes after draining, even if something hangs."""
 
 _LAST_ANSWERS_S: Final = 0.05
 """Time for the last answers to leave this process."""
@@ -34,7 +34,7 @@ LogLevel = Literal["debug", "info", "warning", "error"]
 
 
 def _option(field: str, metavar: str) -> Any:
-    """The command line's form of a server option; unset, the other sources decide."""
+    """A server option on the command line. If it is not set, the other sources decide."""
     described = ServerOptions.model_fields[field]
     default = described.get_default()
     shown = ", ".join(default) if isinstance(default, tuple) else str(default)
@@ -67,8 +67,8 @@ def serve(
     """Serve the models of a repository until told to stop.
 
     Every option may also be an environment variable (TAXEL_REPOSITORY, TAXEL_LISTEN …) or a key of
-    taxel.toml in the working directory. SIGINT and SIGTERM finish what is queued; a second one
-    does not.
+    taxel.toml in the working directory. SIGINT and SIGTERM finish the queued requests; a second
+    signal exits at once.
     """
     given = {name: value for name, value in locals().items() if name in ServerOptions.model_fields}
     _exit_at_once_on(STOPPING, code=0)
@@ -115,7 +115,7 @@ def _log_errors_of_zenoh() -> None:
 
 
 def _announce(listen: tuple[str, ...], models: list[ModelInfo], as_json: bool) -> None:
-    """Tell that the server is ready, on stdout: for programs, one object in one line."""
+    """Print on stdout that the server is ready; for programs, one JSON object in one line."""
     if as_json:
         ready = {"listen": list(listen), "models": [asdict(model) for model in models]}
         sys.stdout.write(json.dumps(ready) + "\n")
@@ -157,7 +157,7 @@ def _event_on(signals: tuple[signal.Signals, ...]) -> Event:
 
 
 def _leave_within(seconds: float, abandon: Callable[[], None]) -> None:
-    """Answer whatever is left by then, and exit, even if an evaluation or closing goes on."""
+    """After `seconds`, answer all open requests and exit, even during an evaluation or a close."""
 
     def leave() -> None:
         abandon()
@@ -170,7 +170,7 @@ def _leave_within(seconds: float, abandon: Callable[[], None]) -> None:
 
 
 def _exit_now(code: int) -> None:
-    """Leave without unwinding: nothing is open that needs it."""
+    """Exit without cleaning up: nothing open needs it."""
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)

@@ -19,7 +19,7 @@ from taxel_server.runtimes import DEFAULTS, Runtime, RuntimeOptions, open_runtim
 _LOG: Final = logging.getLogger(__name__)
 
 _WARM_UP_ROWS: Final = (1, 8, 64, 512)
-"""Runtimes choose their way by the number of rows: each way runs once before it serves."""
+"""Runtimes choose a method by the number of rows; each method runs once before it serves."""
 
 
 _MANY_ROWS: Final = 1024
@@ -39,7 +39,7 @@ class LoadedModel:
 
     @property
     def columns(self) -> int:
-        """What a window is turned into: 21 channels, and their spread where the model gives it."""
+        """The number of outputs: 21 channels, and 21 spreads if the model gives them."""
         return len(CHANNELS) * len(self.manifest.outputs)
 
     @property
@@ -60,7 +60,7 @@ class Engine:
 
     Args:
         repository: folder of `<name>/<version>/` artifacts.
-        options: about evaluation.
+        options: options of the evaluation.
 
     Raises:
         ArtifactError: the repository is no folder.
@@ -73,11 +73,11 @@ class Engine:
             name: artifacts.versions(repository, name) for name in artifacts.names(repository)
         }
         self._outcomes: dict[tuple[str, str], LoadedModel | str] = {}
-        """What came of each load: a model, or why there is none."""
+        """The result of each load: a model, or the reason why there is none."""
         self._lock = Lock()
 
     def load_all(self) -> list[LoadedModel]:
-        """Load and warm up every version of every model; those that could be."""
+        """Load and warm up every version of every model; returns those that loaded."""
         outcomes = [
             self._outcome(name, version)
             for name, versions in self._versions.items()
@@ -135,7 +135,7 @@ class Engine:
             reason = str(error)
             _LOG.warning("model %s/%s is unavailable: %s", name, version, reason)
         except Exception as error:
-            # A fault of a runtime on one artifact must not take the other models down.
+            # A runtime's fault on one artifact must not stop the other models.
             reason = f"its runtime failed: {error!r}"
             _LOG.exception("model %s/%s is unavailable", name, version)
         return reason

@@ -1,4 +1,4 @@
-"""A request's way through the server: as it arrived, and as it is being evaluated."""
+"""A request in the server: as it arrived, and while it is evaluated."""
 
 import time
 from abc import ABC, abstractmethod
@@ -15,7 +15,7 @@ from taxel_server.engine import LoadedModel
 
 
 class Job(ABC):
-    """A request as it arrived: not decoded yet, and owed exactly one answer.
+    """A request as it arrived: not decoded yet. It must be answered exactly once.
 
     Args:
         model: which model it is for.
@@ -32,7 +32,7 @@ class Job(ABC):
         """Decode the request.
 
         Raises:
-            RequestError: it is none.
+            RequestError: it is not a valid request.
         """
 
     @abstractmethod
@@ -41,7 +41,7 @@ class Job(ABC):
 
 
 class Work:
-    """A decoded request, evaluated in one go or, where it is large, piece by piece.
+    """A decoded request, evaluated at once or, if it is large, piece by piece.
 
     Raises:
         RequestError: the request is wrong, or wrong for its model.
@@ -78,7 +78,7 @@ class Work:
         return self._request.windows[self._done : self._done + rows]
 
     def check_deadline(self, now: float) -> None:
-        """Refuse to go on when the caller has stopped waiting.
+        """Raise if the caller has stopped waiting.
 
         Raises:
             DeadlineExceeded: the time that the caller allowed is over.
@@ -90,7 +90,7 @@ class Work:
             )
 
     def keep(self, outputs: NDArray[np.float32], *, started: float, ended: float, batch_rows: int) -> None:
-        """Take the outputs (m, columns) of the next m windows, and how they came to be."""
+        """Keep the outputs (m, columns) of the next m windows, with their times."""
         if len(outputs) == len(self._request.windows):
             self._outputs = outputs
         else:

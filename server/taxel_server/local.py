@@ -1,4 +1,4 @@
-"""Predictors evaluated in this process: no server, no transport, only the model's own time."""
+"""Predictors that are evaluated in this process, without a server or a transport."""
 
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ class LocalSource(PredictorSource):
 
     Args:
         repository: folder of `<name>/<version>/` artifacts.
-        options: about evaluation.
+        options: options of the evaluation.
 
     Raises:
         ArtifactError: the repository is no folder.
@@ -44,7 +44,7 @@ class LocalSource(PredictorSource):
         self.closed = True
 
     def check_open(self) -> None:
-        """Refuse to go on after `close`.
+        """Raise if it was closed.
 
         Raises:
             Unavailable: it was closed.
@@ -80,7 +80,7 @@ class LocalPredictor(Predictor):
 
 
 def open_repository(path: Path) -> LocalSource:
-    """What `taxel.load` finds through the entry point `taxel.engines`.
+    """Open a repository; `taxel.load` finds this function through the entry point `taxel.engines`.
 
     Raises:
         ArtifactError: the path is not a folder.

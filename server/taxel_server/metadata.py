@@ -1,4 +1,4 @@
-"""What the server says of itself and of its models: every answer that needs no evaluation."""
+"""The metadata of the server and its models: every answer that needs no evaluation."""
 
 from collections.abc import Callable
 from dataclasses import asdict
@@ -61,7 +61,7 @@ class ServerMetadata:
             case ["stats"]:
                 return self._statistics(self._engine.model(name, version))
             case ["infer"]:
-                # Only inference on a model that is not there comes this way.
+                # Only an inference request for an unknown model comes here.
                 self._engine.model(name, version)
         raise NotFound(f"no key {path!r} below the server's prefix")
 

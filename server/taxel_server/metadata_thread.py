@@ -1,4 +1,4 @@
-"""The metadata thread: it that answers every query which needs no evaluation, refusals among them."""
+"""The metadata thread: it answers every query that needs no evaluation, and sends refusals."""
 
 import logging
 from collections.abc import Callable
@@ -14,11 +14,11 @@ from taxel.protocol import pack_error, packb
 _LOG: Final = logging.getLogger(__name__)
 
 _MAX_QUEUED: Final = 4096
-"""Most queries waiting for this thread."""
+"""The most queries that wait for this thread."""
 
 
 def reply(query: zenoh.Query, result: bytes | RequestError) -> None:
-    """Give a query its one answer, and let go of it so that its caller need not wait on."""
+    """Answer a query and release it, so that its caller does not wait longer."""
     with query:
         try:
             if isinstance(result, RequestError):
@@ -33,7 +33,7 @@ class MetadataThread:
     """Answers queries by their key, in the order of their arrival.
 
     Args:
-        answer: what to say to a key; raises `RequestError` to refuse.
+        answer: the answer to a key; raises `RequestError` to refuse.
     """
 
     def __init__(self, answer: Callable[[str], dict[str, Any]]) -> None:
@@ -50,7 +50,7 @@ class MetadataThread:
             reply(query, ResourceExhausted("too many queries are waiting; try again later"))
 
     def close(self) -> None:
-        """Answer what is queued and stop; whatever comes during that is refused."""
+        """Answer the queued queries and stop; later queries are refused."""
         self._queue.put(None)
         self._thread.join()
         while not self._queue.empty():
@@ -63,7 +63,7 @@ class MetadataThread:
             try:
                 reply(query, refusal or self._result(str(query.key_expr)))
             except Exception:
-                # The thread outlives a query that cannot be answered.
+                # The thread must survive a query that cannot be answered.
                 _LOG.exception("an answer could not be given")
 
     def _result(self, key: str) -> bytes | RequestError:

@@ -48,7 +48,7 @@ class ServerOptions(BaseModel):
     @field_validator("listen", "providers", mode="before")
     @classmethod
     def _several(cls, value: Any) -> Any:
-        """One text, as an environment variable holds it, may name several with commas."""
+        """An environment variable may name several, separated by commas."""
         return [part.strip() for part in value.split(",")] if isinstance(value, str) else value
 
     @field_validator("listen")

@@ -32,7 +32,7 @@ _LOG: Final = logging.getLogger(__name__)
 _NOTHING: Final = zenoh.ZBytes(b"")
 
 _CHANNEL: Final = 16384
-"""Queries that zenoh may be ahead of the thread that hands them on; with more, clients wait to send."""
+"""The most queries in the channel; if it is full, clients wait to send."""
 
 _FAREWELL_S: Final = 0.2
 """How long closing waits for clients that have stopped reading."""
@@ -90,8 +90,8 @@ class Service:
         self._metadata_thread = MetadataThread(
             lambda key: metadata.answer(key.removeprefix(f"{options.prefix}/"))
         )
-        # One queryable for all keys: two that overlap would both answer the same query.
-        # `complete` makes one replica answer each query, where the default asks them all.
+        # One queryable for all keys: two that overlap would both answer a query.
+        # With `complete`, one replica answers each query; by default all would.
         self._queryable = self._session.declare_queryable(
             f"{options.prefix}/**", FifoChannel(_CHANNEL), complete=True
         )
@@ -107,10 +107,13 @@ class Service:
         return self._batcher.queued_rows
 
     def close(self) -> bool:
-        """Accept nothing more, answer what is queued, and leave; whether every client let us go.
+        """Stop: accept no more requests, answer the queued ones, and close the session.
 
-        What is not finished within `drain_seconds` is answered with `Unavailable`, and so is
-        whatever comes until the end.
+        Requests that are not finished within `drain_seconds` are answered with `Unavailable`, and so are
+        requests that arrive meanwhile.
+
+        Returns:
+            False if a client that has stopped reading kept the session open.
         """
         self._batcher.stop(self._options.drain_seconds)
         self._ready = False
@@ -118,18 +121,18 @@ class Service:
         self._queryable.undeclare()  # type: ignore[no-untyped-call]
         self._receiver.join()
         self._metadata_thread.close()
-        # Closing waits for a client that has stopped reading, for ten seconds and more.
+        # zenoh waits ten seconds and more for a client that has stopped reading.
         farewell = Thread(target=self._session.close, name="taxel-farewell", daemon=True)
         farewell.start()
         farewell.join(_FAREWELL_S)
         return not farewell.is_alive()
 
     def abandon(self) -> None:
-        """Answer what is left with `Unavailable`, for when `close` takes too long."""
+        """Answer all open requests with `Unavailable`; for use if `close` takes too long."""
         self._batcher.abandon()
 
     def _receive(self, channel: Handler[zenoh.Query]) -> None:
-        """Hands queries on until the channel is closed and empty."""
+        """Pass queries on until the channel is closed and empty."""
         while (query := _taken(channel.recv)) is not None:
             following = _taken(channel.try_recv)
             self._hand_on(query, self._batcher.run if following is None else self._batcher.submit)
@@ -138,11 +141,11 @@ class Service:
                 following = _taken(channel.try_recv)
 
     def _hand_on(self, query: zenoh.Query, infer: Callable[[Job], None]) -> None:
-        """Gives a query to whoever answers it."""
+        """Give a query to the batcher or to the metadata thread."""
         try:
             self._route(query, infer)
         except Exception:
-            # The receiver outlives a query that cannot be handed on.
+            # The receiver must survive a query that cannot be passed on.
             _LOG.exception("a query could not be handed on")
             self._metadata_thread.take(query, Internal("the query failed: the server's log says more"))
 
@@ -161,7 +164,7 @@ class Service:
 
 
 def _taken(take: Callable[[], zenoh.Query | None]) -> zenoh.Query | None:
-    """The next query of a channel; None where there is none, as also when it is closed."""
+    """The next query of a channel; None if there is none, or if the channel is closed."""
     try:
         return take()
     except zenoh.ZError:
@@ -169,7 +172,7 @@ def _taken(take: Callable[[], zenoh.Query | None]) -> zenoh.Query | None:
 
 
 def _infer_routes(engine: Engine, prefix: str) -> dict[str, LoadedModel]:
-    """Every key that asks for a prediction, and the model it means."""
+    """Every key of an inference request, and its model."""
     routes: dict[str, LoadedModel] = {}
     for loaded in engine.load_all():
         name, version = loaded.manifest.name, loaded.manifest.version

@@ -25,7 +25,7 @@ PREFIX: Final = "TAXEL_"
 
 
 class ServerSettings(ServerOptions, BaseSettings):
-    """The options, read from every source; the earlier in the module's first line wins."""
+    """The options, read from every source. A source that is earlier in the module's first line wins."""
 
     model_config = SettingsConfigDict(
         env_prefix=PREFIX, enable_decoding=False, toml_file=FILE, extra="forbid", frozen=True
@@ -45,7 +45,7 @@ class ServerSettings(ServerOptions, BaseSettings):
 
 
 def read_settings(given: dict[str, Any]) -> ServerSettings:
-    """The server's settings; `given` holds what the command line names.
+    """The server's settings; `given` holds the options of the command line.
 
     Raises:
         SettingsError: a value is wrong, missing or unknown; the text names it.

@@ -1,7 +1,7 @@
-"""The columns of the plugin's networks, and where those that we serve stand among them.
+"""The columns of the plugin's networks, and the positions of the served ones.
 
-This is the order in which the plugin's networks are trained: T, T+10, T-10. Its own serving code
-fills T, T-10, T+10, which swaps past and future; columns here have names, and are found by them.
+The plugin's networks are trained with the order T, T+10, T-10. The plugin's serving code fills T, T-10,
+T+10, which swaps past and future. Here, columns have names and are found by name.
 """
 
 from typing import Final
@@ -10,7 +10,7 @@ from taxel.channels import CHANNELS, ELECTRODES
 from taxel.windows import WindowSpec
 
 SPEC: Final = WindowSpec.of(1)
-"""The window that holds what these networks take."""
+"""The window for these networks."""
 
 TEMPERATURE: Final = "tdc"
 
@@ -21,19 +21,19 @@ INPUTS: Final = (
     *("fx[-10]", "fy[-10]", "fz[-10]"),
     TEMPERATURE,
 )
-"""What a network takes, in the order of its training."""
+"""The inputs of a network, in the order of its training."""
 
 OUTPUTS: Final = ("pac0", "pac1", "pdc", "tac", *ELECTRODES)
-"""What a network gives; the plugin counts its electrodes from 0."""
+"""The outputs of a network; the plugin counts electrodes from 0."""
 
 FEATURES: Final = (*SPEC.features, TEMPERATURE)
-"""What the served model takes, in our order."""
+"""The inputs of the served model, in our order."""
 
 FEATURE_COLUMNS: Final = tuple(INPUTS.index(name) for name in FEATURES)
-"""Where each of our features stands among `INPUTS`."""
+"""The position of each of our features in `INPUTS`."""
 
 INPUT_COLUMNS: Final = tuple(FEATURES.index(name) for name in INPUTS)
-"""Where each of `INPUTS` stands among our features."""
+"""The position of each of `INPUTS` in our features."""
 
 CHANNEL_COLUMNS: Final = tuple(OUTPUTS.index(name) for name in CHANNELS)
-"""Where each of our channels stands among `OUTPUTS`."""
+"""The position of each of our channels in `OUTPUTS`."""

@@ -1,7 +1,7 @@
-"""Reads an untrusted YAML file as plain texts, lists and mappings; no tag in it ever makes an object.
+"""Reads an untrusted YAML file as plain texts, lists and mappings. No tag creates an object.
 
-Only the parser of PyYAML is used, which turns text into events, and none of its constructors.
-Every scalar stays the text that it is: whoever takes a value says what it has to be.
+Only PyYAML's parser is used, which turns text into events, and none of its constructors. Every scalar stays
+text; the reader of a value decides its type.
 """
 
 from dataclasses import dataclass, field
@@ -13,13 +13,13 @@ import yaml
 from taxel.errors import ArtifactError
 
 MAX_BYTES: Final = 1 << 27
-"""Of a file: four times what a network with 6 million parameters takes."""
+"""The most bytes of a file: four times those of a network with 6 million parameters."""
 
 MAX_VALUES: Final = 1_000_000
-"""Of a document, each counted as often as aliases repeat it."""
+"""The most values in a document; a value counts for each alias that repeats it."""
 
 MAX_DEPTH: Final = 32
-"""Of lists and mappings within each other."""
+"""The most levels of nested lists and mappings."""
 
 Tree = str | list["Tree"] | dict[str, "Tree"]
 
@@ -29,7 +29,7 @@ _TAGS: Final = {
     yaml.SequenceStartEvent: ("seq", "python/tuple"),
     yaml.MappingStartEvent: ("map",),
 }
-"""Tags that only say what a value is anyway; Python 2 wrote those of `python/`."""
+"""Tags that only repeat the type of a value; Python 2 wrote those of `python/`."""
 
 _LOADER: Final = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 """libyaml's parser where PyYAML was built with it: 30 times as fast, the same events."""
@@ -52,20 +52,20 @@ def read_content(path: Path) -> bytes:
 
 
 def parse_document(content: bytes, source: str) -> Tree:
-    """The one document in a YAML text.
+    """The single document in a YAML text.
 
     Args:
         source: its name in messages.
 
     Raises:
-        ArtifactError: it is no YAML, is longer or deeper than the limits above, or has a tag, an
-            alias or a key that this format has no use for. The text names the line and the layer.
+        ArtifactError: it is not YAML, exceeds a limit above, or has a tag, an alias or a key that is not
+            in this format. The text names the line and the layer.
     """
     return _Builder(source).build(content)
 
 
 def layer_label(tree: Tree, position: int) -> str:
-    """What messages call a layer, by its position in the list from 0: its name, if that is known."""
+    """The name of a layer in messages, by its position in the list from 0: its own name, if known."""
     name: Tree | None = tree
     for key in ("layers", "layers"):
         name = name.get(key) if isinstance(name, dict) else None
@@ -80,7 +80,7 @@ def short(text: str) -> str:
 
 
 class _Refused(Exception):
-    """Why the rest of the file is not even read."""
+    """The reason why the remaining file is not read."""
 
 
 @dataclass
@@ -118,9 +118,9 @@ class _Open:
 
 @dataclass
 class _Builder:
-    """Builds a tree from the parser's events; what an alias repeats is shared, not copied.
+    """Builds a tree from the parser's events. Values that an alias repeats are shared, not copied.
 
-    After a tag or key that is refused it reads on, so that the message can name the layer.
+    After a refused tag or key it continues to read, so that the message can name the layer.
     """
 
     source: str
@@ -192,12 +192,12 @@ class _Builder:
             self._note(f"tag {short(str(event.tag))} is refused; expected plain texts, lists and mappings")
 
     def _note(self, text: str) -> None:
-        """Keep what is wrong here, if it is the first fault."""
+        """Keep this fault, if it is the first one."""
         if self.fault is None:
             self.fault = (self.line, self._layer(), text)
 
     def _layer(self) -> int | None:
-        """The position of the layer in whose description or weights the file now is."""
+        """The position of the layer whose description or weights are being read."""
         match [value.place for value in self.open]:
             case ["layers", "layers", int(position), *_] | ["weights", int(position), *_]:
                 return max(position, 0)

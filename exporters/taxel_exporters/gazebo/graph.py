@@ -1,4 +1,4 @@
-"""Writes a network of the plugin as ONNX: our windows in, counts of our channels out."""
+"""Writes a network of the plugin as ONNX: from our windows to counts of our channels."""
 
 from typing import Final
 
@@ -14,7 +14,7 @@ _ACTIVATIONS: Final = {"relu": "Relu", "sigmoid": "Sigmoid"}
 
 
 def network_onnx(network: Network) -> onnx.ModelProto:
-    """The ONNX model of a network; its columns are put in order and normalised inside."""
+    """The ONNX model of a network; it orders and normalises the columns."""
     graph = Graph()
     ordered = graph.node("Gather", INPUT_NAME, graph.constant(INPUT_COLUMNS, np.int64), axis=1)
     centred = graph.node("Sub", ordered, graph.constant(network.inputs.mean))
@@ -29,7 +29,7 @@ def network_onnx(network: Network) -> onnx.ModelProto:
 
 
 def _add(graph: Graph, layer: Dense | Merge, values: dict[str, str]) -> str:
-    """Add a layer; its output's name."""
+    """Add a layer and return its output's name."""
     if isinstance(layer, Merge):
         operation = "Mul" if layer.operation == "Multiply" else "Add"
         name, *others = (values[source] for source in layer.sources)

@@ -37,8 +37,8 @@ def import_network(
 ) -> Manifest:
     """Import a `model.yaml` as `<repository>/<name>/<version>`.
 
-    The served model takes windows of input combination 1 and, where it is known, the temperature
-    `tdc`, whose mean stands in where it is not. It gives the 21 channels.
+    The served model takes windows of input combination 1 and the temperature `tdc`. If `tdc` is not given,
+    its mean is used. The model gives the 21 channels.
 
     Args:
         version: the next free one if none is given.

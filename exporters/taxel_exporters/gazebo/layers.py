@@ -17,17 +17,17 @@ MAX_PARAMETERS: Final = 1 << 25
 """Five times the largest published network's."""
 
 MAX_WIDTH: Final = 1 << 16
-"""Of all layers together: what one evaluation has to hold for each row."""
+"""The most values in all layers together: one evaluation holds them for each row."""
 
 _SHOWN: Final = 300
-"""Characters of what is wrong with one part: a hostile file may be wrong in a million places."""
+"""The most characters of one error: a hostile file may be wrong in a million places."""
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 _Index = Literal["0"]
 
 
 class _Part(BaseModel):
-    # Keras writes much beside what an evaluation needs: initialisers, regularisers, whether to train.
+    # Keras writes more than an evaluation needs: initialisers, regularisers, whether to train.
     model_config = ConfigDict(extra="ignore", frozen=True)
 
 
@@ -63,7 +63,7 @@ def parse(kind: type[_P], tree: Tree, where: str) -> _P:
     """A part of the document as a checked model.
 
     Raises:
-        ArtifactError: it does not have that form.
+        ArtifactError: it does not match that model.
     """
     try:
         return kind.model_validate(tree)
@@ -94,7 +94,7 @@ class LayerReader:
         """Read the layer at a position of the list, with its entry in `weights`.
 
         Raises:
-            ArtifactError: it is outside the format or at odds with its weights or earlier layers.
+            ArtifactError: it is outside the format, or contradicts its weights or earlier layers.
         """
         where = f"{self.source}: {layer_label(self.document, position)}"
         layer = parse(_Layer, tree, where)

@@ -11,7 +11,7 @@ from taxel_exporters.gazebo.layers import Graph, LayerReader, parse
 from taxel_exporters.gazebo.network import Network, Statistics
 
 _LARGEST: Final = 1e18
-"""Of a mean or deviation: products of such values stay finite in float32."""
+"""The largest mean or standard deviation: products of such values stay finite in float32."""
 
 _Mean = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST)]
 _Std = Annotated[float, Field(ge=1 / _LARGEST, le=_LARGEST)]
@@ -49,7 +49,7 @@ def read_network(content: bytes, source: str) -> Network:
         source: the file's name in messages.
 
     Raises:
-        ArtifactError: the file is damaged, hostile, or describes what the plugin has no word for;
+        ArtifactError: the file is damaged, hostile, or is outside the plugin's format;
             the text names the layer.
     """
     tree = parse_document(content, source)

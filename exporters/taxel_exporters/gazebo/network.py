@@ -10,7 +10,7 @@ from taxel.errors import ArtifactError
 from taxel_exporters.gazebo.document import short
 
 _LARGEST: Final = 1e18
-"""Of a layer's values: far enough from the end of float32 that sums on the way stay finite too."""
+"""The largest value in a layer: far enough below the largest float32, so sums stay finite, too."""
 
 Activation = Literal["linear", "relu", "sigmoid"]
 Operation = Literal["Multiply", "Add"]

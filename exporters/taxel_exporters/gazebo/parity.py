@@ -1,4 +1,4 @@
-"""Whether an imported artifact predicts what its `model.yaml` does, on random windows."""
+"""Compares an imported artifact with its `model.yaml` on random windows."""
 
 from pathlib import Path
 from typing import Final
@@ -16,7 +16,7 @@ from taxel_exporters.gazebo.network import Network
 WINDOWS: Final = 4096
 
 _TOLERANCE: Final = 2e-5
-"""Of the largest value: what float32 leaves of several layers' sums."""
+"""The largest difference, relative to the largest value: float32's error over several layers."""
 
 _ROWS: Final = 256
 
@@ -25,7 +25,7 @@ def check_parity(repository: Path, name: str, network: Network) -> Parity:
     """Compare the artifact, as it will be served, with the network evaluated in float64.
 
     Windows are drawn from the network's own statistics of its inputs. Half of them come with a
-    temperature, the others leave it to its default.
+    temperature, the others use its default.
 
     Raises:
         ArtifactError: a prediction differs by more than float32 explains, or a layer overflows.

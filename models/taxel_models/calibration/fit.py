@@ -40,7 +40,7 @@ _TYPICAL: Final = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 1.0, 1.0, 1.0])
 _FAR: Final = {"tilt_y": 10.0, "tilt_z": 10.0, "standoff": 5.0}
 _FAR_MM: Final = 1e3
 """Scales of a weak pull towards the recorded frame and a small standoff. The pull only decides between
-placements that fit equally well. Without it, a line of contacts would be fitted by a skin with a radius near 0."""
+placements that fit equally well. Without it, a line of contacts would get a skin with a radius near 0."""
 
 _EVALUATIONS: Final = 100
 """The most steps of one start. A problem that is well determined needs about ten."""

@@ -1,11 +1,11 @@
-"""Contact cycles of recordings: the course of each at light forces, and the light touch that ends it.
+"""Contact cycles of recordings: the course of each at small forces, and the light touch at its end.
 
-A cycle is a stretch of rows in contact whose force reaches the light limit. Its light touch is what
-comes after the last row above the limit, until contact is lost: there the probe hardly dents the skin,
-least of all in the last position, which is the one that is taken. Its course is all its positions at
-forces that dent the skin in a known way.
+A cycle is a stretch of rows in contact whose force reaches the light limit. Its light touch comes after the
+last row above the limit and ends when contact is lost. There the probe hardly dents the skin, least of all
+in the last position, which is taken. Its course is all its positions at forces that dent the skin in a
+known way.
 
-A tracker may be slower than the rows, which then hold a position. The row in which it is new has the
+A tracker may be slower than the rows. Then several rows hold one position, and the first of them has the
 force that belongs to it.
 """
 
@@ -21,7 +21,7 @@ from taxel_models.calibration.limits import Limits
 from taxel_models.recordings import Recording
 
 HERTZ_N: Final = 1.0
-"""Up to about this force a press follows Hertz's law; the skin's core stiffens stronger ones."""
+"""Up to about this force a press follows Hertz's law. At larger forces the core stiffens the skin."""
 
 FEWEST: Final = 20
 """Light contacts needed: about three for each of the components that are fitted."""
@@ -30,7 +30,7 @@ ORIENTATION: Final = tuple(f"probe.orientation.{axis}" for axis in "xyzw")
 """Columns of the probe's orientation, a quaternion from its frame to the recorded one, if recorded."""
 
 _HELD_MM: Final = 1e-6
-"""A position that differs by less from the one before is the same one, held."""
+"""A position that differs by less from the one before counts as the same position."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class LightContacts:
         course: (m, 3), the tracked point, one contact after the other, mm; each contact's last is its
             light touch.
         force: (m,), size of the force there, N.
-        starts: (n,), where in `course` each contact begins.
+        starts: (n,), the index in `course` where each contact begins.
         first: (n, 3), the tracked point when the force first exceeded the light limit, mm.
         course_orientation: (m, 4), the probe's quaternions, x y z w; none if not recorded.
         first_orientation: (n, 4), likewise at `first`.
@@ -58,7 +58,7 @@ class LightContacts:
     def of(cls, recordings: Sequence[Recording], limits: Limits) -> Self:
         """The light contacts of recordings in one frame.
 
-        The probe's orientation is used where all recordings have the columns `ORIENTATION`.
+        The probe's orientation is used if all recordings have the columns `ORIENTATION`.
 
         Raises:
             RecordingError: there are too few, or a quaternion is zero.
@@ -93,7 +93,7 @@ class LightContacts:
 
     @property
     def ends(self) -> NDArray[np.int64]:
-        """(n,), where in `course` the light touches are."""
+        """(n,), the indices of the light touches in `course`."""
         return np.append(self.starts[1:], len(self.course)) - 1
 
     @property

@@ -1,4 +1,4 @@
-"""Forces that tell contact from none and light from strong."""
+"""Forces that separate contact from no contact, and light from strong."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -14,7 +14,7 @@ TOUCH_N: Final = 0.05
 
 @dataclass(frozen=True)
 class Limits:
-    """Forces, N, that tell contact from none and light from strong.
+    """Forces, N, that separate contact from no contact, and light from strong.
 
     Raises:
         SettingsError: they are not in order.

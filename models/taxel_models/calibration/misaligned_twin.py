@@ -1,7 +1,7 @@
-"""How well a planted error comes back: `python -m taxel_models.calibration.misaligned_twin` measures it.
+"""Measures the accuracy of the calibration: `python -m taxel_models.calibration.misaligned_twin`.
 
-A twin as long as the published recording is moved by 5 mm and turned by 10 degrees, both in a random
-direction but without roll, which nothing can tell. The calibration moves it back.
+A twin as long as the published recording is shifted by 5 mm and rotated by 10 degrees, both in a random
+direction, but without roll, which is not identifiable. The calibration moves it back.
 """
 
 from dataclasses import dataclass, replace
@@ -32,7 +32,7 @@ PLANTED_DEGREES: Final = 10.0
 
 @dataclass(frozen=True)
 class MisalignedTwin:
-    """A twin, what a misplaced tracker made of it, and the calibration of that."""
+    """A twin, its recording by a misplaced tracker, and the calibration of that recording."""
 
     twin: Recording
     recorded: Recording
@@ -40,11 +40,11 @@ class MisalignedTwin:
 
     @classmethod
     def calibrated(cls, seed: int, standoff: float | None = None) -> "MisalignedTwin":
-        """Plant an error and estimate it.
+        """Add an error and estimate it.
 
         Args:
-            seed: of the twin and of the error.
-            standoff: told to the calibration, mm; estimated if None. The twin's is 0.
+            seed: seed of the twin and of the error.
+            standoff: given to the calibration, mm; estimated if None. The twin's is 0.
         """
         twin = simulate(PAPER_ROWS, seed)
         recorded = moved(twin, planted(seed))
@@ -52,14 +52,14 @@ class MisalignedTwin:
 
     @property
     def off_mm(self) -> float:
-        """Mean distance of positions in contact from where they were before anything was planted, mm."""
+        """Mean distance of positions in contact from their place before the error was added, mm."""
         true, back = self.twin.samples, in_sensor_frame(self.recorded, self.found).samples
         touched = np.linalg.norm(true.force, axis=1) > TOUCH_N
         return float(np.linalg.norm(back.position - true.position, axis=1)[touched].mean() * 1e3)
 
 
 def planted(seed: int) -> Motion:
-    """So many millimetres and degrees in a random direction, without roll."""
+    """A motion of a fixed size, mm and degrees, in a random direction, without roll."""
     dice = np.random.default_rng(seed)
     angle = dice.uniform(0.0, 2.0 * np.pi)
     axis = np.array([0.0, np.cos(angle), np.sin(angle)])
@@ -85,7 +85,7 @@ def main(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Print how far each twin's contacts end up from where they were, mm."""
+    """Print how far each twin's contacts are from their true place after calibration, mm."""
     numbers = track(
         range(seed, seed + twins), "twins", console=Console(stderr=True, quiet=as_json), transient=True
     )

@@ -1,11 +1,11 @@
-"""What is estimated: a rigid motion into the sensor's frame, and how far the tracked point is off.
+"""The estimated components: a rigid motion into the sensor's frame, and the offset of the tracked point.
 
-The skin is a surface of revolution about x, so that a turn about x (roll) changes no distance to it.
-Of all motions that differ by a roll, the one that turns least is taken: its rotation vector has no x
-component, and two components, the tilts, are left.
+The skin is a surface of revolution about x, so a rotation about x (roll) changes no distance to it. Of all
+motions that differ only by a roll, the one with the smallest rotation is taken. Its rotation vector has no
+x component; the two others are the tilts.
 
-Translations are those of the contacts' centre along the sensor's axes. So a component that the
-contacts do not determine can be held at 0, where it leaves the recorded positions as they are.
+Translations are those of the contacts' centre along the sensor's axes. If the contacts do not determine a
+component, it is held at 0 and leaves the recorded positions as they are.
 """
 
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ class Motion:
         return np.asarray(self.rotation.apply(points) + self.translation)
 
     def turn(self, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Directions or forces (n, 3): turned, not shifted."""
+        """Directions or forces (n, 3): rotated, not shifted."""
         return np.asarray(self.rotation.apply(vectors))
 
     def inverse(self) -> "Motion":
@@ -53,11 +53,11 @@ class Motion:
 
 @dataclass(frozen=True)
 class Placement:
-    """Values of the components, with what they refer to.
+    """Values of the components, and their centre.
 
-    Without the probe's orientation, all that light contacts can tell about the probe is the standoff:
-    how far off the skin the tracked point is as the probe just touches it, along the skin's normal (a
-    tracked sphere's radius). With the orientation, it is the contact point's offset in the probe's frame.
+    Without the probe's orientation, light contacts determine only the standoff of the probe: the distance
+    of the tracked point from the skin at first touch, along the skin's normal (a tracked sphere's radius).
+    With the orientation, they determine the contact point's offset in the probe's frame.
 
     Attributes:
         values: (k,) in the order of `components_of`.
@@ -75,12 +75,12 @@ class Placement:
 
     @property
     def standoff(self) -> float:
-        """Distance of the tracked point from the skin as it just touches, mm; 0 with an offset."""
+        """Distance of the tracked point from the skin at first touch, mm; 0 if an offset is fitted."""
         return float(self.values[5]) if len(self.values) == len(RIGID + STANDOFF) else 0.0
 
     @property
     def offset(self) -> NDArray[np.float64]:
-        """(3,), from the tracked point to the contact point in the probe's frame, mm; 0 with a standoff."""
+        """(3,), from tracked point to contact point in the probe's frame, mm; 0 if a standoff is fitted."""
         return self.values[5:] if len(self.values) == len(RIGID + OFFSET) else np.zeros(3)
 
     def placed(
@@ -97,15 +97,15 @@ class Placement:
         orientation: NDArray[np.float64] | None,
         normal: NDArray[np.float64],
     ) -> NDArray[np.float64]:
-        """How the placed points' distances from the skin, less the standoff, change with each component.
+        """Derivatives of the placed points' distances from the skin, minus the standoff, by each component.
 
-        A small change of the rotation vector v turns by J(v) dv, with the left Jacobian of SO(3)
+        A small change dv of the rotation vector v rotates by J(v) dv, with the left Jacobian of SO(3)
         (Solà, Deray and Atchuthan 2018, A micro Lie theory for state estimation in robotics, eq. 145).
 
         Args:
             points: (n, 3), tracked, mm.
             orientation: (n, 4), the probe's quaternions, if recorded.
-            normal: (n, 3), of the skin where the contacts are placed.
+            normal: (n, 3), the skin's normals at the placed contacts.
 
         Returns:
             (n, k), mm by mm or rad.

@@ -1,4 +1,4 @@
-"""Which electrode each contact is nearest to: how evenly a recording covers the sensor."""
+"""The electrode nearest to each contact: it shows how evenly a recording covers the sensor."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -19,7 +19,7 @@ class NearestElectrodes:
     """Contacts by electrode.
 
     Attributes:
-        contacts: (19,), how many contacts each electrode is the nearest to.
+        contacts: (19,), number of contacts that are nearest to each electrode.
         off_skin: contacts that were not counted.
     """
 

@@ -1,4 +1,4 @@
-"""`taxel calibrate`: where the sensor is in a recording's frame."""
+"""`taxel calibrate`: find the sensor's frame from light contacts."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -38,7 +38,7 @@ def calibrate(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier calibration.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Estimate the sensor's place from light contacts, so that they lie on its skin.
+    """Find the sensor's frame from light contacts: they must lie on its skin.
 
     `--json` prints what `calibration.json` holds, and the folder.
     """

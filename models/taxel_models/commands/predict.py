@@ -1,4 +1,4 @@
-"""`taxel predict`: a recording through a model, on a server or in this process."""
+"""`taxel predict`: predict a recording, on a server or in this process."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -113,7 +113,7 @@ def train(
 
 
 def parse_settings(settings: list[str]) -> dict[str, Any]:
-    """`name=value` pairs; a value that reads as JSON (a number, a list) is that, any other is text.
+    """`name=value` pairs. A value that is JSON (a number, a list) is read as JSON; any other is text.
 
     Raises:
         SettingsError: a pair has no '='.

@@ -1,4 +1,4 @@
-"""`taxel twin`: write a simulated recording, with effects planted in it where that is asked for."""
+"""`taxel twin`: write a simulated recording, with planted effects if asked for."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated

@@ -1,4 +1,4 @@
-"""A CSV file of numbers whose every fault is reported with its line and column."""
+"""Reads a CSV file of numbers and reports each fault with its line and column."""
 
 import hashlib
 import re
@@ -16,7 +16,7 @@ FIRST_ROW: Final = 2
 """The line of a table's first row: the header is line 1."""
 
 _TIME_LENGTH: Final = 24
-"""Room for a time's text; what is cut off here is too long for an int64 anyway."""
+"""Room for a time's text. A longer text is too long for an int64."""
 
 _NUMBER: Final = re.compile(
     r"[ \t]*[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)[ \t]*", re.ASCII | re.IGNORECASE
@@ -28,10 +28,10 @@ class TimeColumn:
     """How a table writes its time.
 
     Attributes:
-        name: of the column.
-        expected: what its text has to be, for error texts.
-        parse: from text to ns; returns None where the text is not a time. No float is on the way, for
-            a float64 of an epoch time is a quarter of a microsecond coarse.
+        name: name of the column.
+        expected: the expected text, for errors.
+        parse: from text to ns; returns None if the text is not a time. It uses no float: a float64 of
+            an epoch time has steps of a quarter of a microsecond.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Table:
         path: the file.
         time_ns: (n,) int64; in file order, not checked.
         columns: every other column by its header name, in file order, each (n,) float64.
-        sha256: of the file.
+        sha256: hash of the file.
     """
 
     path: Path
@@ -59,7 +59,7 @@ class Table:
         """Check that the named columns hold no NaN and no infinity.
 
         Raises:
-            RecordingError: one does; the first is named by line and column.
+            RecordingError: one does; the text names the first by line and column.
         """
         values = np.column_stack([self.columns[name] for name in names])
         faults = np.argwhere(~np.isfinite(values))
@@ -75,7 +75,7 @@ class Table:
         """Check that time goes forward from row to row.
 
         Raises:
-            RecordingError: it does not; the first line that breaks the order is named.
+            RecordingError: it does not; the text names the first such line.
         """
         faults = np.flatnonzero(np.diff(self.time_ns) <= 0)
         if len(faults):
@@ -147,13 +147,13 @@ def _columns(path: Path, header: str, required: Sequence[str]) -> list[str]:
 def _parse(
     names: Sequence[str], time: TimeColumn, lines: Sequence[str]
 ) -> tuple[NDArray[np.int64], dict[str, NDArray[np.float64]]] | None:
-    """Parse all lines at C speed; None if anything is wrong, without saying what."""
+    """Parse all lines at C speed; None if anything is wrong."""
     dtype = [(name, f"U{_TIME_LENGTH}" if name == time.name else "f8") for name in names]
     try:
         rows = np.loadtxt(lines, dtype=dtype, delimiter=",", comments=None, ndmin=1)
     except ValueError:
         return None
-    if len(rows) != len(lines):  # loadtxt passes over empty lines
+    if len(rows) != len(lines):  # loadtxt ignores empty lines
         return None
     times = [time.parse(text) for text in rows[time.name].tolist()]
     exact = [value for value in times if value is not None and abs(value) < 2**63]
@@ -166,7 +166,7 @@ def _parse(
 def _first_fault(
     path: Path, names: Sequence[str], time: TimeColumn, lines: Sequence[str]
 ) -> RecordingError:
-    """Find what `_parse` stumbled over, line by line."""
+    """Find the first fault, line by line."""
     for line, row in enumerate(lines, FIRST_ROW):
         fields = row.rstrip("\r").split(",")
         if len(fields) != len(names):

@@ -1,4 +1,4 @@
-"""Electrode glitches: samples that jump far away and straight back."""
+"""Electrode glitches: samples that jump far away and back."""
 
 from typing import Final
 
@@ -9,17 +9,17 @@ GLITCH_COUNTS: Final = 1000
 """An electrode above this, between neighbours in time that are near 0, is a glitch."""
 
 NEAR_ZERO_COUNTS: Final = 500
-"""What counts as near 0 there; the set's electrodes stay below 240 otherwise."""
+"""What counts as near 0; otherwise the electrodes of this data set stay below 240."""
 
 GLITCH_ROWS: Final = 3
-"""A glitch lasts at most this many rows; what stays high for longer is a signal."""
+"""A glitch lasts at most this many rows. A longer one is a signal."""
 
 
 def glitches(electrodes: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Rows in which an electrode jumps from near 0 above `GLITCH_COUNTS` and straight back.
+    """Rows in which an electrode jumps from near 0 above `GLITCH_COUNTS` and back.
 
-    Judged per electrode: a run of at most `GLITCH_ROWS` rows above `GLITCH_COUNTS`, with a row
-    below `NEAR_ZERO_COUNTS` on either side. At an end of the trial the one side there is decides.
+    For each electrode: a run of at most `GLITCH_ROWS` rows above `GLITCH_COUNTS`, with a row below
+    `NEAR_ZERO_COUNTS` on each side. At an end of the trial, the side that exists decides.
 
     Args:
         electrodes: (n, e), counts, the rows of one trial.

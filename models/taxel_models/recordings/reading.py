@@ -1,4 +1,4 @@
-"""Reading a recording of whichever format a path holds."""
+"""Reads a recording in any known format."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -17,8 +17,8 @@ def read_recording(path: Path, progress: Callable[[int, int], None] | None = Non
         progress: called after each trial of a folder with the number read and the number in all.
 
     Raises:
-        RecordingError: there is nothing at `path`, or what is there is damaged; the text names
-            the file, the line and what was expected.
+        RecordingError: `path` does not exist, or is damaged; the text names the file, the line and
+            what was expected.
     """
     if not path.exists():
         raise RecordingError(f"{path}: does not exist; expected a Ruppel CSV file or a BioTac slide folder")

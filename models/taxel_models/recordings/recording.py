@@ -13,21 +13,21 @@ from taxel.errors import InvalidArgument, RecordingError
 from taxel.windows import Samples, resample
 
 AUXILIARY: Final = ("pac1", "tac", "tdc")
-"""Measured beside the 21 channels: second vibration sample, heat flow, temperature."""
+"""Measured in addition to the 21 channels: second vibration sample, heat flow, temperature."""
 
 
 @dataclass(frozen=True)
 class Recording:
-    """Samples, measured channels, and whatever else was recorded.
+    """Samples, measured channels, and everything else that was recorded.
 
     Attributes:
         samples: n rows of time, contact position and force.
         channels: (n, 21) float64, counts, columns as `CHANNELS`.
         auxiliary: `pac1`, `tac` and `tdc`, each (n,) float64, counts.
         covariates: any other column by name, each (n,) float64.
-        name: what to call it in tables and errors.
+        name: its name in tables and errors.
         format: `ruppel`, `biotac_slide` or `twin`.
-        sha256: of the files it was read from; empty for one made in memory.
+        sha256: hash of the files it was read from; empty if it was made in memory.
         dropped: how many rows were left out while reading, by reason.
     """
 
@@ -99,7 +99,7 @@ class Recording:
 
     @property
     def fingerprint(self) -> str:
-        """The sha256 of the files it was read from, or of its own columns where there are none."""
+        """The sha256 of the files it was read from, or of its columns if it was made in memory."""
         if self.sha256:
             return self.sha256
         digest = hashlib.sha256(self.samples.time_ns.tobytes())
@@ -114,7 +114,7 @@ class Recording:
         return digest.hexdigest()
 
     def rows(self, keep: NDArray[np.bool_] | NDArray[np.int64] | slice) -> Self:
-        """A recording of some of the rows, in their order; where rows are left out, a gap opens."""
+        """A recording of some of the rows, in their order. A gap opens where rows are left out."""
         samples = replace(
             self.samples,
             time_ns=self.samples.time_ns[keep],

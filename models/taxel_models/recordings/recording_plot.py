@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 SUFFIXES: Final = (".png", ".pdf", ".svg")
 
 _BINS: Final = 1400
-"""Columns of the picture: a longer recording shows mean and range of the rows in each."""
+"""Columns of the picture. For a longer recording, each shows mean and range of its rows."""
 
 _MARKED_SEGMENTS: Final = 60
-"""More segments than this are not marked: the marks would hide the curves."""
+"""If there are more segments, they are not marked: the marks would hide the curves."""
 
 
 def draw(recording: Recording, path: Path) -> None:

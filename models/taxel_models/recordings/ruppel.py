@@ -26,7 +26,7 @@ COLUMNS: Final = (TIME, *POSITION, *FORCE, *_TACTILE.values(), *_ELECTRODE.value
 
 _INTEGER: Final = re.compile(r"[+-]?\d{1,19}", re.ASCII)
 _WHOLE_MAX: Final = 2.0**53
-"""Up to here float64 holds every whole number."""
+"""The largest number up to which float64 holds every whole number."""
 
 
 def _integer_ns(text: str) -> int | None:
@@ -60,7 +60,7 @@ def read_ruppel(path: Path) -> Recording:
 
 
 def has_channels(path: Path) -> bool:
-    """Whether a CSV file has any column of a sensor, so that `read_ruppel` should read it.
+    """Whether a CSV file has a sensor's column; then `read_ruppel` should read it.
 
     Raises:
         RecordingError: the file cannot be read.
@@ -73,7 +73,7 @@ def has_channels(path: Path) -> bool:
 
 
 def read_contacts(path: Path) -> Samples:
-    """Read where and how hard a finger was touched, from a CSV file without a sensor's columns.
+    """Read positions and forces from a CSV file without a sensor's columns.
 
     Raises:
         RecordingError: the file is damaged; the text names the file, the line and what was expected.
@@ -90,7 +90,7 @@ def read_contacts(path: Path) -> Samples:
 def write_ruppel(recording: Recording, path: Path) -> None:
     """Write a recording as Ruppel CSV, so that `read_ruppel` gives back equal columns.
 
-    The file appears whole or not at all: an error leaves what stood at `path` as it was.
+    The file appears whole or not at all. After an error, an earlier file at `path` is unchanged.
 
     Raises:
         RecordingError: there are no rows, or a covariate has a name that a header cannot hold.
@@ -127,7 +127,7 @@ def _is_header_name(name: str) -> bool:
 
 
 def _texts(column: NDArray[np.float64]) -> "map[str]":
-    """The shortest texts that read back as the same numbers; without a point where all are whole."""
+    """The shortest texts that read back as the same numbers; without a point if all are whole."""
     whole = (np.abs(column) <= _WHOLE_MAX) & (column == np.rint(column))
     negative_zero = (column == 0) & np.signbit(column)
     if (whole & ~negative_zero).all():

@@ -50,12 +50,12 @@ _CLOCK: Final = TimeColumn("timestamp", "seconds with nine decimal digits", _sta
 
 @dataclass(frozen=True)
 class Trial:
-    """Where one trial lies.
+    """The place of one trial's files.
 
     Attributes:
-        folder: that holds its four files.
+        folder: holds its four files.
         material: number of the material.
-        number: of the trial on this material.
+        number: number of the trial on this material.
     """
 
     folder: Path
@@ -69,7 +69,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class _Rows:
-    """What is kept of one trial, and how much was not."""
+    """The kept rows of one trial, and the number of dropped rows."""
 
     time_ns: NDArray[np.int64]
     tactile: NDArray[np.float64]
@@ -163,7 +163,7 @@ def _read_stream(trial: Trial, stream: str, columns: Sequence[str]) -> Table:
 
 
 def _interpolated(time: NDArray[np.int64], table: Table, columns: Sequence[str]) -> NDArray[np.float64]:
-    # From the first stamp on, ns fit a float64 exactly; since the epoch they would not.
+    # ns since the first stamp fit a float64 exactly; ns since the epoch would not.
     start = table.time_ns[0]
     at, known = time - start, table.time_ns - start
     return np.column_stack([np.interp(at, known, table.columns[name]) for name in columns])
@@ -212,7 +212,7 @@ def _joined(folder: Path, parts: Sequence[_Rows]) -> Recording:
 
 
 def _sha256(folder: Path, parts: Sequence[_Rows]) -> str:
-    """Over the files' names within the folder and their own hashes, in the names' order."""
+    """Hash of the files' names within the folder and of their hashes, in the order of the names."""
     hashes = {
         path.relative_to(folder).as_posix(): value for rows in parts for path, value in rows.hashes.items()
     }

@@ -1,4 +1,4 @@
-"""What a recording holds, in numbers."""
+"""A summary of a recording in numbers."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -29,8 +29,8 @@ class ColumnStatistics:
         mean: of all values.
         maximum: largest value.
         sd: standard deviation of all values.
-        repeats: share of the rows, each segment's first left out, that hold exactly the value of
-            the row before; a slow or a held signal shows here, and a stuck one has 1.
+        repeats: share of the rows, without each segment's first, with exactly the value of the row
+            before. It shows slow and held signals; a stuck signal has 1.
     """
 
     minimum: float
@@ -57,13 +57,13 @@ class Summary:
     """What `taxel recording` prints.
 
     Attributes:
-        name: of the recording.
+        name: name of the recording.
         format: `ruppel`, `biotac_slide` or `twin`.
-        sha256: of the files.
+        sha256: hash of the files.
         rows: samples kept.
         segments: stretches without a gap.
         seconds: length of all segments together.
-        rate_hz: of the median interval between rows.
+        rate_hz: rate that follows from the median interval between rows.
         dropped: rows left out while reading, by reason.
         columns: statistics by group (the keys of `UNITS`) and column name.
     """

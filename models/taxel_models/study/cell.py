@@ -1,4 +1,4 @@
-"""One cell: fit a model to a fold and see how far it is off on the test set."""
+"""One cell: fit a model to a fold and compute its errors on the test set."""
 
 import time
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ class ChannelErrors(BaseModel):
     def of(
         cls, measured: NDArray[np.float64], predicted: NDArray[np.float32], std: NDArray[np.float32]
     ) -> Self:
-        """Compare (n, 21) counts; `std` (21,) are the deviations that normalise."""
+        """Compare (n, 21) counts; `std` (21,) are the standard deviations that normalise."""
         absolute = ErrorMetrics.of(measured, predicted, std)
         rmse = np.sqrt(np.square(measured - predicted).mean(axis=0))
         return cls(
@@ -64,15 +64,15 @@ class CellResult(BaseModel):
     """What is kept of a finished cell.
 
     Attributes:
-        key: `StudySettings.key`, of everything the result depends on.
+        key: see `StudySettings.key`; the hash of everything that the result depends on.
         fold: counted from 0.
         parameters: learnable ones; for trees their nodes.
         windows: in each set.
         test: errors of the model; one that takes the temperature is given its mean.
         test_measured_temperature: its errors with the temperature as measured.
-        sweep: its errors with each temperature that occurs, where that was asked for.
-        mean_predictor: errors of always saying the mean.
-        seconds: that fitting and testing took, on `jobs` cores.
+        sweep: its errors with each temperature that occurs, if the settings ask for it.
+        mean_predictor: errors of the mean predictor.
+        seconds: duration of fitting and testing, on `jobs` cores.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)

@@ -54,7 +54,7 @@ def _submitted(
 ) -> dict[Future, str]:
     """The futures of all cells, with their names.
 
-    Batches come one after the other, so that few folds' windows are held at a time.
+    Batches come one after another, so few folds' windows are in memory at a time.
     """
     shared: dict[Protocol, Any] = {
         protocol: client.scatter(partitions[protocol], broadcast=True)
@@ -62,7 +62,7 @@ def _submitted(
     }
     futures = {}
     for rank, batch in enumerate(batches):
-        # The first cell's key stands for data, protocol and fold.
+        # The first cell's key identifies data, protocol and fold.
         name = f"fold-{batch.protocol}-{batch.combination}-{batch.fold + 1}-{batch.tasks[0].key[:12]}"
         data = client.submit(
             fold_data, shared[batch.protocol], batch.combination, batch.fold, key=name, priority=-rank

@@ -14,14 +14,14 @@ from taxel_models.training.dataset import Examples, concatenate
 
 @dataclass(frozen=True)
 class FoldData:
-    """What a cell needs of the data.
+    """The data of a cell.
 
     Attributes:
         train: z-scored, as are `validation` and `test`.
         measured: (n, 21) the test set's channels, counts.
-        scaler: of the channels.
+        scaler: scaler of the channels.
         tdc: every temperature that occurs in any set, whole counts, ascending, (k,).
-        tdc_scaler: of the temperature.
+        tdc_scaler: scaler of the temperature.
     """
 
     spec: WindowSpec
@@ -44,7 +44,7 @@ def fold_data(partition: Partition, combination: int, fold: int) -> FoldData:
     spec = WindowSpec.of(combination)
     table = _all_windows(partition, spec)
     numbers = partition.folds[fold]
-    # Column by column, so that no more than one column exists twice, in float64, at a time.
+    # Column by column, so that only one column at a time exists twice, in float64.
     scalers = {name: Scaler.fit(column[numbers.statistics]) for name, column in vars(table).items()}
 
     def scaled(chosen: Numbers) -> FitData:

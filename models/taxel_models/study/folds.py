@@ -1,8 +1,8 @@
-"""Cross-validation: which windows each fold fits, stops early and tests with.
+"""Cross-validation: the windows of each fold's training, validation and test set.
 
-Both protocols leave out windows at the edges of what is held out, as many as the widest input
-combination reaches. So no window of one set touches a row of another, and every combination is
-tested on the same rows, as a paired test needs.
+Both protocols leave out windows at the edges between sets, as many as the widest input combination
+reaches. So no window of one set uses a row of another, and all combinations are tested on the same rows,
+as a paired test requires.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ from taxel_models.training.split import CHUNK_ROWS, Grouping, Subset, groups_of,
 Numbers = NDArray[np.int64]
 
 VALIDATION_SHARE: Final = 0.1
-"""Of all groups, taken from the training set for early stopping."""
+"""Share of all groups that is taken from the training set for early stopping."""
 
 GUARD: Final = max(
     max(spec.look_back, spec.look_ahead) for spec in (WindowSpec.of(number) for number in COMBINATIONS)
@@ -35,7 +35,7 @@ class Fold:
     """Numbers of windows, counted over all recordings of a `Partition`.
 
     Attributes:
-        statistics: those whose mean and standard deviation normalise all others.
+        statistics: the windows whose mean and standard deviation normalise all windows.
     """
 
     train: Numbers
@@ -49,8 +49,8 @@ class Partition:
     """A protocol applied to recordings.
 
     Attributes:
-        recordings: of ticks; where the protocol ignores gaps, without them.
-        rows: of each recording, the rows T of the windows that are numbered.
+        recordings: resampled to ticks; without gaps if the protocol ignores gaps.
+        rows: for each recording, the rows T of the numbered windows.
         held_out: what a test set consists of, in words.
         folds: the windows of each fold.
     """
@@ -62,7 +62,7 @@ class Partition:
 
 
 def choose_grouping(recordings: Sequence[Recording], grouping: Grouping, folds: int) -> Grouping:
-    """What `auto` stands for: sessions where there is one a fold, else trials, else chunks.
+    """What `auto` means: sessions if there is one for each fold, else trials, else chunks.
 
     Raises:
         SettingsError: some recordings are series of trials and others are not.
@@ -148,10 +148,10 @@ def _strict_fold(recordings: Sequence[Recording], subsets: Sequence[NDArray[np.i
 def _as_published(recordings: Sequence[Recording], folds: int, seed: int) -> Partition:
     """The published scripts' choices.
 
-    Gaps are ignored. Ticks are counted off in chunks of 1000, whatever trial they belong to; what is
-    left at the end is unused. Every chunk loses `GUARD` windows at either edge. All folds test as many
-    chunks, the last one what remains. Validation takes stretches of 1000 windows from anywhere in the
-    training set. Means and standard deviations are those of all sets together.
+    Gaps are ignored. Ticks are divided into chunks of 1000, across trials; the remainder at the end is
+    unused. Every chunk loses `GUARD` windows at each edge. All folds test the same number of chunks,
+    except the last fold, which tests the remainder. Validation takes stretches of 1000 windows from
+    anywhere in the training set. Means and standard deviations are those of all sets together.
     """
     closed = tuple(_without_gaps(recording) for recording in recordings)
     spans = [(len(recording) - 2 * GUARD) // CHUNK_ROWS for recording in closed]
@@ -170,7 +170,7 @@ def _as_published(recordings: Sequence[Recording], folds: int, seed: int) -> Par
 
 
 def _chunks_in_fold(chunks: int, folds: int) -> int:
-    """Chunks that each fold but the last tests: rounded up, as 30 of 292, where the last keeps any."""
+    """Test chunks of each fold but the last: rounded up, as 30 of 292, if chunks remain for the last."""
     each = -(-chunks // folds)
     if each * (folds - 1) >= chunks:
         each = chunks // folds
@@ -199,6 +199,6 @@ def _published_validation(
 
 
 def _without_gaps(recording: Recording) -> Recording:
-    """The same rows as if one followed the other every 10 ms."""
+    """The same rows with times 10 ms apart, so without gaps."""
     time = np.arange(len(recording), dtype=np.int64) * PERIOD_NS
     return replace(recording, samples=replace(recording.samples, time_ns=time, period_ns=PERIOD_NS))

@@ -1,4 +1,4 @@
-"""What the paper reports, to stand beside our figures where the data are the paper's."""
+"""The paper's figures, shown beside ours if the data are the paper's."""
 
 import json
 from collections.abc import Sequence
@@ -23,25 +23,25 @@ def is_published_data(recordings: Sequence[Recording]) -> bool:
 
 
 def published_result(model: str, combination: int) -> dict[str, Any] | None:
-    """Parameters, errors and their standard deviations over ten folds; None where there are none."""
+    """Parameters, errors and their standard deviations over ten folds; None if there are none."""
     result: dict[str, Any] | None = _tables()["results"].get(model, {}).get(str(combination))
     return result
 
 
 def published_windows(model: str, comparison: str) -> dict[str, float] | None:
-    """The test of two input combinations, such as `1 vs 2`; None where there is none."""
+    """The test of two input combinations, such as `1 vs 2`; None if there is none."""
     found: dict[str, float] | None = _tables()["windows"].get(model, {}).get(comparison)
     return found
 
 
 def published_models(combination: int, comparison: str) -> dict[str, float] | None:
-    """The test of two models, such as `xgb vs network-b`; None where there is none."""
+    """The test of two models, such as `xgb vs network-b`; None if there is none."""
     found: dict[str, float] | None = _tables()["models"].get(str(combination), {}).get(comparison)
     return found
 
 
 def published_temperature() -> dict[str, float]:
-    """Network B's normalised MAE, inputs 1, by the temperature that it is told, and the relative loss.
+    """Network B's normalised MAE, inputs 1, by its given temperature, and the relative loss.
 
     `measured`, `mean`, `best` (the fixed one with the lowest error), `mean_predictor`, and
     `relative_loss` of `best`.

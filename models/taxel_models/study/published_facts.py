@@ -1,8 +1,8 @@
 """The twin beside the published data set: `python -m taxel_models.study.published_facts` prints the table.
 
-Each published fact has a stated range; the twin's figure is in it or not. Facts about the recording are
-taken from a fresh twin, facts about a model's errors from the manifest of a Network B that was trained on
-a twin, by default the shipped one. What the paper shows in a figure only is compared in kind.
+Each published fact has a range, and the twin's figure is in it or not. Facts about the recording come from
+a new twin. Facts about errors come from the manifest of a Network B that was trained on a twin, by default
+the shipped one. If the paper shows a fact only as a picture, the comparison is qualitative.
 """
 
 from collections.abc import Mapping
@@ -34,7 +34,7 @@ from taxel_models.twin.summary import TOUCHED_N, summarise
 from taxel_models.twin.temperature import END_COUNTS, MEAN_COUNTS, START_COUNTS
 
 LIGHT_CONTACTS_MM: Final = 0.444
-"""Mean distance from the skin that the paper's light contacts keep after calibration."""
+"""Mean distance of the paper's light contacts from the skin after calibration."""
 
 TIP: Final = ("e7", "e8", "e9", "e10")
 """The electrodes with the highest normalised errors in the paper's box plots, which have no numbers."""
@@ -48,13 +48,13 @@ MINUTE: Final = 6000
 
 @dataclass(frozen=True)
 class Fact:
-    """A published fact and what the twin has in its place.
+    """A published fact, and the twin's figure.
 
     Attributes:
-        published: the figure, or what is said in words.
-        low: least value of the twin that counts as met; none if any does.
-        high: greatest such value; none if any does.
-        twin: what was found.
+        published: the figure, or a description in words.
+        low: the least value that meets the fact; None if there is no lower limit.
+        high: the largest such value; None if there is no upper limit.
+        twin: the twin's figure.
     """
 
     name: str
@@ -75,7 +75,7 @@ def within(name: str, published: float, tolerance: float, twin: float) -> Fact:
 
 
 def recording_facts(recording: Recording) -> list[Fact]:
-    """What a twin is compared in without a model.
+    """Facts about a twin's recording.
 
     Raises:
         RecordingError: it is too short to have light contacts.
@@ -96,7 +96,7 @@ def recording_facts(recording: Recording) -> list[Fact]:
 
 
 def _rising_share(tdc: NDArray[np.float64]) -> float:
-    """Of the steps from the mean of one minute to that of the next."""
+    """The share of minutes whose mean is above the mean of the minute before."""
     minutes = len(tdc) // MINUTE
     if minutes < 2:
         raise SettingsError(f"{len(tdc)} rows: expected two minutes, {2 * MINUTE}")
@@ -132,7 +132,7 @@ def _contact_facts(recording: Recording) -> list[Fact]:
 
 
 def model_facts(metrics: Mapping[str, Any]) -> list[Fact]:
-    """What the errors of a Network B, inputs 1, are compared in.
+    """Facts about the errors of a Network B, inputs 1.
 
     Args:
         metrics: held-out errors, as in the manifest of one trained with the temperature.
@@ -169,7 +169,7 @@ def _tip_facts(errors: Mapping[str, float]) -> list[Fact]:
 
 
 def _fluid_facts(ours: Mapping[str, float]) -> list[Fact]:
-    """The mean error of pac0 and pdc over that of the electrodes, which both tables' means imply."""
+    """Mean error of pac0 and pdc over that of the electrodes, from the means over 21 and over 19."""
     theirs = published_result("network-b", 1)
     assert theirs is not None
     return [
@@ -188,7 +188,7 @@ def _fluid_ratio(errors: Mapping[str, Any], metric: str) -> float:
 
 
 def table(facts: list[Fact]) -> Table:
-    """One row a fact."""
+    """One row for each fact."""
     lines = Table("fact", "published", "met if", "twin", "met")
     for fact in facts:
         published = fact.published if isinstance(fact.published, str) else f"{fact.published:.4g}"

@@ -1,4 +1,4 @@
-"""Running a study: what is there already, what is left to compute, and where it is computed."""
+"""Runs a study: finds finished cells, and computes the missing ones here or on a cluster."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from taxel_models.training.split import Grouping
 
 @dataclass(frozen=True)
 class Batch:
-    """Cells that share the windows of a fold, so that these are built once."""
+    """Cells that share the windows of a fold, which are built once."""
 
     protocol: Protocol
     combination: int
@@ -29,7 +29,7 @@ class Batch:
 
 
 Runner = Callable[[Mapping[Protocol, Partition], Sequence[Batch], Progress], Iterator[CellResult]]
-"""Computes batches, in any order; told partitions, batches, and whom to tell how many cells are done."""
+"""Computes batches in any order. Takes partitions, batches, and a function for the progress."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ class Study:
     Attributes:
         sources: the recordings as read.
         grouping: what the strict protocol holds out whole.
-        rows: 10 ms ticks there are.
-        rows_used: those that are left at a reduced scale.
+        rows: number of 10 ms ticks.
+        rows_used: number of ticks that are used; fewer at a reduced scale.
         published_data: whether this is the paper's data set, all of it.
         partitions: the folds of each protocol.
     """
@@ -86,7 +86,7 @@ class Study:
         )
 
     def key(self, cell: Cell) -> str:
-        """Of everything that a cell's result depends on."""
+        """The hash of everything that a cell's result depends on."""
         return self.settings.key(cell, [source.sha256 for source in self.sources], self.grouping)
 
 

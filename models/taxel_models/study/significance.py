@@ -1,4 +1,4 @@
-"""The corrected resampled paired t-test of Nadeau and Bengio (2003), and what the paper lacks beside it."""
+"""The corrected resampled paired t-test of Nadeau and Bengio (2003), with intervals and effect sizes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ from taxel.errors import InvalidArgument
 from taxel_models.evaluation.standard_error import corrected_standard_error
 
 CONFIDENCE: Final = 0.95
-"""Of the intervals."""
+"""Confidence level of the intervals."""
 
 
 @dataclass(frozen=True)
@@ -21,15 +21,15 @@ class Comparison:
     """Whether the first has lower errors than the second, fold by fold.
 
     Attributes:
-        folds: how many pairs.
+        folds: number of pairs.
         difference: mean of first minus second.
-        low: of the 95 % confidence interval of the difference, two-sided, by the same variance.
-        high: likewise.
-        t: the test statistic; None where all folds differ by the same amount.
-        p: one-sided, that so low a t comes about where there is no difference.
+        low: lower limit of the two-sided 95 % confidence interval of the difference.
+        high: upper limit.
+        t: the test statistic; None if all folds differ by the same amount.
+        p: one-sided probability of so low a t if there is no difference.
         p_holm: `p` corrected for all comparisons made with it, after Holm 1979.
-        effect: the difference in its standard deviations over folds (Cohen's d of paired values);
-            None where all folds differ by the same amount.
+        effect: the difference over its standard deviation between folds (Cohen's d of paired values);
+            None if all folds differ by the same amount.
         relative: the difference over the second's mean.
     """
 

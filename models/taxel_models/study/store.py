@@ -1,4 +1,4 @@
-"""Finished cells on disk, one file each, so that a killed study goes on where it stopped."""
+"""Finished cells on disk, one file each, so that a killed study can continue."""
 
 import logging
 from pathlib import Path
@@ -22,10 +22,10 @@ class Store:
     OUT/checkpoints/NAME-KEY.pt   the progress of an unfinished network
 
     Args:
-        folder: an earlier study's, or a place where nothing stands yet.
+        folder: an earlier study's folder, or a place for a new one.
 
     Raises:
-        SettingsError: something else stands there.
+        SettingsError: something else is there.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -45,7 +45,7 @@ class Store:
         return self._checkpoints / f"{_name(cell, key)}.pt"
 
     def read(self, cell: Cell, key: str) -> CellResult | None:
-        """A finished cell; None where it is not, or its file is damaged."""
+        """A finished cell; None if it is not finished, or its file is damaged."""
         path = self._path(cell, key)
         try:
             result = CellResult.model_validate_json(path.read_bytes())

@@ -1,4 +1,4 @@
-"""A study's pictures: errors by channel, input combination and temperature told, and losses."""
+"""A study's pictures: errors by channel, input combination and given temperature, and losses."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,14 +16,14 @@ from taxel_models.study.summary import MEAN_PREDICTOR, Summary
 from taxel_models.study.temperature import Temperature
 
 COLOURS: Final = ("#6c757d", "#30638e", "#d1495b", "#edae49", "#00798c", "#7b2d8b")
-"""One a model, in the settings' order."""
+"""One for each model, in the order of the settings."""
 
 _GROUP: Final = 0.8
 """Share of the room between two ticks that boxes or bars take."""
 
 
 def draw_channels(summary: Summary, combination: int, path: Path) -> None:
-    """Boxes of the folds' normalised MAE: one group a channel, one box a model."""
+    """Boxes of the folds' normalised MAE: a group for each channel, a box for each model."""
     figure = Figure(figsize=(14, 4.5), layout="constrained")
     axes = figure.subplots()
     for place, model in enumerate(summary.models):
@@ -35,7 +35,7 @@ def draw_channels(summary: Summary, combination: int, path: Path) -> None:
 
 
 def draw_combination_boxes(summary: Summary, path: Path) -> None:
-    """Boxes of the folds' normalised MAE over all channels: one group an input combination."""
+    """Boxes of the folds' normalised MAE over all channels: a group for each input combination."""
     figure = Figure(figsize=(11, 4.5), layout="constrained")
     axes = figure.subplots()
     for place, model in enumerate(summary.models):
@@ -47,7 +47,7 @@ def draw_combination_boxes(summary: Summary, path: Path) -> None:
 
 
 def draw_combination_bars(summary: Summary, path: Path) -> None:
-    """Mean normalised MAE and its standard deviation over folds: one group an input combination."""
+    """Mean normalised MAE and its standard deviation over folds: a group for each input combination."""
     figure = Figure(figsize=(11, 4.5), layout="constrained")
     axes = figure.subplots()
     ticks = np.arange(len(summary.combinations))
@@ -90,7 +90,7 @@ def draw_losses(summary: Summary, model: str, path: Path) -> None:
 
 
 def draw_temperature(found: Temperature, path: Path) -> None:
-    """Normalised MAE over the temperature that Network B is told; shaded: the folds' deviation."""
+    """Normalised MAE over Network B's given temperature; shaded: the folds' standard deviation."""
     figure = Figure(figsize=(9, 4.5), layout="constrained")
     axes = figure.subplots()
     fixed = f"any one of {len(found.tdc)} that occur"
@@ -103,7 +103,7 @@ def draw_temperature(found: Temperature, path: Path) -> None:
     best = found.best
     lowest = best.errors.norm_mae.mean()
     axes.plot([best.tdc], [lowest], "o", ms=5, color=COLOURS[1], label=f"best, {best.tdc:.0f}")
-    axes.set_xlabel("temperature told, tdc counts")
+    axes.set_xlabel("given temperature, tdc counts")
     axes.set_ylabel("normalised MAE")
     axes.set_ylim(bottom=0)
     axes.margins(x=0.01)

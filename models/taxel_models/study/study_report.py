@@ -90,7 +90,7 @@ def write_report(study: Study, cells: Sequence[CellResult], folder: Path) -> Non
 
 
 def scale_statement(study: Study) -> str:
-    """On what the study stands and where it is smaller than the paper's, as a Markdown list."""
+    """The data and settings of the study, and where it is smaller than the paper's, as a Markdown list."""
     settings = study.settings
     data = "; ".join(
         f"{source.name} ({source.format}, {source.rows:,} rows, sha256 {source.sha256[:12]}…)"
@@ -162,7 +162,7 @@ def _pictures(summary: Summary) -> Iterator[tuple[str, str, Callable[[Path], Non
         yield f"losses-{protocol}-{model}.png", f"Losses of {model}", partial(draw_losses, summary, model)
     found = Temperature.of(summary)
     if found is not None:
-        caption = "Normalised MAE over the temperature that Network B is told"
+        caption = "Normalised MAE over the given temperature of Network B"
         yield f"temperature-{protocol}.png", caption, partial(draw_temperature, found)
 
 

@@ -49,10 +49,10 @@ class StudySettings:
     Attributes:
         models: family names.
         combinations: input combinations, 1..8.
-        folds: of the cross-validation.
+        folds: number of folds.
         grouping: what the strict protocol holds out whole.
         rows: 10 ms ticks to reduce the data to; None takes all.
-        seed: of the folds, the reduction, and every fit.
+        seed: seed of the folds, the reduction, and every fit.
         overrides: by model, hyperparameters that replace the paper's.
         temperature: test Network B with every temperature that occurs.
     """
@@ -108,7 +108,7 @@ class StudySettings:
         }
 
     def check(self) -> None:
-        """Refuse unknown hyperparameters before any work is done.
+        """Check the hyperparameters before any work.
 
         Raises:
             SettingsError: an override is unknown or not valid.
@@ -130,10 +130,10 @@ class StudySettings:
         return self.temperature and (cell.model, cell.combination) == SWEPT
 
     def key(self, cell: Cell, fingerprints: Sequence[str], grouping: Grouping) -> str:
-        """Of everything that a cell's result depends on: data, folds, settings.
+        """The hash of everything that a cell's result depends on: data, folds, settings.
 
         Args:
-            fingerprints: of the recordings as read, before any reduction.
+            fingerprints: those of the recordings as read, before any reduction.
             grouping: what `auto` became.
         """
         content: dict[str, Any] = {

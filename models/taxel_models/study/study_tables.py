@@ -111,7 +111,7 @@ def models_table(summary: Summary, *, published: bool) -> Table:
 
 
 def leak_table(leaks: Sequence[dict[str, Any]]) -> Table:
-    """What the paper's protocol takes off the errors."""
+    """How much lower the paper's protocol makes the errors."""
     rows = [
         (
             f"{leak['model']} {leak['combination'] or ''}".rstrip(),

@@ -1,4 +1,4 @@
-"""From cells to what is reported: means over folds, tests, and what the leak was worth."""
+"""From cells to figures: means over folds, significance tests, and the size of the leak."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -28,7 +28,7 @@ MODEL_PAIRS: Final = (
 """The models that the paper compares."""
 
 MEAN_PREDICTOR: Final = "mean predictor"
-"""What always says the mean, in tables beside the models."""
+"""The name of the mean predictor in tables."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Entry:
     def figures(self) -> dict[str, dict[str, float]]:
         """Means of all errors, with their standard deviations over folds.
 
-        The deviations are of the folds as they are, not estimates for further ones, as published.
+        As published, these are standard deviations of the folds, not estimates for further folds.
         """
         return _figures(self.values)
 
@@ -76,10 +76,10 @@ class Entry:
 
 @dataclass(frozen=True)
 class PairTest:
-    """A comparison with what it compares.
+    """A comparison of two models or combinations.
 
     Attributes:
-        group: what both share: the model where combinations are compared, else the combination.
+        group: what both share: the model if combinations are compared, else the combination.
     """
 
     first: str
@@ -101,7 +101,7 @@ class Summary:
     """The finished cells of one protocol.
 
     Args:
-        cells: in the settings' order; entries stand model by model.
+        cells: in the order of the settings; entries are in the order of the models.
     """
 
     def __init__(self, protocol: Protocol, cells: Sequence[CellResult]) -> None:
@@ -119,7 +119,7 @@ class Summary:
         }
 
     def mean_predictor(self) -> dict[str, dict[str, float]]:
-        """Errors of always saying the mean; folds are the same for every model and combination."""
+        """Errors of the mean predictor; folds are the same for every model and combination."""
         folds = next(iter(self.entries.values())).folds
         return _figures(
             lambda metric, *, electrodes=False: [
@@ -181,8 +181,8 @@ class Summary:
 def leak(strict: Summary, paper: Summary) -> list[dict[str, Any]]:
     """How much lower the paper's protocol makes the errors of each entry, and of the mean predictor.
 
-    `share` is of the strict error. The deviations that normalise differ between the protocols as well;
-    counts and the mean predictor, which fits nothing, show by how much.
+    `share` is relative to the strict error. The standard deviations that normalise differ between the
+    protocols, too. The counts and the mean predictor, which fits nothing, show by how much.
     """
     pairs: list[tuple[str, int | None, dict[str, Any], dict[str, Any]]] = [
         (model, combination, strict.entries[model, combination].figures(), entry.figures())

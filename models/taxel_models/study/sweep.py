@@ -1,4 +1,4 @@
-"""What a model that takes the temperature errs when it is told one fixed temperature, whatever it was."""
+"""The errors of a model that takes the temperature, if it is given a fixed temperature."""
 
 from typing import Annotated, Self
 
@@ -14,7 +14,7 @@ _Curve = Annotated[tuple[FiniteFloat, ...], Field(min_length=1)]
 
 
 class TemperatureSweep(BaseModel):
-    """Errors on one test set, by the temperature that the model was told.
+    """Errors on one test set, by the given temperature.
 
     Attributes:
         mean_tdc: the mean that the model was fitted around, counts.
@@ -38,7 +38,7 @@ class TemperatureSweep(BaseModel):
 
 
 def sweep_temperature(data: FoldData, fitted: FittedModel) -> TemperatureSweep:
-    """Test a model that takes the temperature with each that occurs in turn."""
+    """Test a model that takes the temperature with each temperature that occurs."""
     told = data.tdc_scaler.normalise(data.tdc.astype(np.float32)[:, None])[:, 0]
     errors = [
         ErrorMetrics.of(

@@ -1,4 +1,4 @@
-"""What the temperature is worth: Network B told the measured one, the mean, and every one that occurs."""
+"""Network B's errors with the measured temperature, the mean, and every temperature that occurs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,10 +34,10 @@ class FoldErrors:
 
 @dataclass(frozen=True)
 class FixedTemperature:
-    """Network B told one temperature throughout.
+    """Network B with one temperature for all windows.
 
     Attributes:
-        tdc: what it was told, counts; the mean over folds where it differs between them.
+        tdc: the temperature, counts; the mean over folds if it differs between them.
     """
 
     tdc: float
@@ -49,12 +49,12 @@ class Temperature:
     """A protocol's swept cells.
 
     Attributes:
-        measured: told what was measured.
-        mean: told the mean of what it was fitted on.
-        mean_predictor: of always saying the mean of each channel.
+        measured: errors with the measured temperature.
+        mean: errors with the mean temperature of the training set.
+        mean_predictor: errors of the mean predictor.
         tdc: every temperature that occurs, counts, (k,).
-        mae: told each of them, counts, (folds, k).
-        norm_mae: likewise, (folds, k).
+        mae: errors with each of them, counts, (folds, k).
+        norm_mae: the same, normalised, (folds, k).
     """
 
     protocol: Protocol
@@ -67,7 +67,7 @@ class Temperature:
 
     @classmethod
     def of(cls, summary: Summary) -> "Temperature | None":
-        """From the cells of a protocol; None where they were not swept."""
+        """From the cells of a protocol; None if they have no sweep."""
         entry = summary.entries.get(SWEPT)
         if entry is None:
             return None
@@ -88,19 +88,19 @@ class Temperature:
 
     @property
     def best(self) -> FixedTemperature:
-        """Told the fixed temperature whose normalised MAE, mean over folds, is lowest."""
+        """The fixed temperature with the lowest normalised MAE (mean over folds)."""
         return self._at(int(self.norm_mae.mean(axis=0).argmin()))
 
     @property
     def worst(self) -> FixedTemperature:
-        """Told the fixed temperature whose normalised MAE, mean over folds, is highest."""
+        """The fixed temperature with the highest normalised MAE (mean over folds)."""
         return self._at(int(self.norm_mae.mean(axis=0).argmax()))
 
     def relative_loss(self, told: FixedTemperature) -> float:
-        """What is lost by telling this instead of the measured temperature, as a share.
+        """The relative loss of this temperature against the measured one.
 
-        The difference of the normalised MAE over the mean predictor's, as the paper computes it:
-        (0.228 - 0.096) / 0.537 is its 24.4 %, but for rounding.
+        As in the paper, it is the difference of the normalised MAE over the mean predictor's:
+        (0.228 - 0.096) / 0.537 is its 24.4 %, apart from rounding.
         """
         lost = told.errors.norm_mae.mean() - self.measured.norm_mae.mean()
         return float(lost / self.mean_predictor.norm_mae.mean())
@@ -130,7 +130,7 @@ class Temperature:
 
 
 def temperature_table(found: Temperature, *, published: bool) -> Table:
-    """Errors and relative losses by what Network B was told.
+    """Errors and relative losses by Network B's given temperature.
 
     Args:
         published: put the paper's normalised MAE beside ours.
@@ -143,11 +143,11 @@ def temperature_table(found: Temperature, *, published: bool) -> Table:
         loss = f"{100 * found.relative_loss(told):.1f} %"
         rows.append(_row(label, f"{told.tdc:.1f}", told.errors, loss, known.get(name)))
     rows.append(_row(MEAN_PREDICTOR, "", found.mean_predictor, "", known.get("mean_predictor")))
-    head = ("temperature told", "tdc", "norm. MAE", "MAE", "relative loss", "published norm. MAE")
+    head = ("given temperature", "tdc", "norm. MAE", "MAE", "relative loss", "published norm. MAE")
     paper = f" Published relative loss of the best: {100 * known['relative_loss']:.1f} %."
     return Table(
         f"temperature-{found.protocol}",
-        f"Protocol {found.protocol}: {SWEPT[0]}, inputs {SWEPT[1]}, by the temperature that it is told; "
+        f"Protocol {found.protocol}: {SWEPT[0]}, inputs {SWEPT[1]}, by its given temperature; "
         "mean over folds, standard deviation in parentheses. Relative loss: the normalised MAE less that "
         "with the measured temperature, over that of the mean predictor." + (paper if published else ""),
         head if published else head[:-1],

@@ -1,6 +1,6 @@
-"""What the indenter does: contact cycles of random place, force, shear and pace.
+"""The indenter's motion: contact cycles of random place, force, shear and pace.
 
-A cycle travels above the skin, approaches, presses, holds or slides, releases, lingers in a light
+A cycle travels above the skin, approaches, presses, holds or slides, releases, stays in a light
 touch below 0.3 N, and retreats. All figures here are assumptions, chosen so that the recording has
 the form of the paper's: one contact at a time, forces up to about 10 N and mostly below 5, light
 touches at the end of each cycle, and places that cover the skin unevenly but everywhere.
@@ -34,13 +34,13 @@ CLEARANCE_MM: Final = (8.0, 25.0)
 HOLD_DRIFT: Final = (0.6, 1.2)
 TREMOR: Final = 0.08
 TREMOR_S: Final = 0.25
-"""How the force wanders while it is held: a drift of its level and a relative tremor (SD)."""
+"""Changes of a held force: a drift of its level and a relative tremor (SD)."""
 
 FRICTION: Final = (0.2, 0.6)
 STICK_SHEAR: Final = 0.4
 SLIDING_SHARE: Final = 0.5
 SLIDE_MM: Final = 3.5
-"""Half of the contacts slide some millimetres (SD), dragging the skin along; others shear at random."""
+"""Half of the contacts slide some millimetres (SD) and drag the skin; the others shear at random."""
 
 ALONG_MM: Final = (-14.0, 10.0)
 AROUND_RAD: Final = (0.8, 2.0)
@@ -93,11 +93,11 @@ class _Pace:
 
     @property
     def phase(self) -> NDArray[np.int64]:
-        """The number of the phase that each row lies in, counted over all cycles."""
+        """The number of each row's phase, counted over all cycles."""
         return np.searchsorted(self.knots, self.time, side="right") - 1
 
     def follow(self, *at_ends: NDArray[np.float64] | float) -> NDArray[np.float64]:
-        """A course (n,) that is at rest at each phase's end, with these values there, (cycles,) each."""
+        """A smooth course (n,) that stops at each phase's end at these values, (cycles,) each."""
         table = np.column_stack([np.broadcast_to(value, self.cycles) for value in at_ends])
         values = np.append(table[0, -1], table)
         share = (self.time - self.knots[self.phase]) / np.diff(self.knots)[self.phase]
@@ -148,7 +148,7 @@ def _press(pace: _Pace, dice: np.random.Generator) -> NDArray[np.float64]:
 
 
 def _tremor(rows: int, dice: np.random.Generator) -> NDArray[np.float64]:
-    """A slow, smooth random wander (rows,) with an SD of about 1."""
+    """Slow, smooth random noise (rows,) with an SD of about 1."""
     white = dice.standard_normal(rows) * np.sqrt(4.0 * TREMOR_S / PERIOD_S)
     return lagged(lagged(np.append(0.0, white), TREMOR_S), TREMOR_S)[1:]
 

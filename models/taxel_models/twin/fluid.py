@@ -1,8 +1,8 @@
-"""How the fluid over each electrode thins and bulges, and the impedance that follows.
+"""The thickness of the fluid over each electrode, and the impedance that follows from it.
 
-An electrode's impedance is Z = (4095/E - 1) * 10 kOhm in counts E (SynTouch manual). Of the untouched
-Z, a share S is the film of fluid between electrode and skin, whose resistance goes as one over its
-thickness h; the rest is the way on to the reference electrode: Z/Z0 = (1 - S) + S h0/h.
+An electrode's impedance is Z = (4095/E - 1) * 10 kOhm in counts E (SynTouch manual). A share S of
+the untouched Z is the film of fluid between electrode and skin. Its resistance is proportional to 1 / h,
+where h is its thickness. What remains is the path to the reference electrode: Z/Z0 = (1 - S) + S h0/h.
 """
 
 from typing import Final
@@ -34,7 +34,7 @@ SLIDE_MM_PER_N: Final = 0.06
 """How far the skin slides as a shell, mm for 1 N of shear. Assumption."""
 
 FREEDOM: Final = {"side": 1.0, "oblique": 0.45, "underside": 0.35, "tip": 0.6}
-"""How freely the skin bulges over a row of electrodes: read off LASA's rising electrodes."""
+"""How freely the skin bulges over a row of electrodes. Read from LASA's rising electrodes."""
 
 _ROW: Final = {
     "side": (1, 4, 6, 11, 14, 16),
@@ -47,8 +47,8 @@ POCKET_SHARE: Final = 0.58
 POCKET_S: Final = 0.4
 POCKET_SPREAD: Final = 0.22
 """There is more fluid under the tip. This share of its film's change comes late, with this time constant,
-and how far it changes differs from contact to contact (SD). Fitted to what the paper says of e7 to e10,
-that their errors are the highest, and to LASA's pressed electrodes."""
+and the size of the change differs between contacts (SD). Fitted to the paper, where the errors of e7 to
+e10 are the highest, and to LASA's pressed electrodes."""
 
 
 def freedom() -> NDArray[np.float64]:
@@ -65,7 +65,7 @@ def thickness(
     dented: NDArray[np.float64],
     shear: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """The film's thickness over the untouched one, (n, 19).
+    """The film's thickness over its untouched thickness, (n, 19).
 
     Three causes add up along each electrode's normal: the dent, the fluid it displaces, which lifts
     the skin away from the dent, and the shell of skin that shear slides sideways.
@@ -89,11 +89,11 @@ def thickness(
 
 
 def pocketed(film: NDArray[np.float64], reach: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The film (n, 19) with the pocket under the tip, which fills and drains late and never twice alike.
+    """The film (n, 19) with the pocket under the tip. It fills and drains late, each time differently.
 
     Args:
-        film: its thickness over the untouched one, (n, 19), as if it were alike everywhere.
-        reach: (n,), how far it changes over what is usual, alike during one contact.
+        film: thickness over untouched thickness, (n, 19), without the pocket.
+        reach: (n,), the size of its change relative to the usual one; constant during one contact.
     """
     changed = film.copy()
     for number in _ROW["tip"]:

@@ -1,4 +1,4 @@
-"""First-order lag: the one filter that all slow parts of the twin are made of."""
+"""The first-order low-pass: the filter of all slow parts of the twin."""
 
 from itertools import accumulate
 from typing import Final
@@ -11,7 +11,7 @@ PERIOD_S: Final = 0.01
 
 
 def lagged(signal: NDArray[np.float64], time_constant_s: float) -> NDArray[np.float64]:
-    """A signal (n,) behind a first-order low-pass, settled at its first value at the start."""
+    """A signal (n,) after a first-order low-pass that starts settled at the first value."""
     share = 1.0 - np.exp(-PERIOD_S / time_constant_s)
     steps = accumulate(signal.tolist(), lambda state, value: state + share * (value - state))
     return np.fromiter(steps, dtype=np.float64, count=len(signal))

@@ -1,10 +1,10 @@
 """The twin beside real fingers: `python -m taxel_models.twin.measured_comparison LASA_FOLDER` prints both.
 
 The LASA recordings (two BioTac fingers, pressed with their tips on a flat force sensor) have forces
-and electrodes only: no position, pressure, temperature or untouched rows. Their changes are therefore
-counted from each electrode's median below 2 N, which is already pressed a little, the twin's from its
-untouched rows. The twin's rows are those in which its indenter presses the tip's underside close to
-an electrode, as a flat plate always does.
+and electrodes only: no position, pressure, temperature or untouched rows. So their
+changes count from each electrode's median below 2 N, which is already pressed a little. The twin's changes
+count from its untouched rows. Its comparable rows are those in which the indenter presses the tip's
+underside close to an electrode, as a flat plate always does.
 """
 
 from collections.abc import Mapping
@@ -30,7 +30,7 @@ REFERENCE_N: Final = 2.0
 UNTOUCHED_N: Final = 0.05
 MOVED_COUNTS: Final = 100.0
 RISING: Final = (1, 4, 6, 11, 14, 16)
-"""The side electrodes, which displaced fluid raises."""
+"""The side electrodes: displaced fluid raises them."""
 
 TIP_MM: Final = -4.0
 UNDERSIDE_RAD: Final = 1.0
@@ -49,7 +49,7 @@ SOURCED: Final = {
     RISE: "+110 to +240",
     MOVED: "12 to 16",
 }
-"""What an earlier reading of public recordings gave, LASA's among them."""
+"""From an earlier reading of public recordings, LASA's among them."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Presses:
 
     Attributes:
         force: (n,), N.
-        change: (n, 19), electrodes less their reference, counts.
+        change: (n, 19), electrodes minus their reference, counts.
     """
 
     force: NDArray[np.float64]
@@ -80,7 +80,7 @@ def everywhere(recording: Recording) -> Presses:
 
 
 def comparable(recording: Recording) -> Presses:
-    """The rows of a twin in which it is pressed as the LASA fingers were."""
+    """The rows of a twin in which it is pressed like the LASA fingers."""
     position = recording.samples.position * 1000.0
     distance = np.sqrt(Skin.of(Sensor.biotac_2p()).squared_distances(position).min(axis=1))
     around = np.abs(np.arctan2(position[:, 1], -position[:, 2]))

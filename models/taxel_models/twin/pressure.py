@@ -31,12 +31,12 @@ SHAKING: Final = 22.0
 pac0; taken as white."""
 
 CARRIED_SPREAD: Final = 0.18
-"""How much the fluid's share of the load differs from contact to contact (SD). Fitted to the paper's errors
+"""Variation of the fluid's share of the load between contacts (SD). Fitted to the paper's errors
 of pdc."""
 
 
 def static_counts(fluid_force_n: NDArray[np.float64], warmer_k: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The pressure pdc above rest (n,): the fluid's load, relaxing, and a little warmth."""
+    """The pressure pdc above rest (n,): the fluid's relaxing load, and a small effect of temperature."""
     load = COUNTS_PER_N * fluid_force_n
     return np.asarray(load - RELAXED_SHARE * lagged(load, RELAXATION_S) + COUNTS_PER_KELVIN * warmer_k)
 
@@ -47,13 +47,13 @@ def vibration_counts(
     press: NDArray[np.float64],
     noise: np.random.Generator,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """pac0 and pac1 about rest, each (n,): pdc above 10 Hz, rubbing where the indenter slides, and tremor.
+    """pac0 and pac1 about rest, each (n,): pdc above 10 Hz, vibration of sliding, and tremor.
 
     Args:
         static: (n,), pdc above rest, counts.
         rubbing: (n,), the square root of sliding speed (mm/s) times normal force (N).
         press: (n,), normal force, N.
-        noise: for rubbing and tremor, which are taken as white in this band.
+        noise: for sliding and tremor, which count as white in this band.
     """
     fast = FAST_GAIN * (static - lagged(static, FAST_CORNER_S))
     half_a_row_later = 0.5 * (fast + np.append(fast[1:], fast[-1]))

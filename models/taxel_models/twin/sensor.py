@@ -1,4 +1,4 @@
-"""The sourced constants of one BioTac 2P: where its electrodes sit and what it reads at rest."""
+"""The sourced constants of one BioTac 2P: the places of its electrodes and its resting counts."""
 
 import json
 from dataclasses import dataclass
@@ -17,8 +17,8 @@ class Sensor:
     Attributes:
         positions: (19, 3), the electrodes on the core, mm, in the sensor's frame.
         normals: (19, 3), unit vectors out of the core.
-        skin_radius: of the cylinder along -x and of the hemisphere that closes it for x > 0, mm.
-        indenter_radius: of the sphere that presses, mm.
+        skin_radius: radius of the cylinder along -x and of the hemisphere that closes it for x > 0, mm.
+        indenter_radius: radius of the sphere that presses, mm.
         rest: counts of the untouched sensor: `pac0`, `pac1`, `pdc`, `tac`.
         electrode_rest: (19,), counts of the untouched electrodes.
     """

@@ -1,4 +1,4 @@
-"""From contacts to counts: the twin's parts, put together in the order in which nature has them."""
+"""From contacts to counts: the parts of the twin in physical order."""
 
 from typing import Final
 
@@ -34,11 +34,11 @@ EPOCH_NS: Final = 1_500_000_000_000_000_000
 PERIOD_NS: Final = round(PERIOD_S * 1e9)
 
 POSITION_EVERY: Final = 10
-"""Rows for which one tracked position is held: positions come at 10 Hz (the paper's data set)."""
+"""Rows that hold one tracked position: positions come at 10 Hz (the paper's data set)."""
 
 TRACKING_MM: Final = 0.556
-"""SD of a contact's tracking error in each axis: light touches then lie off the skin by the mean of
-0.444 mm that the paper's data set keeps after its calibration."""
+"""SD of a contact's tracking error in each axis. The mean distance of light touches from the skin is then
+0.444 mm, as in the paper's data set after calibration."""
 
 JITTER_MM: Final = 0.05
 FORCE_NOISE_N: Final = 0.01
@@ -49,14 +49,13 @@ FLUID_LAG_S: Final = 0.02
 
 
 def simulate(rows: int, seed: int) -> Recording:
-    """A recording of one finger, touched over and over; the same for the same arguments.
+    """A recording of one finger that is touched many times; the same for the same arguments.
 
-    Time runs as on a clock: 100 rows are a second, and the finger warms up over the hour. The force
-    is the one that acts on the finger.
+    Time is real: 100 rows are a second, and the finger warms up over an hour. The force acts on the finger.
 
     Args:
         rows: how many, 10 ms apart.
-        seed: of every random choice; the parts draw from generators of their own.
+        seed: seed of every random choice; each part has its own generator.
 
     Raises:
         SettingsError: `rows` is not positive or `seed` is negative.

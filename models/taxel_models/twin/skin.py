@@ -1,9 +1,9 @@
 """How deep the indenter sinks, and how much of its force the fluid carries.
 
-The contact law is Hertz's for a sphere, and stiffens without bound as the skin meets the core:
+The contact law is Hertz's for a sphere, and it stiffens without limit as the skin meets the core:
 F = F_c u^1.5 / (1 - u^2), where u is the indentation over its local limit, the stroke. The fluid
-carries the Hertzian part, F_c u^1.5; the core carries the rest. So the pressure is about linear in a
-small force, and has its knee near 2 N. Where there is more fluid, the same force sinks deeper.
+carries the Hertzian part, F_c u^1.5; the core carries what remains. So the pressure is about linear in a
+small force and bends near 2 N. Where there is more fluid, the same force sinks deeper.
 """
 
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ STROKE: Final = 1.2
 """Deepest indentation over the fluid's thickness: the rubber gives a little more. Fitted to LASA."""
 
 _NEARBY_MM: Final = 1.5
-"""Over what distance the fluid's thickness is interpolated between electrodes. Assumption."""
+"""The distance over which the fluid's thickness is interpolated between electrodes. Assumption."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Skin:
 
     @classmethod
     def of(cls, sensor: Sensor) -> "Skin":
-        """From the sensor's geometry alone: the flat facet under the round tip gets more fluid."""
+        """From the sensor's geometry alone. There is more fluid over the flat facet under the round tip."""
         gap = gap_to_skin(sensor.positions, sensor.normals, sensor.skin_radius)
         return cls(sensor.positions + gap[:, None] * sensor.normals, gap - RUBBER_MM)
 
@@ -70,10 +70,10 @@ def sunk_share(force: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def dent(sunk: NDArray[np.float64], indented: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How deep the skin's inner side is dented, mm (n,), where its outer side is by `indented` mm.
+    """Depth of the dent in the skin's inner side, mm (n,), if the outer dent is `indented` mm deep.
 
     The rubber takes up most of a light touch and little of a strong one: the share that reaches the
-    fluid is taken as u. Assumption; without it light touches thin the fluid too much.
+    fluid is u. This is an assumption; without it, light touches make the fluid too thin.
     """
     return np.asarray(sunk * indented)
 

@@ -1,4 +1,4 @@
-"""A few figures that say what a recording of the twin is like."""
+"""A few figures that describe a recording of the twin."""
 
 from typing import Final
 
@@ -12,7 +12,7 @@ TOUCHED_N: Final = 0.05
 
 
 def summarise(recording: Recording) -> dict[str, float]:
-    """Share of touched rows, forces, temperature and the error of a model that knows nothing.
+    """Share of touched rows, forces, temperature, and the error of the mean predictor.
 
     `mean_predictor_norm_mae` is the mean absolute z-score over all rows and channels; on the paper's
     data set it is 0.537.

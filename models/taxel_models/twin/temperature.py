@@ -1,4 +1,4 @@
-"""The fingertip's warm-up, what a colder indenter takes from it, and the channels tdc and tac."""
+"""The fingertip's warm-up, its cooling by the indenter, and the channels tdc and tac."""
 
 from typing import Final
 
@@ -15,15 +15,15 @@ RECORDED_S: Final = 2922.0
 """tdc's first, last and mean value over the paper's recording of 292,200 rows."""
 
 WARM_UP_S: Final = 1870.0
-"""The one time constant of a first-order rise from first to last that has the paper's mean."""
+"""The time constant of the first-order rise from first to last value that has the paper's mean."""
 
 LOG_IMPEDANCE_PER_KELVIN: Final = -0.029
-"""Of the fluid, common to all electrodes. Fitted to what fixing the temperature costs the paper's network;
-for salt water one reads about -0.02."""
+"""Change of ln Z per kelvin, common to all electrodes. Fitted to the error that a fixed temperature adds to
+the paper's network; the literature gives about -0.02 for salt water."""
 
 COOLING_K: Final = 0.12
 COOLING_S: Final = 8.0
-"""What a long contact with the indenter cools the core by, and how fast. Assumptions."""
+"""How far a long contact with the indenter cools the core, and how fast. Assumptions."""
 
 FLOW_CORNER_S: Final = 1.0 / (2.0 * np.pi * 0.35)
 """tac is tdc above a corner of about 0.25 to 0.45 Hz (SynTouch manual)."""
@@ -44,7 +44,7 @@ def tdc_counts(temperature: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 REFERENCE_C: Final = float(celsius(np.array([MEAN_COUNTS]))[0])
-"""Where the resting counts are taken to hold: at the recording's mean temperature. Assumption."""
+"""The temperature of the resting counts: the recording's mean. Assumption."""
 
 
 def core_celsius(rows: int, touched: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -62,5 +62,5 @@ def core_celsius(rows: int, touched: NDArray[np.float64]) -> NDArray[np.float64]
 
 
 def flow_counts(tdc: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The heat flow tac about rest (n,): the fast part of the temperature."""
+    """The heat flow tac about rest (n,): the fast component of the temperature."""
     return np.asarray(FLOW_GAIN * (tdc - lagged(tdc, FLOW_CORNER_S)))

@@ -1,4 +1,4 @@
-"""What may be chosen about evaluation."""
+"""Options of the evaluation."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -6,11 +6,11 @@ from typing import Final
 
 @dataclass(frozen=True)
 class RuntimeOptions:
-    """What may be chosen about evaluation.
+    """Options of the evaluation.
 
     Attributes:
-        threads: that one evaluation may use.
-        providers: ONNX Runtime's execution providers, best first; trees have no use for them.
+        threads: the most threads of one evaluation.
+        providers: ONNX Runtime's execution providers, best first; not used for trees.
     """
 
     threads: int = 1

@@ -1,4 +1,4 @@
-"""What a runtime is, and which one evaluates an artifact."""
+"""The interface of runtimes, and the choice of a runtime for an artifact."""
 
 from collections.abc import Callable
 from typing import Final, Protocol
@@ -15,7 +15,7 @@ from taxel_server.runtimes.options import DEFAULTS, RuntimeOptions
 
 
 class Runtime(Protocol):
-    """Evaluates one model file. Thread-safe; lets go of the GIL while it computes."""
+    """Evaluates one model file. Thread-safe; releases the GIL while it computes."""
 
     @property
     def features(self) -> int:
@@ -52,14 +52,14 @@ def _onnx(artifact: Artifact, options: RuntimeOptions) -> Runtime:
 
 
 _FACTORIES: Final[dict[Platform, Factory]] = {"xgboost_json": _trees, "onnxruntime_onnx": _onnx}
-"""How each platform's runtime is made; its own libraries are imported only then."""
+"""Makes each platform's runtime; its libraries are imported only then."""
 
 
 def open_runtime(artifact: Artifact, options: RuntimeOptions = DEFAULTS) -> Runtime:
     """The runtime of a checked artifact, with the effects that its manifest adds.
 
     Raises:
-        ArtifactError: no runtime for its platform, or a model file at odds with its manifest.
+        ArtifactError: there is no runtime for its platform, or the model file contradicts its manifest.
         MissingDependency: the runtime's library is not installed.
     """
     manifest = artifact.manifest
