@@ -26,10 +26,10 @@ from taxel.manifest import INPUT_NAME, OUTPUT_NAME, SPREAD_NAME
 
 PREFIX: Final = "taxel"
 MAX_ROWS: Final = 65_536
-"""Most windows in one request, unless a server allows fewer."""
+"""The most windows in one request; a server may allow fewer."""
 
 _MAX_PARTS: Final = 64
-"""Most lists and maps in one request, and most entries in each."""
+"""The most lists and maps in one request, and the most entries in each."""
 
 _FEW_VALUES: Final = 72
 """The number of values in one window of the widest combination. Their sum in Python's float is finite if
@@ -38,7 +38,7 @@ all of them are finite, because a sum of float32 cannot overflow there."""
 _FLOAT: Final = np.dtype("<f4")
 
 SMALL: Final = 4096
-"""Bytes of data of requests whose envelope is worth keeping, at either end."""
+"""The most bytes of data in a request whose envelope is kept, by clients and servers."""
 
 
 def model_key(prefix: str, name: str, version: str | None, action: str = "") -> str:
@@ -48,7 +48,7 @@ def model_key(prefix: str, name: str, version: str | None, action: str = "") -> 
 
 
 class InferRequest(NamedTuple):
-    """A decoded request: windows (n, f) float32, and whether the spread is asked for, too."""
+    """A decoded request: windows (n, f) float32, and whether it asks for the spread."""
 
     windows: NDArray[np.float32]
     id: str | None = None
@@ -59,7 +59,7 @@ class InferRequest(NamedTuple):
 class InferResponse(NamedTuple):
     """A decoded reply: counts (n, 21) float32, and how long the server took.
 
-    `spread` is (n, 21) as well, where it was asked for.
+    `spread` is (n, 21), too, if the request asked for it.
     """
 
     outputs: NDArray[np.float32]
@@ -94,7 +94,7 @@ def check_windows(windows: NDArray[Any], features: tuple[str, ...]) -> NDArray[n
 def _as_float32(array: NDArray[Any]) -> NDArray[np.float32]:
     if array.dtype.kind not in "fiu":
         raise InvalidArgument(f"window: datatype {array.dtype}: expected numbers, best float32")
-    # Too large for float32 is infinite then, and refused as such.
+    # A value too large for float32 becomes infinite, and is refused below.
     with np.errstate(over="ignore"):
         return array.astype(np.float32)
 
@@ -105,7 +105,7 @@ def check_finite(windows: NDArray[np.float32], features: tuple[str, ...]) -> Non
     Raises:
         InvalidArgument: a value is not finite.
     """
-    # Between evaluations that leave nothing in the caches, NumPy's way costs three times as much.
+    # With cold caches, NumPy's way takes three times as long.
     if windows.size <= _FEW_VALUES and isfinite(sum(map(sum, windows.tolist()))):
         return
     finite = np.isfinite(windows)
@@ -132,7 +132,7 @@ def pack_infer_request(
 
 @lru_cache(64)
 def _envelope(shape: tuple[int, ...], timeout_ms: float | None, spread: bool) -> tuple[bytes, bytes]:
-    """What stands before and after the data of a request: a client's requests differ in their data only."""
+    """The bytes before and after the data of a request. A client's requests differ only in their data."""
     data = b"\xff" * (prod(shape) * _FLOAT.itemsize)
     before, _, after = _pack_infer_request(shape, data, None, timeout_ms, spread).partition(data)
     return before, after
@@ -159,7 +159,7 @@ def _pack_infer_request(
 def unpack_infer_request(payload: bytes, max_rows: int = MAX_ROWS) -> InferRequest:
     """Decode an infer request; the windows are a read-only view of its bytes.
 
-    The number of features and their being finite are the model's to check.
+    It does not check the number of features, or that the values are finite.
 
     Raises:
         InvalidArgument: the bytes are no request; the text names the field.
@@ -179,7 +179,7 @@ def unpack_infer_request(payload: bytes, max_rows: int = MAX_ROWS) -> InferReque
 
 
 def _asks_for_spread(outputs: object) -> bool:
-    """Whether a request's `outputs`, if it has any, name the spread beside the channels."""
+    """Whether a request's `outputs` name the spread as well."""
     if outputs is None:
         return False
     names = [output.get("name") for output in outputs] if _are_maps(outputs) else None
@@ -318,7 +318,7 @@ def unpackb(payload: bytes, **limits: Any) -> Any:
 
 
 def _unpack_frugally(payload: bytes) -> Any:
-    """Decode what a stranger sent: bytes by the million may not become objects by the million."""
+    """Decode untrusted bytes: a large message must not become millions of objects."""
     parts = 0
 
     def count(part: Any) -> Any:

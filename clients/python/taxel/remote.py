@@ -25,7 +25,7 @@ from taxel.remote_connection import Connection, checked_timeout
 T = TypeVar("T")
 
 _GRACE_S: Final = 0.25
-"""How much longer than the server's deadline a client waits for the server to say so."""
+"""How much longer a client waits than the server's deadline: time for the server's refusal."""
 
 
 class RemoteSource(Connection, PredictorSource):
@@ -33,7 +33,7 @@ class RemoteSource(Connection, PredictorSource):
 
     Args:
         endpoint: where the server listens, such as `tcp/127.0.0.1:7447`.
-        timeout: seconds to wait for the connection, and for an answer where a call names none.
+        timeout: seconds to wait for the connection, and for an answer if a call gives no timeout.
         prefix: the server's key prefix.
         shared_memory: whether large requests go through shared memory, where the server allows it.
 
@@ -73,7 +73,7 @@ class RemoteSource(Connection, PredictorSource):
             return False
 
     def _read(self, key: str, read: Callable[[Any], T]) -> T:
-        """What the server says at a key."""
+        """The server's answer at a key."""
         answer = self.get(key)
         try:
             return read(unpackb(answer))

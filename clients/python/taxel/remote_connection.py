@@ -24,7 +24,7 @@ class Connection:
 
     Args:
         endpoint: where the server listens, such as `tcp/127.0.0.1:7447`.
-        timeout: seconds to wait for the connection, and for an answer where a call names none.
+        timeout: seconds to wait for the connection, and for an answer if a call gives no timeout.
         shared_memory: whether large requests go through shared memory, where the server allows it.
 
     Raises:

@@ -21,8 +21,8 @@ Effects = Annotated[
     typer.Option(
         "--effect",
         metavar="NAME[:STRENGTH]",
-        help="Plant an effect that the file does not tell of; again for several. Strength 1, the "
-        "default, changes channels by as much as a good model errs, a tenth of their spread.",
+        help="Plant an effect; repeat the option for several. The file does not name them. Strength 1, the "
+        "default, changes channels by a tenth of their standard deviation, about a good model's error.",
     ),
 ]
 Truth = Annotated[
@@ -46,8 +46,8 @@ def twin(
 ) -> None:
     """Write a simulated recording of a BioTac 2P, in the CSV format of the published data set.
 
-    With `--effect`, effects are planted in its measured channels (a turned frame in its recorded
-    forces) without a trace in the file; what they are is written apart.
+    With `--effect`, effects are planted in its measured channels (a turned frame in its recorded forces).
+    The recording does not name them; a second file does.
     """
     from taxel_models.recordings import read_recording, write_ruppel
     from taxel_models.twin import simulate
@@ -56,7 +56,7 @@ def twin(
     if into is not None and not effect:
         raise SettingsError("--into: expected --effect to plant there")
     if truth is not None and not effect:
-        raise SettingsError("--truth: expected --effect, something to tell of")
+        raise SettingsError("--truth: expected --effect as well")
     check_file_place(output)
     recording = simulate(rows, seed) if into is None else read_recording(into)
     planting = _planted(recording, effect, seed) if effect else None
