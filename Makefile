@@ -6,12 +6,13 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 MODEL ?= xgb
 
-.PHONY: help demo install test check unit format artifacts clean
+.PHONY: help demo install test check unit arm format artifacts clean
 
 help:
 	@echo "make demo      serve a shipped model and replay a recording through it (MODEL=xgb)"
 	@echo "make test      install everything; format, lint, types, import contract, tests"
 	@echo "make install   install everything into $(VENV): $(BIN)/taxel and $(BIN)/bench"
+	@echo "make arm       the compiled runtimes' tests on an emulated ARM processor (needs qemu-user-static)"
 	@echo "make format    format and fix what can be fixed"
 	@echo "make clean     remove $(VENV) and caches"
 
@@ -32,6 +33,10 @@ check:
 
 unit:
 	$(BIN)/python -m pytest
+
+# ARGS: pytest's arguments, instead of all tests and the shipped models' predictions.
+arm: $(VENV)/.all
+	@$(BIN)/python tests/arm/emulate.py $(ARGS)
 
 format: $(VENV)/.all
 	$(BIN)/ruff check --fix .

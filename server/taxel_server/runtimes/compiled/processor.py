@@ -1,6 +1,5 @@
 """What the processor can do that code is generated for."""
 
-import platform
 from functools import cache
 from typing import Final
 
@@ -11,6 +10,7 @@ _X86_SETS: Final = {"avx512-vbmi": "avx512vbmi", "avx512": "avx512bw", "avx2": "
 """Each instruction set that makes a difference here, the best first, and LLVM's name for it."""
 
 _ARM: Final = ("aarch64", "arm64")
+"""How LLVM's name of a system starts where every processor has NEON; its features may leave NEON out."""
 
 
 @cache
@@ -34,7 +34,7 @@ def processor_has(*features: str) -> bool:
 
 def instruction_set() -> str:
     """The best of `avx512-vbmi`, `avx512`, `avx2`, `ssse3`, `neon` and `generic` that code may use."""
-    if platform.machine() in _ARM:
+    if binding.get_process_triple().startswith(_ARM):
         return "neon"
     return next((name for name, feature in _X86_SETS.items() if processor_has(feature)), "generic")
 
