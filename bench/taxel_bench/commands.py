@@ -2,13 +2,14 @@
 
 from taxel.commands.cli import failing_clearly, new_app
 from taxel_bench.compare.command import compare
+from taxel_bench.forms.command import forms
 from taxel_bench.load.command import load
 from taxel_bench.run.command import run
 from taxel_bench.table.command import table
 
 app = new_app("Measure Taxel's models and server.")
 
-for command in (run, table, load, compare):
+for command in (run, table, load, compare, forms):
     app.command(command.__name__)(failing_clearly(command))
 
 

@@ -53,7 +53,7 @@ def _arrays(tree: Tree) -> dict[str, Any]:
         pending += zip(children, [place] * 2, ("left_children", "right_children"), strict=False)
     nodes = len(columns["parents"])
     filler = {name: [0.0] * nodes for name in ("base_weights", "loss_changes", "sum_hessian")}
-    empty = {
+    empty: dict[str, list[Any]] = {
         name: [] for name in ("categories", "categories_nodes", "categories_segments", "categories_sizes")
     }
     return columns | filler | empty

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from taxel.manifest import Normalisation
 from taxel_bench.forests import ForestShape, write_forest
 from taxel_server.runtimes.trees import TreesRuntime
-from taxel_server.runtimes.trees.autotune import Forms
+from taxel_server.runtimes.trees.autotune import Autotuned
 from taxel_server.runtimes.trees.normalisation import Scales
 from taxel_server.runtimes.trees.reading.xgboost_json import read_forest
 
@@ -39,23 +39,24 @@ def _rows(
 
 
 class Evaluators:
-    """The runtime for a file, and every form that fits it, chosen or not."""
+    """The runtime for a file, and every evaluator that fits it, chosen or not."""
 
     def __init__(self, path: Path, normalisation: Normalisation) -> None:
         self._runtime = TreesRuntime(path, normalisation)
-        # A form that disagrees on the sample at load is logged, and would not be compared.
+        # An evaluator that disagrees on the sample at load is logged, and would not be compared.
         with TestCase().assertNoLogs("taxel_server.runtimes.trees.autotune", "ERROR"):
-            self._kernels = Forms.of(read_forest(path), Scales.of(normalisation)).kernels
+            found = Autotuned.of(read_forest(path), Scales.of(normalisation))
+        self._evaluators = found.evaluators
 
     def assert_same_bits(self, booster: xgboost.Booster, rows: NDArray[np.float32]) -> None:
         """Compares all of them with XGBoost."""
         expected = booster.inplace_predict(rows, missing=np.nan).reshape(len(rows), -1)
         np.testing.assert_array_equal(self._runtime.evaluate(rows).view(np.int32), expected.view(np.int32))
-        for kernel in self._kernels:
+        for evaluator in self._evaluators:
             found = np.full_like(expected, np.nan)
-            kernel.evaluate(rows, found)
+            evaluator.evaluate(rows, found)
             np.testing.assert_array_equal(
-                found.view(np.int32), expected.view(np.int32), err_msg=type(kernel).__name__
+                found.view(np.int32), expected.view(np.int32), err_msg=evaluator.name
             )
 
 

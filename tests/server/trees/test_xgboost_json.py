@@ -128,7 +128,7 @@ def test_a_file_that_nests_without_end_is_refused(tmp_path: Path, text: str) -> 
         read_forest(path)
 
 
-def _bits(values: NDArray[np.float32]) -> list[int]:
+def _bits(values: NDArray[np.float32]) -> Any:
     return np.where(np.isnan(values), np.float32(np.nan), values).view(np.int32).tolist()
 
 

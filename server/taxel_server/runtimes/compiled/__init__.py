@@ -1,1 +1,1 @@
-"""What all code that numba compiles has in common: vectors, plans of arrays, kernels."""
+"""What all code that numba compiles has in common: vectors, kernel arguments, evaluators."""

@@ -7,10 +7,10 @@ import numba
 import numpy as np
 from llvmlite import ir
 from numba.core import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.compiling import inlined
+from taxel_server.runtimes.compiled.vectors import operation
 
 _CACHE_LINE: Final = 64
 _HUGE_PAGE: Final = 2**21
@@ -19,14 +19,14 @@ _HUGE_PAGE: Final = 2**21
 def pack(*tuples: tuple[Any, ...]) -> NDArray[np.int64]:
     """Two integers for every entry: an array's address and size, or a number and 0.
 
-    The arrays must be contiguous and outlive the plan, which does not hold them. `array_in` and
+    The arrays must be contiguous and outlive the arguments, which do not hold them. `array_in` and
     `number_in` read it.
     """
     entries = []
     for entry in (entry for entries in tuples for entry in entries):
         if isinstance(entry, np.ndarray):
             if not entry.flags.c_contiguous:
-                raise ValueError(f"a plan's arrays must be contiguous: found strides {entry.strides}")
+                raise ValueError(f"a kernel's arrays must be contiguous: found strides {entry.strides}")
             entries.append((entry.ctypes.data, entry.size))
         else:
             entries.append((int(entry), 0))
@@ -61,17 +61,17 @@ def _block(size: int) -> NDArray[np.uint8]:
 
 
 class Scratch:
-    """Copies of arrays that a kernel writes to, and their plan; for one call at a time."""
+    """Copies of arrays that a kernel writes to, as its arguments; for one call at a time."""
 
     def __init__(self, arrays: tuple[Any, ...]) -> None:
         self._kept = together(*arrays)
-        self.plan = pack(tuple(self._kept))
+        self.arguments = pack(tuple(self._kept))
 
 
-@intrinsic
-def _pointer(_context, _address):  # type: ignore[no-untyped-def]
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        return builder.inttoptr(arguments[0], ir.IntType(8).as_pointer())
+@operation
+def _pointer(_context: Any, _address: Any) -> Any:
+    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        return builder.inttoptr(given[0], ir.IntType(8).as_pointer())
 
     return types.voidptr(types.int64), generate
 
@@ -83,12 +83,12 @@ def array_at(address: int, size: int, dtype: Any) -> Any:
 
 
 @inlined
-def array_in(plan: NDArray[np.int64], entry: int, dtype: Any) -> Any:
-    """The array of one axis that an entry of a plan describes; in compiled code."""
-    return numba.carray(_pointer(plan[entry, 0]), plan[entry, 1], dtype)
+def array_in(arguments: NDArray[np.int64], entry: int, dtype: Any) -> Any:
+    """The array of one axis that an entry describes; in compiled code."""
+    return numba.carray(_pointer(arguments[entry, 0]), arguments[entry, 1], dtype)
 
 
 @inlined
-def number_in(plan: NDArray[np.int64], entry: int) -> Any:
-    """The number that an entry of a plan is; in compiled code."""
-    return plan[entry, 0]
+def number_in(arguments: NDArray[np.int64], entry: int) -> Any:
+    """The number that an entry is; in compiled code."""
+    return arguments[entry, 0]

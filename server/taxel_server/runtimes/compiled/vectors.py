@@ -5,18 +5,16 @@ All of these run on any processor; LLVM splits lanes beyond a register's. Addres
 integers: nothing checks bounds.
 """
 
-from collections.abc import Iterable
-from typing import Any, Final
+from collections.abc import Callable, Iterable
+from typing import Any
 
 from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic, models, register_model
 
-AHEAD: Final = 4096
-"""Bytes by which a stream is asked for ahead: the processor by itself does not look beyond a page."""
-
-_BYTE: Final = ir.IntType(8)
-_WORD: Final = ir.IntType(64)
+_BYTE = ir.IntType(8)
+_FLOAT = ir.FloatType()
+_INT64 = ir.IntType(64)
 
 
 class Vector(types.Type):
@@ -36,249 +34,211 @@ class FloatVector(types.Type):
         super().__init__(name=f"Vector(float32 x {lanes})")
 
 
-@register_model(Vector)
 class _VectorModel(models.PrimitiveModel):  # type: ignore[misc]
-    def __init__(self, manager: Any, vector: Vector) -> None:
+    def __init__(self, manager: Any, vector: Vector | FloatVector) -> None:
         super().__init__(manager, vector, llvm_type(vector))
 
 
-@register_model(FloatVector)
-class _FloatVectorModel(models.PrimitiveModel):  # type: ignore[misc]
-    def __init__(self, manager: Any, vector: FloatVector) -> None:
-        super().__init__(manager, vector, llvm_type(vector))
+register_model(Vector)(_VectorModel)
+register_model(FloatVector)(_VectorModel)
 
 
 def llvm_type(vector: Vector | FloatVector) -> ir.VectorType:
     """What LLVM calls a vector's type."""
-    if isinstance(vector, FloatVector):
-        return ir.VectorType(ir.FloatType(), vector.lanes)
-    return ir.VectorType(ir.IntType(vector.bits), vector.lanes)
+    element = _FLOAT if isinstance(vector, FloatVector) else ir.IntType(vector.bits)
+    return ir.VectorType(element, vector.lanes)
 
 
-@intrinsic(prefer_literal=True)
-def load(_context, _address, bits, lanes):  # type: ignore[no-untyped-def]
+def operation(define: Callable[..., Any]) -> Any:
+    """Makes a function that compiled code calls, from one that takes types and gives how to generate it.
+
+    It gives the operation's signature, and a function of numba's context, LLVM's builder, the signature
+    and the arguments. An argument named `literal_…` has to be known when code is compiled.
+    """
+    return intrinsic(prefer_literal=True)(define)
+
+
+def binary(generate: Callable[[ir.IRBuilder, ir.Value, ir.Value], ir.Value], mask: bool = False) -> Any:
+    """Makes an operation on two vectors of one type; it gives a third one, or a mask."""
+
+    @intrinsic  # type: ignore[untyped-decorator, unused-ignore]
+    def combine(_context: Any, left: Any, right: Any) -> Any:
+        result = Vector(1, left.lanes) if mask else left
+        return result(left, right), lambda _context, builder, _signature, given: generate(builder, *given)
+
+    return combine
+
+
+greater = binary(lambda builder, left, right: builder.icmp_signed(">", left, right), mask=True)
+"""A mask of the lanes in which left exceeds right, both signed."""
+
+not_above = binary(lambda builder, left, right: builder.fcmp_ordered("<=", left, right), mask=True)
+"""A mask of the lanes in which left is at most right, both float32 and neither missing."""
+
+neither = binary(lambda builder, left, right: builder.not_(builder.or_(left, right)))
+"""A mask of the lanes that two masks leave out."""
+
+both = binary(lambda builder, left, right: builder.and_(left, right))
+either = binary(lambda builder, left, right: builder.or_(left, right))
+exclusive = binary(lambda builder, left, right: builder.xor(left, right))
+plus = binary(lambda builder, left, right: builder.add(left, right))
+minus = binary(lambda builder, left, right: builder.sub(left, right))
+
+add = binary(lambda builder, left, right: builder.fadd(left, right))
+"""The sums of two vectors of float32."""
+
+
+def _saturated_sum(builder: ir.IRBuilder, left: ir.Value, right: ir.Value) -> ir.Value:
+    kind = left.type
+    name = f"llvm.sadd.sat.v{kind.count}i{kind.element.width}"
+    return builder.call(declare(builder, name, kind, [kind, kind]), [left, right])
+
+
+plus_saturated = binary(_saturated_sum)
+"""The sums of two vectors of signed integers; the greatest integer where a sum is too large."""
+
+
+@operation
+def load(_context: Any, _address: Any, literal_bits: Any, literal_lanes: Any) -> Any:
     """Reads a vector from memory, at any alignment."""
-    vector = Vector(bits.literal_value, lanes.literal_value)
+    vector = Vector(literal_bits.literal_value, literal_lanes.literal_value)
 
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        pointer = builder.inttoptr(arguments[0], llvm_type(vector).as_pointer())
-        return builder.load(pointer, align=1, typ=llvm_type(vector))
+    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        return load_from(builder, given[0], llvm_type(vector), 1)
 
-    return vector(types.intp, bits, lanes), generate
-
-
-@intrinsic
-def store(_context, _address, vector):  # type: ignore[no-untyped-def]
-    """Writes a vector to memory, at any alignment."""
-
-    def generate(context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        pointer = builder.inttoptr(arguments[0], llvm_type(vector).as_pointer())
-        builder.store(arguments[1], pointer, align=1)
-        return context.get_dummy_value()
-
-    return types.void(types.intp, vector), generate
+    return vector(types.intp, literal_bits, literal_lanes), generate
 
 
-@intrinsic(prefer_literal=True)
-def splat(_context, _value, bits, lanes):  # type: ignore[no-untyped-def]
-    """The low bits of an integer in every lane."""
-    vector = Vector(bits.literal_value, lanes.literal_value)
+@operation
+def load_floats(_context: Any, _address: Any, literal_lanes: Any) -> Any:
+    """Reads float32 values from memory."""
+    vector = FloatVector(literal_lanes.literal_value)
 
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        return spread(builder, builder.trunc(arguments[0], ir.IntType(vector.bits)), vector.lanes)
+    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        return load_from(builder, given[0], llvm_type(vector), 4)
 
-    return vector(types.intp, bits, lanes), generate
+    return vector(types.intp, literal_lanes), generate
 
 
-@intrinsic(prefer_literal=True)
-def integer_at(_context, _address, bits):  # type: ignore[no-untyped-def]
+@operation
+def integer_at(_context: Any, _address: Any, literal_bits: Any) -> Any:
     """The unsigned integer of so many bits at an address."""
-    element = ir.IntType(bits.literal_value)
+    bits = literal_bits.literal_value
 
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        pointer = builder.inttoptr(arguments[0], element.as_pointer())
-        value = builder.load(pointer, align=1, typ=element)
-        return value if bits.literal_value == 64 else builder.zext(value, ir.IntType(64))
+    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        value = load_from(builder, given[0], ir.IntType(bits), 1)
+        return value if bits == _INT64.width else builder.zext(value, _INT64)
 
-    return types.intp(types.intp, bits), generate
+    return types.intp(types.intp, literal_bits), generate
 
 
-@intrinsic
-def float_at(_context, _address):  # type: ignore[no-untyped-def]
+@operation
+def float_at(_context: Any, _address: Any) -> Any:
     """The float32 at an address."""
 
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        pointer = builder.inttoptr(arguments[0], ir.FloatType().as_pointer())
-        return builder.load(pointer, align=4, typ=ir.FloatType())
+    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        return load_from(builder, given[0], _FLOAT, 4)
 
     return types.float32(types.intp), generate
 
 
-@intrinsic
-def put_float(_context, _address, _value):  # type: ignore[no-untyped-def]
-    """Writes a float32 to an address."""
+def _storing(kind: Callable[[Any], Any], align: int) -> Any:
+    """Makes an operation that writes a value of some type to an address."""
 
-    def generate(context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        builder.store(arguments[1], builder.inttoptr(arguments[0], ir.FloatType().as_pointer()), align=4)
-        return context.get_dummy_value()
+    @intrinsic  # type: ignore[untyped-decorator, unused-ignore]
+    def store_value(_context: Any, _address: Any, value: Any) -> Any:
+        def generate(context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+            pointer = builder.inttoptr(given[0], given[1].type.as_pointer())
+            builder.store(given[1], pointer, align=align)
+            return context.get_dummy_value()
 
-    return types.void(types.intp, types.float32), generate
+        return types.void(types.intp, kind(value)), generate
 
-
-@intrinsic
-def put_word(_context, _address, _value):  # type: ignore[no-untyped-def]
-    """Writes eight bytes to an address."""
-
-    def generate(context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        builder.store(arguments[1], builder.inttoptr(arguments[0], _WORD.as_pointer()), align=1)
-        return context.get_dummy_value()
-
-    return types.void(types.intp, types.intp), generate
+    return store_value
 
 
-@intrinsic(prefer_literal=True)
-def prefetch(_context, _address, level):  # type: ignore[no-untyped-def]
-    """Asks for the cache line at an address, to be in the cache of a level, 1 or 2, when it is read."""
-    locality = 4 - level.literal_value
+store = _storing(lambda vector: vector, 1)
+"""Writes a vector to an address, at any alignment."""
 
-    def generate(context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+put_float = _storing(lambda _: types.float32, 4)
+"""Writes a float32 to an address."""
+
+put_int64 = _storing(lambda _: types.intp, 1)
+"""Writes eight bytes to an address, at any alignment."""
+
+
+@operation
+def prefetch(_context: Any, _address: Any) -> Any:
+    """Asks for the cache line at an address, to be in the first-level cache when it is read."""
+
+    def generate(context: Any, builder: Any, _signature: Any, given: Any) -> Any:
         pointer, flag = _BYTE.as_pointer(), ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [pointer, flag, flag, flag])
         function = builder.module.declare_intrinsic("llvm.prefetch", (pointer,), kind)
-        address = builder.inttoptr(arguments[0], pointer)
-        builder.call(function, [address, flag(0), flag(locality), flag(1)])
+        builder.call(function, [builder.inttoptr(given[0], pointer), flag(0), flag(3), flag(1)])
         return context.get_dummy_value()
 
-    return types.void(types.intp, level), generate
+    return types.void(types.intp), generate
 
 
-@intrinsic
-def greater(_context, left, right):  # type: ignore[no-untyped-def]
-    """A mask of the lanes in which left exceeds right, both signed."""
+@operation
+def splat(_context: Any, _value: Any, literal_bits: Any, literal_lanes: Any) -> Any:
+    """The low bits of an integer in every lane."""
+    vector = Vector(literal_bits.literal_value, literal_lanes.literal_value)
 
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        return builder.icmp_signed(">", *arguments)
+    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        return spread(builder, builder.trunc(given[0], ir.IntType(vector.bits)), vector.lanes)
 
-    return Vector(1, left.lanes)(left, right), generate
-
-
-@intrinsic
-def not_above(_context, left, right):  # type: ignore[no-untyped-def]
-    """A mask of the lanes in which left is at most right, both float32 and neither missing."""
-
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        return builder.fcmp_ordered("<=", *arguments)
-
-    return Vector(1, left.lanes)(left, right), generate
+    return vector(types.intp, literal_bits, literal_lanes), generate
 
 
-@intrinsic(prefer_literal=True)
-def splat_float(_context, _value, lanes):  # type: ignore[no-untyped-def]
+@operation
+def splat_float(_context: Any, _value: Any, literal_lanes: Any) -> Any:
     """A float32 in every lane."""
-    vector = FloatVector(lanes.literal_value)
+    vector = FloatVector(literal_lanes.literal_value)
 
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        return spread(builder, arguments[0], vector.lanes)
+    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        return spread(builder, given[0], vector.lanes)
 
-    return vector(types.float32, lanes), generate
-
-
-@intrinsic
-def neither(_context, left, right):  # type: ignore[no-untyped-def]
-    """A mask of the lanes that two masks leave out."""
-
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        return builder.not_(builder.or_(*arguments))
-
-    return left(left, right), generate
+    return vector(types.float32, literal_lanes), generate
 
 
-@intrinsic
-def count(_context, mask):  # type: ignore[no-untyped-def]
+@operation
+def count(_context: Any, mask: Any) -> Any:
     """How many lanes a mask has."""
 
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        bits = ir.IntType(mask.lanes)
-        number = builder.ctpop(builder.bitcast(arguments[0], bits))
-        return builder.zext(number, _WORD)
+    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        bits = builder.bitcast(given[0], ir.IntType(mask.lanes))
+        return builder.zext(builder.ctpop(bits), _INT64)
 
     return types.intp(mask), generate
 
 
-@intrinsic
-def select(_context, mask, true, false):  # type: ignore[no-untyped-def]
+@operation
+def select(_context: Any, mask: Any, true: Any, false: Any) -> Any:
     """One of two vectors, lane by lane."""
-
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        return builder.select(*arguments)
-
-    return true(mask, true, false), generate
+    return true(mask, true, false), lambda _context, builder, _signature, given: builder.select(*given)
 
 
-@intrinsic
-def add(_context, left, right):  # type: ignore[no-untyped-def]
-    """The sums of two vectors of float32, lane by lane."""
-
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        return builder.fadd(*arguments)
-
-    return left(left, right), generate
-
-
-@intrinsic
-def plus(_context, left, right):  # type: ignore[no-untyped-def]
-    """The sums of two vectors of integers, lane by lane."""
-
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        return builder.add(*arguments)
-
-    return left(left, right), generate
-
-
-@intrinsic(prefer_literal=True)
-def lowest_bits(_context, vector, bits):  # type: ignore[no-untyped-def]
+@operation
+def lowest_bits(_context: Any, vector: Any, literal_bits: Any) -> Any:
     """Integers of which only so many bits are kept."""
 
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        kept = ir.Constant(llvm_type(vector), [(1 << bits.literal_value) - 1] * vector.lanes)
-        return builder.and_(arguments[0], kept)
+    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        kept = (1 << literal_bits.literal_value) - 1
+        return builder.and_(given[0], ir.Constant(llvm_type(vector), [kept] * vector.lanes))
 
-    return vector(vector, bits), generate
-
-
-@intrinsic
-def plus_within(_context, left, right):  # type: ignore[no-untyped-def]
-    """The sums of two vectors of signed integers; the greatest one where a sum is too large."""
-
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        kind = llvm_type(left)
-        name = f"llvm.sadd.sat.v{left.lanes}i{left.bits}"
-        function = builder.module.declare_intrinsic(name, (), ir.FunctionType(kind, [kind, kind]))
-        return builder.call(function, arguments)
-
-    return left(left, right), generate
+    return vector(vector, literal_bits), generate
 
 
-@intrinsic
-def minus(_context, left, right):  # type: ignore[no-untyped-def]
-    """The differences of two vectors of integers, lane by lane."""
-
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        return builder.sub(*arguments)
-
-    return left(left, right), generate
+def load_from(builder: ir.IRBuilder, address: ir.Value, kind: ir.Type, align: int) -> ir.Value:
+    """Generates the load of a value at an integer address."""
+    return builder.load(builder.inttoptr(address, kind.as_pointer()), align=align, typ=kind)
 
 
-@intrinsic(prefer_literal=True)
-def load_floats(_context, _address, lanes):  # type: ignore[no-untyped-def]
-    """Reads float32 values from memory."""
-    vector = FloatVector(lanes.literal_value)
-
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        pointer = builder.inttoptr(arguments[0], llvm_type(vector).as_pointer())
-        return builder.load(pointer, align=4, typ=llvm_type(vector))
-
-    return vector(types.intp, lanes), generate
+def declare(builder: ir.IRBuilder, name: str, result: ir.Type, given: list[ir.Type]) -> ir.Function:
+    """Declares one of LLVM's own functions by its full name."""
+    return builder.module.declare_intrinsic(name, (), ir.FunctionType(result, given))
 
 
 def spread(builder: ir.IRBuilder, value: ir.Value, lanes: int) -> ir.Value:

@@ -13,7 +13,7 @@ from typing_extensions import override
 from taxel.channels import CHANNELS
 from taxel.manifest import Normalisation
 from taxel_server.runtimes.compiled.arguments import Scratch, pack, together
-from taxel_server.runtimes.compiled.kernel import CompiledKernel
+from taxel_server.runtimes.compiled.evaluator import CompiledEvaluator
 from taxel_server.runtimes.compiled.processor import instruction_set
 from taxel_server.runtimes.evaluators import EvaluatorInfo
 from taxel_server.runtimes.networks.graph import Unsupported, read_graph
@@ -31,7 +31,7 @@ _MOST_ROWS: Final = 16
 _REPEATS: Final = 9
 
 
-class ProgramKernel(CompiledKernel):
+class ProgramKernel(CompiledEvaluator):
     """A program, evaluated window by window."""
 
     name = "network-program"

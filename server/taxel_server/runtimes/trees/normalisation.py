@@ -29,25 +29,33 @@ class Scales(NamedTuple):
 
 
 @inlined
-def read_scales(plan: NDArray[np.int64], first: int) -> Scales:
-    """Scales, packed from an entry of a plan on."""
+def read_scales(arguments: NDArray[np.int64], first: int) -> Scales:
+    """The scales that are packed from an entry of the arguments on."""
     return Scales(
-        number_in(plan, first) != 0,
-        array_in(plan, first + 1, np.float32),
-        array_in(plan, first + 2, np.float32),
-        array_in(plan, first + 3, np.float32),
-        array_in(plan, first + 4, np.float32),
+        number_in(arguments, first) != 0,
+        array_in(arguments, first + 1, np.float32),
+        array_in(arguments, first + 2, np.float32),
+        array_in(arguments, first + 3, np.float32),
+        array_in(arguments, first + 4, np.float32),
     )
 
 
 @compiled
-def restore(scales, output, value):  # type: ignore[no-untyped-def]
+def restore(scales: Scales, output: int, value: np.float32) -> np.float32:
     """A sum in the scale that its output was trained from."""
     return value * scales.output_std[output] + scales.output_mean[output] if scales.applied else value
 
 
 @compiled
-def put_rows(scales, sums, each_row, each_output, first, rows, result):  # type: ignore[no-untyped-def]
+def put_rows(
+    scales: Scales,
+    sums: NDArray[np.float32],
+    each_row: int,
+    each_output: int,
+    first: int,
+    rows: int,
+    result: NDArray[np.float32],
+) -> None:
     """Writes sums, whose rows and outputs are so far apart, to rows of the result, restored."""
     for row in range(rows):
         for output in range(result.shape[1]):

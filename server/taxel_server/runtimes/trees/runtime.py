@@ -13,7 +13,7 @@ from taxel.errors import ArtifactError
 from taxel.manifest import Normalisation
 from taxel_server.runtimes.compiled.processor import instruction_set
 from taxel_server.runtimes.evaluators import EvaluatorInfo
-from taxel_server.runtimes.trees.autotune import BLOCKS, Forms
+from taxel_server.runtimes.trees.autotune import BLOCKS, Autotuned
 from taxel_server.runtimes.trees.normalisation import Scales
 from taxel_server.runtimes.trees.reading.xgboost_json import read_forest
 
@@ -50,8 +50,8 @@ class TreesRuntime:
         ):
             if found != expected:
                 raise ArtifactError(f"{model_path}: the model has {found} {name}: expected {expected}")
-        self._forms = Forms.of(forest, Scales.of(normalisation))
-        self._cheapest = self._forms.cheapest
+        self._autotuned = Autotuned.of(forest, Scales.of(normalisation))
+        self._cheapest = self._autotuned.cheapest
         del forest
         _give_memory_back()
         self._threads = threads
@@ -65,7 +65,7 @@ class TreesRuntime:
             # The shortest way: what Python reads on it has left the caches since the last call.
             self._cheapest[rows].evaluate(windows, result)
         elif self._pool is None:
-            self._forms.evaluate(windows, result)
+            self._autotuned.evaluate(windows, result)
         else:
             self._share(self._pool, windows, result)
         return result
@@ -82,10 +82,10 @@ class TreesRuntime:
         shares = min(self._threads, rows // BLOCKS[-1])
         bounds = [rows * share // shares // BLOCKS[-1] * BLOCKS[-1] for share in range(shares)] + [rows]
         others = [
-            pool.submit(self._forms.evaluate, windows[first:stop], result[first:stop])
+            pool.submit(self._autotuned.evaluate, windows[first:stop], result[first:stop])
             for first, stop in pairwise(bounds[1:])
         ]
-        self._forms.evaluate(windows[: bounds[1]], result[: bounds[1]])
+        self._autotuned.evaluate(windows[: bounds[1]], result[: bounds[1]])
         for other in others:
             other.result()
 

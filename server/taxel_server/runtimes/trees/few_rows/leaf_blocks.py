@@ -1,4 +1,4 @@
-"""The form of a forest for a row or two: trunks side by side, then one twig of every tree."""
+"""Evaluates a row or two: the top trees side by side, then one leaf block of every tree."""
 
 from dataclasses import dataclass
 from typing import Final, NamedTuple, Self
@@ -8,32 +8,33 @@ from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.arguments import Scratch, array_in, number_in, pack, together
 from taxel_server.runtimes.compiled.compiling import compiled, inlined
-from taxel_server.runtimes.compiled.kernel import CompiledKernel
-from taxel_server.runtimes.trees.few_rows.ranks import ROWS, Ranking, rank_rows, read_ranking
-from taxel_server.runtimes.trees.few_rows.tree_lanes import (
+from taxel_server.runtimes.compiled.evaluator import CompiledEvaluator
+from taxel_server.runtimes.trees.few_rows.kernels import (
     OUTPUTS_AT_ONCE,
-    add_twigs,
+    add_blocks,
+    find_blocks,
     find_exits,
-    find_twigs,
     trees_at_once,
 )
+from taxel_server.runtimes.trees.few_rows.ranks import ROWS, Ranking, rank_rows, read_ranking
 from taxel_server.runtimes.trees.layout.columns import Columns
 from taxel_server.runtimes.trees.layout.in_order import InOrder
 from taxel_server.runtimes.trees.layout.tree_lanes import (
+    BLOCK_LEAVES,
     LINE,
-    MOST_TWIGS,
-    TWIG,
-    TrunksLayout,
-    TwigsLayout,
-    count_twigs,
+    MOST_EXITS,
+    LeafBlocks,
+    TopTrees,
+    count_blocks,
     table_size,
 )
 from taxel_server.runtimes.trees.normalisation import Scales, put_rows, read_scales
 from taxel_server.runtimes.trees.reading.forest import Forest
 from taxel_server.runtimes.trees.simd.calls import call
+from taxel_server.runtimes.trees.switches import Switches, may_pack
 
 _MOST_BYTES: Final = 2**27
-"""Most memory that trunks, and lines for places without a tree, may take."""
+"""Most memory that top trees, and lines for places without a tree, may take."""
 
 
 @dataclass(frozen=True)
@@ -90,24 +91,24 @@ class _Trees(NamedTuple):
 
 
 @inlined
-def _read_trees(plan: NDArray[np.int64], first: int) -> _Trees:
+def _read_trees(arguments: NDArray[np.int64], first: int) -> _Trees:
     return _Trees(
-        number_in(plan, first),
-        number_in(plan, first + 1),
-        number_in(plan, first + 2),
-        array_in(plan, first + 3, np.int64),
-        array_in(plan, first + 4, np.int64),
-        array_in(plan, first + 5, np.int64),
-        number_in(plan, first + 6),
-        number_in(plan, first + 7),
-        number_in(plan, first + 8),
-        number_in(plan, first + 9),
-        number_in(plan, first + 10),
-        number_in(plan, first + 11),
-        number_in(plan, first + 12),
-        number_in(plan, first + 13),
-        number_in(plan, first + 14),
-        array_in(plan, first + 15, np.float32),
+        number_in(arguments, first),
+        number_in(arguments, first + 1),
+        number_in(arguments, first + 2),
+        array_in(arguments, first + 3, np.int64),
+        array_in(arguments, first + 4, np.int64),
+        array_in(arguments, first + 5, np.int64),
+        number_in(arguments, first + 6),
+        number_in(arguments, first + 7),
+        number_in(arguments, first + 8),
+        number_in(arguments, first + 9),
+        number_in(arguments, first + 10),
+        number_in(arguments, first + 11),
+        number_in(arguments, first + 12),
+        number_in(arguments, first + 13),
+        number_in(arguments, first + 14),
+        array_in(arguments, first + 15, np.float32),
     )
 
 
@@ -122,41 +123,42 @@ class _Scratch(NamedTuple):
 
 
 @inlined
-def _read_scratch(plan: NDArray[np.int64], first: int) -> _Scratch:
+def _read_scratch(arguments: NDArray[np.int64], first: int) -> _Scratch:
     return _Scratch(
-        array_in(plan, first, np.int8),
-        array_in(plan, first + 1, np.uint16),
-        array_in(plan, first + 2, np.int64),
-        array_in(plan, first + 3, np.int64),
-        array_in(plan, first + 4, np.int64),
-        array_in(plan, first + 5, np.float32),
-        array_in(plan, first + 6, np.float32),
+        array_in(arguments, first, np.int8),
+        array_in(arguments, first + 1, np.uint16),
+        array_in(arguments, first + 2, np.int64),
+        array_in(arguments, first + 3, np.int64),
+        array_in(arguments, first + 4, np.int64),
+        array_in(arguments, first + 5, np.float32),
+        array_in(arguments, first + 6, np.float32),
     )
 
 
-class TwigsKernel(CompiledKernel):
+class LeafBlocksEvaluator(CompiledEvaluator):
     """A forest that `fits`, compiled for a row or two."""
 
     name = "leaf-blocks"
 
-    def __init__(self, forest: Forest, index: InOrder, columns: Columns, scales: Scales) -> None:
+    def __init__(
+        self, forest: Forest, index: InOrder, columns: Columns, scales: Scales, switches: Switches
+    ) -> None:
         size = table_size(columns)
         groups = _Groups.of(forest)
         trees = groups.trees(forest)
-        trunks = TrunksLayout.of(index, columns, trees, TWIG)
-        twigs = TwigsLayout.of(index, columns, trees)
-        counts = twigs.counts.astype(f"u{trunks.bits // 8}")
-        nodes, counts, lines = together(trunks.nodes, counts, twigs.lines)
+        top = TopTrees.of(index, columns, trees, BLOCK_LEAVES, may_pack(switches))
+        blocks = LeafBlocks.of(index, columns, trees)
+        nodes, counts, lines = together(top.nodes, blocks.counts.astype(f"u{top.bits // 8}"), blocks.lines)
         self._trees = _Trees(
-            find_exits(size, trunks.bits, trunks.packed),
-            find_twigs(trunks.bits),
-            add_twigs(size),
-            trunks.steps,
-            trunks.start,
-            lines.ctypes.data + LINE * twigs.first,
+            find_exits(size, top.bits, top.packed, switches.next_nodes),
+            find_blocks(top.bits),
+            add_blocks(size, switches.next_leaves),
+            top.steps,
+            top.start,
+            lines.ctypes.data + LINE * blocks.first,
             nodes.ctypes.data,
             counts.ctypes.data,
-            trunks.bits // 8,
+            top.bits // 8,
             trees.shape[1],
             groups.rounds,
             groups.outputs,
@@ -171,14 +173,14 @@ class TwigsKernel(CompiledKernel):
 
     @staticmethod
     def fits(forest: Forest, index: InOrder) -> bool:
-        """Whether no tree has too many twigs, for trees that can stand side by side.
+        """Whether no tree has too many blocks, for trees that fit lanes.
 
-        A group's trunks take the room of its largest one, so that a few huge trees could fill the memory,
-        and so could the places without a tree of a forest with many trees for one output.
+        A group's top trees take the room of its largest one, so that a few huge trees could fill the
+        memory, and so could the places without a tree of a forest with many trees for one output.
         """
-        twigs = int(count_twigs(index, TWIG).max(initial=1))
+        blocks = int(count_blocks(index, BLOCK_LEAVES).max(initial=1))
         places = _Groups.of(forest).count * trees_at_once()
-        return twigs <= MOST_TWIGS[16] and (4 * twigs + LINE) * places <= _MOST_BYTES
+        return blocks <= MOST_EXITS[16] and (4 * blocks + LINE) * places <= _MOST_BYTES
 
     def _scratch(self) -> Scratch:
         """Memory for one evaluation at a time."""
@@ -195,8 +197,8 @@ class TwigsKernel(CompiledKernel):
 
 
 @compiled
-def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
-    """Adds every tree's leaf to the sums; a group's trunks go before the twigs of the group before it."""
+def _visit(trees: _Trees, scratch: _Scratch, rows: int) -> None:
+    """Adds every tree's leaf to the sums; a group's top trees come before the last group's blocks."""
     ranks, sums, exits = scratch.ranks.ctypes.data, scratch.sums.ctypes.data, scratch.exits.ctypes.data
     first, places, ahead = scratch.first.ctypes.data, scratch.places.ctypes.data, scratch.ahead.ctypes.data
     leaves, width = scratch.leaves.ctypes.data, 4 * trees.width
@@ -205,7 +207,7 @@ def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
     for group in range(trees.steps.size + 1):
         if group < trees.steps.size:
             nodes = trees.nodes + trees.start[group]
-            call(trees.traversal, (nodes, trees.steps[group], ranks, rows, exits, 0, 0))
+            call(trees.traversal, (nodes, trees.steps[group], ranks, rows, exits))
             counts = trees.counts + trees.size * group * trees.lanes
             call(trees.finding, (first, counts, rows, exits, ahead))
         if group:
@@ -220,14 +222,19 @@ _SCALES: Final = _TREES + len(_Trees._fields)
 
 
 @compiled
-def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
-    ranking = read_ranking(plan, 0)
-    trees, scales = _read_trees(plan, _TREES), read_scales(plan, _SCALES)
+def _evaluate(
+    arguments: NDArray[np.int64],
+    memory: NDArray[np.int64],
+    windows: NDArray[np.float32],
+    result: NDArray[np.float32],
+) -> None:
+    ranking = read_ranking(arguments, 0)
+    trees, scales = _read_trees(arguments, _TREES), read_scales(arguments, _SCALES)
     scratch = _read_scratch(memory, 0)
     outputs = trees.base_score.size
     for start in range(0, windows.shape[0], ROWS):
         rows = min(ROWS, windows.shape[0] - start)
-        rank_rows(ranking, scales, windows, start, rows, 255, 128, trees.ranks, scratch.ranks)
+        rank_rows(ranking, scales, windows, start, rows, trees.ranks, scratch.ranks)
         for row in range(rows):
             for output in range(outputs):
                 scratch.sums[row * trees.width + output] = trees.base_score[output]

@@ -1,4 +1,4 @@
-"""The form of a forest for a handful of rows: trees side by side, then their leaves for all rows."""
+"""Evaluates a small batch of rows: whole trees side by side, then their leaves for all rows."""
 
 from itertools import pairwise
 from typing import Final, NamedTuple
@@ -8,17 +8,18 @@ from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.arguments import Scratch, array_in, number_in, pack, together
 from taxel_server.runtimes.compiled.compiling import compiled, inlined
-from taxel_server.runtimes.compiled.kernel import CompiledKernel
+from taxel_server.runtimes.compiled.evaluator import CompiledEvaluator
 from taxel_server.runtimes.compiled.processor import register_bytes
+from taxel_server.runtimes.trees.few_rows.kernels import add_leaves, find_exits, put_exits, trees_at_once
 from taxel_server.runtimes.trees.few_rows.ranks import ROWS, Ranking, rank_rows, read_ranking
-from taxel_server.runtimes.trees.few_rows.tree_lanes import add_leaves, find_exits, put_exits, trees_at_once
 from taxel_server.runtimes.trees.layout.columns import Columns
 from taxel_server.runtimes.trees.layout.in_order import InOrder
-from taxel_server.runtimes.trees.layout.tree_lanes import MOST_TWIGS, TrunksLayout, table_size
+from taxel_server.runtimes.trees.layout.tree_lanes import MOST_EXITS, TopTrees, table_size
 from taxel_server.runtimes.trees.normalisation import Scales, put_rows, read_scales
 from taxel_server.runtimes.trees.reading.forest import Forest
 from taxel_server.runtimes.trees.simd.calls import call
 from taxel_server.runtimes.trees.simd.lookups import interleaved_lane
+from taxel_server.runtimes.trees.switches import Switches, may_pack
 
 _BATCH: Final = 2800
 """Fewest trees whose exits are found before their leaves are added; all that stays in the cache."""
@@ -37,7 +38,7 @@ class _Trees(NamedTuple):
     steps: NDArray[np.int64]
     start: NDArray[np.int64]
     nodes: int
-    seats: int
+    slots: int
     counts: int
     leaves: int
     lanes: int
@@ -46,24 +47,24 @@ class _Trees(NamedTuple):
 
 
 @inlined
-def _read_trees(plan: NDArray[np.int64], first: int) -> _Trees:
+def _read_trees(arguments: NDArray[np.int64], first: int) -> _Trees:
     return _Trees(
-        number_in(plan, first),
-        number_in(plan, first + 1),
-        number_in(plan, first + 2),
-        array_in(plan, first + 3, np.int64),
-        array_in(plan, first + 4, np.int64),
-        array_in(plan, first + 5, np.int64),
-        array_in(plan, first + 6, np.int64),
-        array_in(plan, first + 7, np.int64),
-        array_in(plan, first + 8, np.int64),
-        number_in(plan, first + 9),
-        number_in(plan, first + 10),
-        number_in(plan, first + 11),
-        number_in(plan, first + 12),
-        number_in(plan, first + 13),
-        number_in(plan, first + 14),
-        array_in(plan, first + 15, np.float32),
+        number_in(arguments, first),
+        number_in(arguments, first + 1),
+        number_in(arguments, first + 2),
+        array_in(arguments, first + 3, np.int64),
+        array_in(arguments, first + 4, np.int64),
+        array_in(arguments, first + 5, np.int64),
+        array_in(arguments, first + 6, np.int64),
+        array_in(arguments, first + 7, np.int64),
+        array_in(arguments, first + 8, np.int64),
+        number_in(arguments, first + 9),
+        number_in(arguments, first + 10),
+        number_in(arguments, first + 11),
+        number_in(arguments, first + 12),
+        number_in(arguments, first + 13),
+        number_in(arguments, first + 14),
+        array_in(arguments, first + 15, np.float32),
     )
 
 
@@ -71,29 +72,29 @@ class _Scratch(NamedTuple):
     ranks: NDArray[np.int8]
     exits: NDArray[np.uint8]
     memory: NDArray[np.int64]
-    seated: NDArray[np.int64]
+    by_slot: NDArray[np.int64]
     sums: NDArray[np.float32]
-    backwards: NDArray[np.int64]
 
 
 @inlined
-def _read_scratch(plan: NDArray[np.int64], first: int) -> _Scratch:
+def _read_scratch(arguments: NDArray[np.int64], first: int) -> _Scratch:
     return _Scratch(
-        array_in(plan, first, np.int8),
-        array_in(plan, first + 1, np.uint8),
-        array_in(plan, first + 2, np.int64),
-        array_in(plan, first + 3, np.int64),
-        array_in(plan, first + 4, np.float32),
-        array_in(plan, first + 5, np.int64),
+        array_in(arguments, first, np.int8),
+        array_in(arguments, first + 1, np.uint8),
+        array_in(arguments, first + 2, np.int64),
+        array_in(arguments, first + 3, np.int64),
+        array_in(arguments, first + 4, np.float32),
     )
 
 
-class TreesKernel(CompiledKernel):
-    """A forest that `fits`, compiled for a handful of rows."""
+class SmallBatchEvaluator(CompiledEvaluator):
+    """A forest that `fits`, compiled for a small batch of rows."""
 
     name = "small-batch"
 
-    def __init__(self, forest: Forest, index: InOrder, columns: Columns, scales: Scales) -> None:
+    def __init__(
+        self, forest: Forest, index: InOrder, columns: Columns, scales: Scales, switches: Switches
+    ) -> None:
         lanes = trees_at_once()
         size = table_size(columns)
         order = np.argsort(forest.outputs, kind="stable")
@@ -102,29 +103,29 @@ class TreesKernel(CompiledKernel):
         bounds = output_tree[batch_output]
         places, batch_group = _places(index.leaves[order], bounds, lanes)
         trees = np.where(places >= 0, order[places], -1).reshape(-1, lanes)
-        trunks = TrunksLayout.of(index, columns, trees, 1)
+        top = TopTrees.of(index, columns, trees, 1, may_pack(switches))
         counts = index.leaves[order]
         source = np.repeat(index.leaf_start[order] - (np.cumsum(counts) - counts), counts)
         # What is left of an earlier call, in the rows that this one does not have, may point behind a tree.
         leaves = np.append(index.value[source + np.arange(len(source))], np.zeros(256, dtype=np.float32))
-        # A tree's seat is its place in the batch; where there is no tree, the one behind the largest batch.
+        # A tree's slot is its place in the batch; where there is no tree, the one behind the largest batch.
         spare = int(np.diff(bounds).max(initial=0))
-        seats = np.where(places >= 0, places - np.repeat(bounds[:-1], np.diff(batch_group) * lanes), spare)
-        seats = seats.reshape(-1, register_bytes())[:, interleaved_lane(register_bytes())].astype(np.int32)
-        nodes, counts, seats, leaves = together(trunks.nodes, counts.astype(np.uint8), seats, leaves)
+        slots = np.where(places >= 0, places - np.repeat(bounds[:-1], np.diff(batch_group) * lanes), spare)
+        slots = slots.reshape(-1, register_bytes())[:, interleaved_lane(register_bytes())].astype(np.int32)
+        nodes, counts, slots, leaves = together(top.nodes, counts.astype(np.uint8), slots, leaves)
         self._spare = spare
         self._trees = _Trees(
-            find_exits(size, trunks.bits, trunks.packed),
+            find_exits(size, top.bits, top.packed, switches.next_nodes),
             put_exits(),
-            add_leaves(),
+            add_leaves(switches.next_leaves),
             batch_group,
             batch_output,
             output_tree,
             np.append(0, np.cumsum(index.leaves[order]))[output_tree],
-            trunks.steps,
-            trunks.start,
+            top.steps,
+            top.start,
             nodes.ctypes.data,
-            seats.ctypes.data,
+            slots.ctypes.data,
             counts.ctypes.data,
             leaves.ctypes.data,
             lanes,
@@ -132,13 +133,13 @@ class TreesKernel(CompiledKernel):
             forest.base_score,
         )
         ranking = Ranking.of(columns)
-        self._kept = (ranking, nodes, counts, seats, leaves, scales)
+        self._kept = (ranking, nodes, counts, slots, leaves, scales)
         super().__init__(_evaluate, pack(ranking, self._trees, scales))
 
     @staticmethod
     def fits(index: InOrder) -> bool:
-        """Whether no tree has too many leaves, for trees that can stand side by side."""
-        return bool(index.leaves.max(initial=1) <= MOST_TWIGS[8])
+        """Whether no tree has too many leaves, for trees that fit lanes."""
+        return bool(index.leaves.max(initial=1) <= MOST_EXITS[8])
 
     def _scratch(self) -> Scratch:
         """Memory for one evaluation at a time."""
@@ -148,7 +149,6 @@ class TreesKernel(CompiledKernel):
             np.empty(self._trees.lanes, dtype=np.int64),
             np.empty(self._spare + 1, dtype=np.int64),
             np.empty(ROWS * len(self._trees.base_score), dtype=np.float32),
-            np.zeros(1, dtype=np.int64),
         )
         return Scratch(own)
 
@@ -177,35 +177,21 @@ def _places(
 
 
 @compiled
-def _visit(trees, scratch, rows):  # type: ignore[no-untyped-def]
-    """Adds every tree's leaf to the sums [output][row], batch after batch.
-
-    Every other time from the last batch to the first: what was visited last is still in the cache.
-    """
-    ranks, exits = scratch.ranks.ctypes.data, scratch.exits.ctypes.data
-    memory, seated, sums = scratch.memory.ctypes.data, scratch.seated.ctypes.data, scratch.sums.ctypes.data
-    batches, backwards = trees.batch_group.size - 1, scratch.backwards[0]
-    scratch.backwards[0] = not backwards
-    for turn in range(batches):
-        batch = batches - 1 - turn if backwards else turn
-        first_group, stop_group = trees.batch_group[batch], trees.batch_group[batch + 1]
+def _visit(trees: _Trees, scratch: _Scratch, rows: int) -> None:
+    """Adds every tree's leaf to the sums [output][row], batch after batch."""
+    ranks, exits, sums = scratch.ranks.ctypes.data, scratch.exits.ctypes.data, scratch.sums.ctypes.data
+    memory, by_slot = scratch.memory.ctypes.data, scratch.by_slot.ctypes.data
+    for batch in range(trees.batch_group.size - 1):
         first_output, stop_output = trees.batch_output[batch], trees.batch_output[batch + 1]
-        # The batch's leaves are asked for in equal shares, while its trees are visited.
-        wanted = trees.leaves + 4 * trees.output_leaf[first_output]
-        share = (trees.output_leaf[stop_output] - trees.output_leaf[first_output]) // max(
-            1, stop_group - first_group
-        )
-        for group in range(first_group, stop_group):
-            nodes, steps = trees.nodes + trees.start[group], trees.steps[group]
-            lines = share // 16 // max(1, steps * (rows - 1)) if rows > 1 else 0
-            call(trees.traversal, (nodes, steps, ranks, rows, exits, wanted, lines))
-            wanted += 4 * share
-            call(trees.ordering, (exits, trees.seats + 4 * group * trees.lanes, memory, seated))
+        for group in range(trees.batch_group[batch], trees.batch_group[batch + 1]):
+            nodes = trees.nodes + trees.start[group]
+            call(trees.traversal, (nodes, trees.steps[group], ranks, rows, exits))
+            call(trees.ordering, (exits, trees.slots + 4 * group * trees.lanes, memory, by_slot))
         base = trees.output_tree[first_output]
         for output in range(first_output, stop_output):
             tree, stop = trees.output_tree[output], trees.output_tree[output + 1]
             leaf, stop_leaf = trees.output_leaf[output], trees.output_leaf[output + 1]
-            given = (stop - tree, trees.counts + tree, trees.leaves + 4 * leaf, seated + 8 * (tree - base))
+            given = (stop - tree, trees.counts + tree, trees.leaves + 4 * leaf, by_slot + 8 * (tree - base))
             lines = -(-(stop_leaf - leaf) // (16 * max(1, stop - tree)))
             call(trees.addition, (*given, sums + 4 * ROWS * output, lines))
 
@@ -215,13 +201,18 @@ _SCALES: Final = _TREES + len(_Trees._fields)
 
 
 @compiled
-def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
-    ranking = read_ranking(plan, 0)
-    trees, scales = _read_trees(plan, _TREES), read_scales(plan, _SCALES)
+def _evaluate(
+    arguments: NDArray[np.int64],
+    memory: NDArray[np.int64],
+    windows: NDArray[np.float32],
+    result: NDArray[np.float32],
+) -> None:
+    ranking = read_ranking(arguments, 0)
+    trees, scales = _read_trees(arguments, _TREES), read_scales(arguments, _SCALES)
     scratch = _read_scratch(memory, 0)
     for start in range(0, windows.shape[0], ROWS):
         rows = min(ROWS, windows.shape[0] - start)
-        rank_rows(ranking, scales, windows, start, rows, 255, 128, trees.ranks, scratch.ranks)
+        rank_rows(ranking, scales, windows, start, rows, trees.ranks, scratch.ranks)
         for output in range(trees.base_score.size):
             scratch.sums[output * ROWS : (output + 1) * ROWS] = trees.base_score[output]
         _visit(trees, scratch, rows)

@@ -1,4 +1,4 @@
-"""The forest as the kernels that hold sets of rows read it.
+"""The forest as the bitset traversal reads it.
 
 A tree's upper levels are laid out as if they were full: a node's place then tells which set of rows it
 splits, and eight trees take a step together. Where a tree has no node, nobody goes right. The nodes below
@@ -6,7 +6,7 @@ say which set they split.
 """
 
 from dataclasses import dataclass
-from typing import Final, Self
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,14 +35,15 @@ GROUP: Final = np.dtype(
 )
 """First byte of a group's records, its steps, its leaf numbers in sixteens, its trees' places.
 
-The records are a comparison for every place of the full levels, then a node's for every step, of each tree.
+The records are a comparison for every place of the upper levels, then a node's for every step, of every
+tree.
 """
 
-_MOST_FULL: Final = 6
-"""Most full levels: a larger tree has its nodes below."""
+_MOST_UPPER: Final = 6
+"""Most levels laid out as if they were full."""
 
 _OCCUPIED: Final = 0.4
-"""Least share of a full level's places that have a node: below, their steps cost more than they save."""
+"""Least share of an upper level's places that have a node: below, their steps cost more than they save."""
 
 
 @dataclass(frozen=True)
@@ -53,25 +54,25 @@ class LeafNumbers:
     first leaf gets the next number.
 
     Attributes:
-        full: how many upper levels of small trees are laid out as if they were full.
+        upper: how many upper levels of small trees are laid out as if they were full.
         small: (trees,) bool, which trees' numbers take a byte.
         number: (leaves,) int32.
         count: (trees,) int64, how many numbers a tree hands out.
     """
 
-    full: int
+    upper: int
     small: NDArray[np.bool_]
     number: NDArray[np.int32]
     count: NDArray[np.int64]
 
     @classmethod
-    def of(cls, index: InOrder, narrow: bool) -> Self:
-        """Numbers all leaves; unless `narrow`, no tree is small."""
+    def of(cls, index: InOrder, narrow: bool, upper_levels: bool) -> Self:
+        """Numbers all leaves; unless `narrow`, no tree is small, unless `upper_levels`, none has any."""
         number = np.empty(len(index.value), dtype=np.int32)
         count = np.empty_like(index.leaves)
         small = np.logical_and(index.leaves <= MOST_LEAVES[1], narrow)
-        # With few nodes in full levels, a tree may need more numbers than leaves: then no level is full.
-        for full in (_full_levels(index, small), 0):
+        # With few nodes in upper levels, a tree may need more numbers than leaves: then there are none.
+        for upper in (_upper_levels(index, small) if upper_levels else 0, 0):
             _number(
                 index.leaves,
                 index.node_start,
@@ -79,29 +80,29 @@ class LeafNumbers:
                 index.depth,
                 index.place,
                 small,
-                full,
+                upper,
                 number,
                 count,
             )
             if count[small].max(initial=0) <= MOST_LEAVES[1]:
                 break
-        return cls(full, small, number, count)
+        return cls(upper, small, number, count)
 
 
 @dataclass(frozen=True)
-class RowsLayout:
+class BitsetTrees:
     """Trees of like size in groups, output by output, the smallest first.
 
     Attributes:
         size: bytes of a leaf's number.
-        full: levels that are laid out as if they were full.
+        upper: levels that are laid out as if they were full.
         groups: (groups,) GROUP.
         start: (outputs + 1,) int64, each output's first group.
         records: (bytes,) uint8.
     """
 
     size: int
-    full: int
+    upper: int
     groups: NDArray[np.void]
     start: NDArray[np.int64]
     records: NDArray[np.uint8]
@@ -131,7 +132,7 @@ class RowsLayout:
             targets: number of outputs.
         """
         trees = np.flatnonzero(numbers.small if size == 1 else ~numbers.small)
-        full = numbers.full if size == 1 else 0
+        upper = numbers.upper if size == 1 else 0
         together = TOGETHER[size]
         order = trees[np.lexsort((numbers.count[trees], outputs[trees]))]
         count = np.bincount(outputs[trees], minlength=targets)
@@ -142,22 +143,22 @@ class RowsLayout:
         members = np.full(start[-1] * together, -1, dtype=np.int64)
         members[np.arange(len(order)) + before] = order
         members = members.reshape(-1, together)
-        most = np.where(members >= 0, numbers.count[members], 2**full).max(axis=1, initial=2**full)
+        most = np.where(members >= 0, numbers.count[members], 2**upper).max(axis=1, initial=2**upper)
         groups = np.zeros(len(members), dtype=GROUP)
-        groups["steps"] = most - 2**full
+        groups["steps"] = most - 2**upper
         groups["sixteens"] = -(-most // 16)
         groups["trees"][:, :together] = np.where(members >= 0, places[members], spare)
         record = RECORDS[size]
-        bytes_full = (2**full - 1) * together * record["comparison"].itemsize
-        room = bytes_full + groups["steps"] * together * record.itemsize
+        bytes_upper = (2**upper - 1) * together * record["comparison"].itemsize
+        room = bytes_upper + groups["steps"] * together * record.itemsize
         groups["records"] = np.cumsum(room) - room
-        words = np.zeros(int(room.sum()) // record["comparison"].itemsize, dtype=record["comparison"])
+        entries = np.zeros(int(room.sum()) // record["comparison"].itemsize, dtype=record["comparison"])
         _place(
             members,
             groups["records"] // record["comparison"].itemsize,
             groups["steps"].copy(),
-            full,
-            len(columns.cuts),
+            upper,
+            len(columns.cuts.cuts),
             index.leaves,
             index.node_start,
             index.leaf_start,
@@ -166,36 +167,46 @@ class RowsLayout:
             index.place,
             columns.comparison,
             numbers.number,
-            words,
+            entries,
         )
-        return cls(size, full, groups, start, words.view(np.uint8))
+        return cls(size, upper, groups, start, entries.view(np.uint8))
 
 
-def split_sets(full: int) -> NDArray[np.int64]:
-    """(2**full - 1,) Where the set is that the node at each place of full levels splits, in bytes."""
+def split_sets(upper: int) -> NDArray[np.int64]:
+    """(2**upper - 1,) Where the set is that the node at each place of upper levels splits, in bytes."""
     sets = [0]
-    for place in range(1, 2**full - 1):
+    for place in range(1, 2**upper - 1):
         parent = (place - 1) // 2
         # A left child has the set of its parent, a right one the set that its parent's split made.
         sets.append(sets[parent] if place % 2 else parent + 1)
-    return np.array(sets[: 2**full - 1], dtype=np.int64) * SET_BYTES
+    return np.array(sets[: 2**upper - 1], dtype=np.int64) * SET_BYTES
 
 
-def _full_levels(index: InOrder, small: NDArray[np.bool_]) -> int:
+def _upper_levels(index: InOrder, small: NDArray[np.bool_]) -> int:
     """How many levels of the small trees are occupied well enough."""
     depth = index.depth[np.repeat(small, index.leaves - 1)]
-    nodes = np.bincount(depth[depth < _MOST_FULL], minlength=_MOST_FULL)
-    places = max(1, int(small.sum())) * 2 ** np.arange(_MOST_FULL)
+    nodes = np.bincount(depth[depth < _MOST_UPPER], minlength=_MOST_UPPER)
+    places = max(1, int(small.sum())) * 2 ** np.arange(_MOST_UPPER)
     return int(np.argmax(np.append(nodes / places, 0.0) < _OCCUPIED))
 
 
 @compiled
-def _number(leaves, node_start, leaf_start, depth, place, small, full, number, count):  # type: ignore[no-untyped-def]
+def _number(
+    leaves: NDArray[np.int64],
+    node_start: NDArray[np.int64],
+    leaf_start: NDArray[np.int64],
+    depth: NDArray[np.int32],
+    place: NDArray[np.int32],
+    small: NDArray[np.bool_],
+    upper: int,
+    number: NDArray[np.int32],
+    count: NDArray[np.int64],
+) -> None:
     """Level by level; between inner nodes i - 1 and i lies leaf i, the first right of node i - 1."""
     before = np.empty((depth.max() if depth.size else 0) + 2, dtype=np.int32)
     for tree in range(leaves.size):
         start, inner = node_start[tree], leaves[tree] - 1
-        levels = full if small[tree] else 0
+        levels = upper if small[tree] else 0
         before[:] = 0
         for node in range(start, start + inner):
             if depth[node] >= levels:
@@ -215,41 +226,41 @@ def _number(leaves, node_start, leaf_start, depth, place, small, full, number, c
 
 
 @compiled
-def _place(  # type: ignore[no-untyped-def]
-    members,
-    records,
-    steps,
-    full,
-    never,
-    leaves,
-    node_start,
-    leaf_start,
-    first,
-    depth,
-    place,
-    comparison,
-    number,
-    words,
-):
-    """Writes every node's words to where its group has it; where a tree has no node, nobody goes right."""
+def _place(
+    members: NDArray[np.int64],
+    records: NDArray[np.int64],
+    steps: NDArray[np.int64],
+    upper: int,
+    never: int,
+    leaves: NDArray[np.int64],
+    node_start: NDArray[np.int64],
+    leaf_start: NDArray[np.int64],
+    first: NDArray[np.int32],
+    depth: NDArray[np.int32],
+    place: NDArray[np.int32],
+    comparison: NDArray[np.int64],
+    number: NDArray[np.int32],
+    entries: NDArray[Any],
+) -> None:
+    """Writes every node to where its group has it; where a tree has no node, nobody goes right."""
     together = members.shape[1]
-    below = ((1 << full) - 1) * together
+    below = ((1 << upper) - 1) * together
     for group in range(members.shape[0]):
         start = records[group]
-        words[start : start + below] = never
+        entries[start : start + below] = never
         for step in range(steps[group] * together):
-            words[start + below + 2 * step] = never
+            entries[start + below + 2 * step] = never
         for member in range(together):
             tree = members[group, member]
             if tree < 0:
                 continue
             for step in range(leaves[tree] - 1):
                 node = node_start[tree] + step
-                if depth[node] < full:
+                if depth[node] < upper:
                     across = (1 << depth[node]) - 1 + place[node]
-                    words[start + across * together + member] = comparison[node]
+                    entries[start + across * together + member] = comparison[node]
                 else:
-                    row = number[leaf_start[tree] + step + 1] - (1 << full)
+                    row = number[leaf_start[tree] + step + 1] - (1 << upper)
                     at = start + below + 2 * (row * together + member)
-                    words[at] = comparison[node]
-                    words[at + 1] = number[leaf_start[tree] + first[node]] * SET_BYTES
+                    entries[at] = comparison[node]
+                    entries[at + 1] = number[leaf_start[tree] + first[node]] * SET_BYTES

@@ -99,9 +99,20 @@ class InOrder:
 
 
 @compiled
-def _renumber(  # type: ignore[no-untyped-def]
-    roots, left, right, value, node_start, leaf_start, first, last, depth, place, source, leaf_value
-):
+def _renumber(
+    roots: NDArray[np.int64],
+    left: NDArray[np.int32],
+    right: NDArray[np.int32],
+    value: NDArray[np.float32],
+    node_start: NDArray[np.int64],
+    leaf_start: NDArray[np.int64],
+    first: NDArray[np.int32],
+    last: NDArray[np.int32],
+    depth: NDArray[np.int32],
+    place: NDArray[np.int32],
+    source: NDArray[np.int64],
+    leaf_value: NDArray[np.float32],
+) -> None:
     leaves = np.empty(left.size, dtype=np.int32)
     lowest = np.empty(left.size, dtype=np.int32)
     level, across = np.empty(left.size, dtype=np.int32), np.empty(left.size, dtype=np.int32)

@@ -25,13 +25,17 @@ def write_leaf_tables(
     numbers: LeafNumbers,
     order: NDArray[np.int64],
     leaves: NDArray[np.void],
+    byte_tables: bool,
 ) -> NDArray[np.uint8]:
-    """Writes the leaf tables by leaf number, and their place and kind into `leaves`."""
+    """Writes the leaf tables by leaf number, and their place and kind into `leaves`.
+
+    Those of floats take less room; bytes are looked up faster, where the processor can.
+    """
     counts = numbers.count[order]
     sixteens = -(-counts // 16)
     kinds = (
         np.select([sixteens <= 4, sixteens <= 8], [sixteens, 8], 0)
-        if can_look_up()
+        if byte_tables and can_look_up()
         else np.zeros_like(counts)
     )
     leaves["kind"] = np.where(numbers.small[order], kinds, -1)
@@ -52,7 +56,15 @@ def write_leaf_tables(
 
 
 @compiled
-def _write_tables(starts, counts, places, kinds, numbers, values, tables):  # type: ignore[no-untyped-def]
+def _write_tables(
+    starts: NDArray[np.int64],
+    counts: NDArray[np.int64],
+    places: NDArray[np.int64],
+    kinds: NDArray[np.int32],
+    numbers: NDArray[np.int32],
+    values: NDArray[np.uint8],
+    tables: NDArray[np.uint8],
+) -> None:
     for tree in range(starts.size):
         plane, step = (16 * kinds[tree], 1) if kinds[tree] > 0 else (1, 4)
         for leaf in range(starts[tree], starts[tree] + counts[tree]):

@@ -1,11 +1,12 @@
-"""A forest as the kernels for few rows read it: trees side by side, each cut into a trunk and twigs.
+"""A forest as the evaluators of few rows read it: trees side by side, each a top tree and its leaf blocks.
 
-A twig is a largest subtree of at most so many leaves; the trunk is what remains above the twigs. In the
-in-order numbering, inner node i stands between leaves i and i + 1. So the leaves between two trunk nodes
-that follow each other are a twig's, and the trunk is itself a tree in order, whose leaves are the twigs.
+A leaf block is a largest subtree of at most so many leaves; the top tree is what remains above them. In the
+in-order numbering, inner node i stands between leaves i and i + 1. So the leaves between two nodes of the
+top tree that follow each other are a block's, and the top tree is itself a tree in order, whose leaves are
+the blocks.
 
-With twigs of eight leaves, each in a cache line of its own, a row touches little of a tree, and knows
-early which part of it; with twigs of one leaf the whole tree is trunk, which several rows share.
+With blocks of eight leaves, each in a cache line of its own, a row touches little of a tree, and knows
+early which part of it; with blocks of one leaf the whole tree is top tree, which several rows share.
 """
 
 from dataclasses import dataclass
@@ -19,21 +20,21 @@ from taxel_server.runtimes.trees.layout.columns import Columns
 from taxel_server.runtimes.trees.layout.in_order import InOrder
 from taxel_server.runtimes.trees.simd.lookups import can_look_up
 
-TWIG: Final = 8
-"""Most leaves of a twig that is more than a leaf."""
+BLOCK_LEAVES: Final = 8
+"""Most leaves of a block that is more than a leaf."""
 
 LINE: Final = 64
-"""Bytes of such a twig: its leaves as float32, its nodes' columns, limits and masks, eight bytes each.
+"""Bytes of such a block: its leaves as float32, its nodes' columns, limits and masks, eight bytes each.
 
 A node's mask has the bits of the leaves that a row can still reach after it went right there.
 """
 
-COLUMNS_AT: Final = 4 * TWIG
-LIMITS_AT: Final = COLUMNS_AT + TWIG
-MASKS_AT: Final = LIMITS_AT + TWIG
+COLUMNS_AT: Final = 4 * BLOCK_LEAVES
+LIMITS_AT: Final = COLUMNS_AT + BLOCK_LEAVES
+MASKS_AT: Final = LIMITS_AT + BLOCK_LEAVES
 
-MOST_TWIGS: Final = {8: 127, 16: 32767}
-"""Twigs of the largest tree whose exits fit signed integers of so many bits."""
+MOST_EXITS: Final = {8: 127, 16: 32767}
+"""Leaf blocks of the largest tree whose exits fit signed integers of so many bits."""
 
 COLUMN_BITS: Final = 5
 """What a column takes of the byte that it shares with a distance, where both are small."""
@@ -45,26 +46,26 @@ _TABLE_SIZES: Final = (16, 32, 48, 64, 128, 256)
 """How many columns a row's byte ranks may have, padded with ranks of 0, at least one."""
 
 
-def can_stand_side_by_side(columns: Columns) -> bool:
+def fits_lanes(columns: Columns) -> bool:
     """Whether the processor can look up the ranks of these columns."""
     return can_look_up() and len(columns) < _TABLE_SIZES[-1]
 
 
 def table_size(columns: Columns) -> int:
-    """The length of a row's ranks, of columns that `can_stand_side_by_side`."""
+    """The length of a row's ranks, of columns that `fits_lanes`."""
     return next(size for size in _TABLE_SIZES if size > len(columns))
 
 
 @dataclass(frozen=True)
-class TrunksLayout:
-    """Trunks by place, in groups of as many as a kernel has lanes.
+class TopTrees:
+    """Top trees by place, in groups of as many as a kernel has lanes.
 
-    A node's distance is how many twigs its left subtree has, but for one.
+    A node's distance is how many blocks its left subtree has, but for one.
 
     Attributes:
-        bits: of the number of a twig in its tree, 8 or 16.
+        bits: of the number of a block in its tree, 8 or 16.
         packed: whether a node takes two bytes, as its column and distance share one.
-        steps: (groups,) int64, nodes of each group's largest trunk.
+        steps: (groups,) int64, nodes of each group's largest tree.
         start: (groups + 1,) int64, each group's first byte in `nodes`.
         nodes: (bytes,) uint8, for every step the columns, limits and distances of the group's trees, or
             the columns below the distances, less 128, and the limits.
@@ -77,22 +78,24 @@ class TrunksLayout:
     nodes: NDArray[np.uint8]
 
     @classmethod
-    def of(cls, index: InOrder, columns: Columns, trees: NDArray[np.int64], most: int) -> Self:
-        """Lays out the trees of (groups, lanes), where -1 is none, with at most so many leaves a twig."""
-        twigs = np.append(count_twigs(index, most), 1)
+    def of(
+        cls, index: InOrder, columns: Columns, trees: NDArray[np.int64], most: int, may_pack: bool
+    ) -> Self:
+        """Lays out the trees of (groups, lanes), where -1 is none, with at most so many leaves a block."""
+        blocks = np.append(count_blocks(index, most), 1)
         distance = _distances(index, most)
-        bits = 8 if twigs.max() <= MOST_TWIGS[8] else 16
+        bits = 8 if blocks.max() <= MOST_EXITS[8] else 16
         small = len(columns) <= _LAST_COLUMN and int(distance.max(initial=0)) <= _MOST_DISTANT
-        packed = bits == 8 and small
+        packed = may_pack and bits == 8 and small
         each = 2 if packed else 2 + bits // 8
-        steps = twigs[trees].max(axis=1, initial=1) - 1
+        steps = blocks[trees].max(axis=1, initial=1) - 1
         start = np.concatenate([[0], np.cumsum(each * trees.shape[1] * steps)])
         # What fills up a lane is a node where no row goes right: its distance is -1, or its column the one
         # behind the last, whose rank is below the limit.
         nodes = np.full(start[-1], 255, dtype=np.uint8)
         if packed:
             nodes.reshape(-1, 2, trees.shape[1])[:] = [[len(columns) + 128], [127]]
-        _put_trunks(
+        _put_top_trees(
             trees,
             start,
             each,
@@ -107,13 +110,13 @@ class TrunksLayout:
 
 
 @dataclass(frozen=True)
-class TwigsLayout:
-    """The twigs of TWIG leaves of trees by place.
+class LeafBlocks:
+    """The blocks of BLOCK_LEAVES leaves of trees by place.
 
     Attributes:
-        first: (lanes,) int64, the first twig of each lane's first tree; the others follow in turn.
-        counts: (groups, lanes) int64, each tree's twigs.
-        lines: (twigs, LINE) uint8; where there is no tree is one with a leaf that adds nothing.
+        first: (lanes,) int64, the first block of each lane's first tree; the others follow in turn.
+        counts: (groups, lanes) int64, each tree's blocks.
+        lines: (blocks, LINE) uint8; where there is no tree is one with a leaf that adds nothing.
     """
 
     first: NDArray[np.int64]
@@ -123,7 +126,7 @@ class TwigsLayout:
     @classmethod
     def of(cls, index: InOrder, columns: Columns, trees: NDArray[np.int64]) -> Self:
         """Lays out the trees of (groups, lanes), where -1 is none."""
-        counts = np.append(count_twigs(index, TWIG), 1)[trees]
+        counts = np.append(count_blocks(index, BLOCK_LEAVES), 1)[trees]
         # A lane that never has a tree reads one line all the time.
         counts[:-1, (trees < 0).all(axis=0)] = 0
         # Trees visited one after the other lie far apart, or the processor would fetch what is between.
@@ -132,7 +135,7 @@ class TwigsLayout:
         lines = np.zeros((int(counts.sum()), LINE), dtype=np.uint8)
         lines[:, MASKS_AT:] = 255
         lines[:, :COLUMNS_AT].view(np.float32)[first[tree < 0]] = -0.0
-        _put_twigs(
+        _put_blocks(
             tree,
             first,
             index.leaves,
@@ -148,26 +151,34 @@ class TwigsLayout:
         return cls(first[:: len(trees)], counts, lines)
 
 
-def count_twigs(index: InOrder, most: int) -> NDArray[np.int64]:
-    """(trees,) How many twigs of at most so many leaves each tree has."""
-    in_trunk = np.concatenate([[0], np.cumsum(index.last - index.first >= most)])
-    twigs: NDArray[np.int64] = (
-        1 + in_trunk[index.node_start + index.leaves - 1] - in_trunk[index.node_start]
-    )
-    return twigs
+def count_blocks(index: InOrder, most: int) -> NDArray[np.int64]:
+    """(trees,) How many blocks of at most so many leaves each tree has."""
+    above = np.concatenate([[0], np.cumsum(index.last - index.first >= most)])
+    blocks: NDArray[np.int64] = 1 + above[index.node_start + index.leaves - 1] - above[index.node_start]
+    return blocks
 
 
 def _distances(index: InOrder, most: int) -> NDArray[np.int64]:
-    """(inner nodes,) The twigs of every trunk node's left subtree but for one; -1 for other nodes."""
-    in_trunk = index.last - index.first >= most
-    before = np.concatenate([[0], np.cumsum(in_trunk)])
+    """(inner nodes,) The blocks of every top node's left subtree but for one; -1 for other nodes."""
+    on_top = index.last - index.first >= most
+    before = np.concatenate([[0], np.cumsum(on_top)])
     tree = np.repeat(index.node_start, index.leaves - 1)
     distances: NDArray[np.int64] = before[:-1] - before[tree + index.first]
-    return np.where(in_trunk, distances, -1)
+    return np.where(on_top, distances, -1)
 
 
 @compiled
-def _put_trunks(trees, start, each, leaves, node_start, column, limit, distance, nodes):  # type: ignore[no-untyped-def]
+def _put_top_trees(
+    trees: NDArray[np.int64],
+    start: NDArray[np.int64],
+    each: int,
+    leaves: NDArray[np.int64],
+    node_start: NDArray[np.int64],
+    column: NDArray[np.int32],
+    limit: NDArray[np.int16],
+    distance: NDArray[np.int64],
+    nodes: NDArray[np.uint8],
+) -> None:
     lanes = trees.shape[1]
     for group in range(trees.shape[0]):
         for lane in range(lanes):
@@ -189,25 +200,35 @@ def _put_trunks(trees, start, each, leaves, node_start, column, limit, distance,
 
 
 @compiled
-def _put_twigs(  # type: ignore[no-untyped-def]
-    trees, first_twig, leaves, node_start, leaf_start, column, limit, first, last, value, lines
-):
+def _put_blocks(
+    trees: NDArray[np.int64],
+    first_block: NDArray[np.int64],
+    leaves: NDArray[np.int64],
+    node_start: NDArray[np.int64],
+    leaf_start: NDArray[np.int64],
+    column: NDArray[np.int32],
+    limit: NDArray[np.int16],
+    first: NDArray[np.int32],
+    last: NDArray[np.int32],
+    value: NDArray[np.uint8],
+    lines: NDArray[np.uint8],
+) -> None:
     for place in range(trees.size):
         tree = trees[place]
         if tree < 0:
             continue
-        line, begin = first_twig[place], 0
+        line, begin = first_block[place], 0
         for leaf in range(leaves[tree]):
-            seat, source = leaf - begin, 4 * (leaf_start[tree] + leaf)
+            slot, source = leaf - begin, 4 * (leaf_start[tree] + leaf)
             for byte in range(4):
-                lines[line, 4 * seat + byte] = value[source + byte]
+                lines[line, 4 * slot + byte] = value[source + byte]
             if leaf == leaves[tree] - 1:
                 break
             node = node_start[tree] + leaf
-            if last[node] - first[node] >= TWIG:
+            if last[node] - first[node] >= BLOCK_LEAVES:
                 begin, line = leaf + 1, line + 1
             else:
-                lines[line, COLUMNS_AT + seat] = column[node]
-                lines[line, LIMITS_AT + seat] = np.uint8(limit[node])
-                left_out = (2 << seat) - (1 << (first[node] - begin))
-                lines[line, MASKS_AT + seat] = np.uint8(255 - left_out)
+                lines[line, COLUMNS_AT + slot] = column[node]
+                lines[line, LIMITS_AT + slot] = np.uint8(limit[node])
+                left_out = (2 << slot) - (1 << (first[node] - begin))
+                lines[line, MASKS_AT + slot] = np.uint8(255 - left_out)

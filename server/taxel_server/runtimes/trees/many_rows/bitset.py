@@ -1,4 +1,4 @@
-"""The form of a forest for many rows: blocks of rows go through all trees, then the leaves are summed."""
+"""Evaluates many rows: blocks of rows go through all trees as sets of bits, then the leaves are summed."""
 
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple, Self
@@ -8,70 +8,45 @@ from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.arguments import Scratch, array_in, number_in, pack, together
 from taxel_server.runtimes.compiled.compiling import compiled, inlined
-from taxel_server.runtimes.compiled.kernel import CompiledKernel
-from taxel_server.runtimes.trees.layout.bitsets import GROUP, LeafNumbers, RowsLayout, split_sets
-from taxel_server.runtimes.trees.layout.columns import Columns, PlainColumns, read_columns
+from taxel_server.runtimes.compiled.evaluator import CompiledEvaluator
+from taxel_server.runtimes.trees.layout.bitsets import GROUP, BitsetTrees, LeafNumbers, split_sets
+from taxel_server.runtimes.trees.layout.columns import Columns, Cuts, read_cuts
 from taxel_server.runtimes.trees.layout.in_order import InOrder
 from taxel_server.runtimes.trees.layout.leaf_tables import LEAVES, write_leaf_tables
 from taxel_server.runtimes.trees.many_rows.comparisons import compare
 from taxel_server.runtimes.trees.many_rows.leaf_sums import add_leaves
-from taxel_server.runtimes.trees.many_rows.traversal import find_exits, memory_words
+from taxel_server.runtimes.trees.many_rows.traversal import find_exits, memory_size
 from taxel_server.runtimes.trees.normalisation import Scales, read_scales, restore
 from taxel_server.runtimes.trees.reading.forest import Forest
 from taxel_server.runtimes.trees.simd.calls import call
 from taxel_server.runtimes.trees.simd.lookups import assembled_lane
+from taxel_server.runtimes.trees.switches import Switches
 
 _GROUP: Final = GROUP.itemsize
 
 _MOST_NARROW_COMPARISONS: Final = 2**16 - 1
 
 
-class _Part(NamedTuple):
+class _Trees(NamedTuple):
     """The trees whose leaf numbers have one size."""
 
     group_start: NDArray[np.int64]
     groups: int
     records: int
-    full: int
+    upper: int
     sets: int
     traversal: int
-
-
-@inlined
-def _read_part(plan: NDArray[np.int64], first: int) -> _Part:
-    return _Part(
-        array_in(plan, first, np.int64),
-        number_in(plan, first + 1),
-        number_in(plan, first + 2),
-        number_in(plan, first + 3),
-        number_in(plan, first + 4),
-        number_in(plan, first + 5),
-    )
 
 
 class _Sums(NamedTuple):
     """The leaves of all trees, output by output."""
 
     start: NDArray[np.int64]
-    table_start: NDArray[np.int64]
     leaves: int
     tables: int
     addition: int
     base_score: NDArray[np.float32]
     lane: NDArray[np.int64]
-
-
-@inlined
-def _read_sums(plan: NDArray[np.int64], first: int) -> _Sums:
-    return _Sums(
-        array_in(plan, first, np.int64),
-        array_in(plan, first + 1, np.int64),
-        number_in(plan, first + 2),
-        number_in(plan, first + 3),
-        number_in(plan, first + 4),
-        array_in(plan, first + 5, np.float32),
-        array_in(plan, first + 6, np.int64),
-    )
 
 
 class _Scratch(NamedTuple):
@@ -83,22 +58,46 @@ class _Scratch(NamedTuple):
 
 
 @inlined
-def _read_scratch(plan: NDArray[np.int64], first: int) -> _Scratch:
+def _read_trees(arguments: NDArray[np.int64], first: int) -> _Trees:
+    return _Trees(
+        array_in(arguments, first, np.int64),
+        number_in(arguments, first + 1),
+        number_in(arguments, first + 2),
+        number_in(arguments, first + 3),
+        number_in(arguments, first + 4),
+        number_in(arguments, first + 5),
+    )
+
+
+@inlined
+def _read_sums(arguments: NDArray[np.int64], first: int) -> _Sums:
+    return _Sums(
+        array_in(arguments, first, np.int64),
+        number_in(arguments, first + 1),
+        number_in(arguments, first + 2),
+        number_in(arguments, first + 3),
+        array_in(arguments, first + 4, np.float32),
+        array_in(arguments, first + 5, np.int64),
+    )
+
+
+@inlined
+def _read_scratch(arguments: NDArray[np.int64]) -> _Scratch:
     return _Scratch(
-        array_in(plan, first, np.float32),
-        array_in(plan, first + 1, np.int64),
-        array_in(plan, first + 2, np.int64),
-        array_in(plan, first + 3, np.uint8),
-        array_in(plan, first + 4, np.float32),
+        array_in(arguments, 0, np.float32),
+        array_in(arguments, 1, np.int64),
+        array_in(arguments, 2, np.int64),
+        array_in(arguments, 3, np.uint8),
+        array_in(arguments, 4, np.float32),
     )
 
 
 @dataclass(frozen=True)
-class RowsForm:
+class BitsetForest:
     """A whole forest for blocks of rows; its trees have at most 65,536 leaves.
 
     Attributes:
-        columns: the comparisons that its nodes make.
+        cuts: the comparisons that its nodes make.
         narrow: the trees whose leaf numbers take a byte.
         wide: the others.
         most_numbers: leaf numbers of the largest tree.
@@ -109,9 +108,9 @@ class RowsForm:
         base_score: (outputs,) float32.
     """
 
-    columns: Columns
-    narrow: RowsLayout
-    wide: RowsLayout
+    cuts: Cuts
+    narrow: BitsetTrees
+    wide: BitsetTrees
     most_numbers: int
     leaves: NDArray[np.void]
     start: NDArray[np.int64]
@@ -120,10 +119,11 @@ class RowsForm:
     base_score: NDArray[np.float32]
 
     @classmethod
-    def of(cls, forest: Forest, index: InOrder) -> Self:
+    def of(cls, forest: Forest, index: InOrder, switches: Switches) -> Self:
         """Lays a forest out."""
-        columns = Columns.of(index, 16, np.arange(forest.trees))
-        numbers = LeafNumbers.of(index, len(columns.cuts) <= _MOST_NARROW_COMPARISONS)
+        columns = Columns.of(index, 16)
+        may_be_narrow = len(columns.cuts.cuts) <= _MOST_NARROW_COMPARISONS
+        numbers = LeafNumbers.of(index, may_be_narrow, switches.upper_levels)
         small = numbers.small
         order = np.argsort(forest.outputs, kind="stable")
         start = np.searchsorted(forest.outputs[order], np.arange(len(forest.base_score) + 1))
@@ -135,50 +135,49 @@ class RowsForm:
         most = int(places.max(initial=0)) + 2
         leaves = np.empty(forest.trees, dtype=LEAVES)
         leaves["exits"] = places[order]
-        tables = write_leaf_tables(index, numbers, order, leaves)
+        tables = write_leaf_tables(index, numbers, order, leaves, switches.byte_tables)
         narrow, wide = (
-            RowsLayout.of(index, numbers, columns, size, forest.outputs, places, most, len(start) - 1)
+            BitsetTrees.of(index, numbers, columns, size, forest.outputs, places, most, len(start) - 1)
             for size in (1, 2)
         )
         tables, *records = together(tables, narrow.records, wide.records)
         narrow, wide = replace(narrow, records=records[0]), replace(wide, records=records[1])
         largest = int(numbers.count.max(initial=1))
-        return cls(columns, narrow, wide, largest, leaves, start, tables, most + 2, forest.base_score)
+        return cls(columns.cuts, narrow, wide, largest, leaves, start, tables, most + 2, forest.base_score)
 
 
-class RowsKernel(CompiledKernel):
-    """A RowsForm compiled for one block size."""
+class BitsetEvaluator(CompiledEvaluator):
+    """A BitsetForest compiled for one block size."""
 
-    def __init__(self, form: RowsForm, lanes: int, scales: Scales) -> None:
+    def __init__(self, forest: BitsetForest, lanes: int, scales: Scales) -> None:
         self.lanes = lanes
         self.name = f"bitset-{lanes}"
-        self._form = form
-        layouts = (form.narrow, form.wide)
-        sets = [split_sets(layout.full) for layout in layouts]
-        self._kept = (scales, sets)
-        self._parts = [
-            _Part(
-                layout.start,
-                layout.groups.ctypes.data,
-                layout.records.ctypes.data,
-                2**layout.full - 1,
-                each.ctypes.data,
-                find_exits(layout.size, lanes) if len(layout.groups) else 0,
+        self._forest = forest
+        trees = (forest.narrow, forest.wide)
+        sets = [split_sets(some.upper) for some in trees]
+        narrow, wide = (
+            _Trees(
+                some.start,
+                some.groups.ctypes.data,
+                some.records.ctypes.data,
+                2**some.upper - 1,
+                its_sets.ctypes.data,
+                find_exits(some.size, lanes) if len(some.groups) else 0,
             )
-            for layout, each in zip(layouts, sets, strict=True)
-        ]
+            for some, its_sets in zip(trees, sets, strict=True)
+        )
         lane = np.empty(lanes, dtype=np.int64)
         lane[assembled_lane(lanes)] = np.arange(lanes)
-        self._sums = _Sums(
-            form.start,
-            np.append(form.leaves["table"], form.tables.nbytes)[form.start],
-            form.leaves.ctypes.data,
-            form.tables.ctypes.data,
+        sums = _Sums(
+            forest.start,
+            forest.leaves.ctypes.data,
+            forest.tables.ctypes.data,
             add_leaves(lanes),
-            form.base_score,
+            forest.base_score,
             lane,
         )
-        super().__init__(_evaluate, pack(form.columns.plain, *self._parts, self._sums, scales))
+        self._kept = (scales, sets, narrow, wide, sums)
+        super().__init__(_evaluate, pack(forest.cuts, narrow, wide, sums, scales))
 
     def _scratch(self) -> Scratch:
         """Memory for one evaluation at a time."""
@@ -186,49 +185,51 @@ class RowsKernel(CompiledKernel):
             _Scratch(
                 np.empty(self.lanes, dtype=np.float32),
                 # The last comparison is never made: no row goes right.
-                np.zeros((len(self._form.columns.cuts) + 1) * self.lanes // 64, dtype=np.int64),
-                np.zeros(memory_words(self._form.most_numbers), dtype=np.int64),
-                np.empty(self._form.places * self.lanes, dtype=np.uint8),
+                np.zeros((len(self._forest.cuts.cuts) + 1) * self.lanes // 64, dtype=np.int64),
+                np.zeros(memory_size(self._forest.most_numbers), dtype=np.int64),
+                np.empty(self._forest.places * self.lanes, dtype=np.uint8),
                 np.empty(self.lanes, dtype=np.float32),
             )
         )
 
 
 @compiled
-def _find_exits(part, output, sums, scratch):  # type: ignore[no-untyped-def]
-    """Writes the exits of one output's trees, and asks for their leaf tables."""
-    first, stop = part.group_start[output], part.group_start[output + 1]
+def _find_exits(trees: _Trees, output: int, scratch: _Scratch) -> None:
+    """Writes the exits of one output's trees."""
+    first, stop = trees.group_start[output], trees.group_start[output + 1]
     if first < stop:
-        groups = part.groups + first * _GROUP
+        groups = trees.groups + first * _GROUP
         comparisons, memory = scratch.comparisons.ctypes.data, scratch.memory.ctypes.data
-        exits, tables = scratch.exits.ctypes.data, sums.tables + sums.table_start[output]
-        # Long blocks spend so long on a table that the processor fetches the next one by itself.
-        bytes_ = sums.table_start[output + 1] - sums.table_start[output] if sums.lane.size == 64 else 0
-        given = (stop - first, groups, part.records, part.full, part.sets, comparisons, memory)
-        call(part.traversal, (*given, exits, tables, bytes_ // (stop - first)))
+        given = (stop - first, groups, trees.records, trees.upper, trees.sets, comparisons, memory)
+        call(trees.traversal, (*given, scratch.exits.ctypes.data))
 
 
-_NARROW: Final = len(PlainColumns._fields)
-_WIDE: Final = _NARROW + len(_Part._fields)
-_SUMS: Final = _WIDE + len(_Part._fields)
+_NARROW: Final = len(Cuts._fields)
+_WIDE: Final = _NARROW + len(_Trees._fields)
+_SUMS: Final = _WIDE + len(_Trees._fields)
 _SCALES: Final = _SUMS + len(_Sums._fields)
 
 
 @compiled
-def _evaluate(plan, memory, windows, result):  # type: ignore[no-untyped-def]
-    columns = read_columns(plan, 0)
-    narrow, wide = _read_part(plan, _NARROW), _read_part(plan, _WIDE)
-    sums, scales = _read_sums(plan, _SUMS), read_scales(plan, _SCALES)
-    scratch = _read_scratch(memory, 0)
+def _evaluate(
+    arguments: NDArray[np.int64],
+    memory: NDArray[np.int64],
+    windows: NDArray[np.float32],
+    result: NDArray[np.float32],
+) -> None:
+    cuts, scratch = read_cuts(arguments, 0), _read_scratch(memory)
+    narrow, wide = _read_trees(arguments, _NARROW), _read_trees(arguments, _WIDE)
+    sums, scales = _read_sums(arguments, _SUMS), read_scales(arguments, _SCALES)
     lanes = sums.lane.size
     exits, totals = scratch.exits.ctypes.data, scratch.sums.ctypes.data
     for first in range(0, windows.shape[0], lanes):
         rows = min(lanes, windows.shape[0] - first)
-        compare(columns, scales, windows, first, scratch.x, scratch.comparisons)
+        compare(cuts, scales, windows, first, scratch.x, scratch.comparisons)
         for output in range(sums.base_score.size):
-            _find_exits(narrow, output, sums, scratch)
-            _find_exits(wide, output, sums, scratch)
-            scratch.sums[:] = sums.base_score[output]
+            _find_exits(narrow, output, scratch)
+            _find_exits(wide, output, scratch)
+            for lane in range(lanes):
+                scratch.sums[lane] = sums.base_score[output]
             count = sums.start[output + 1] - sums.start[output]
             leaves = sums.leaves + 16 * sums.start[output]
             call(sums.addition, (count, leaves, sums.tables, exits, totals, rows))

@@ -1,11 +1,18 @@
 """Compares a block of rows with every cut of a forest, once each, however many nodes ask for it."""
 
+import numpy as np
+from numpy.typing import NDArray
+
 from taxel_server.runtimes.compiled.compiling import compiled
+from taxel_server.runtimes.trees.layout.columns import Cuts
+from taxel_server.runtimes.trees.normalisation import Scales
 from taxel_server.runtimes.trees.simd.bits import not_below
 
 
 @compiled
-def _load_feature(scales, windows, first, feature, x):  # type: ignore[no-untyped-def]
+def _load_feature(
+    scales: Scales, windows: NDArray[np.float32], first: int, feature: int, x: NDArray[np.float32]
+) -> None:
     """A feature of a block of rows, the last row's repeated; place 8 j + k is for lane k lanes / 8 + j."""
     eighth = x.size // 8
     for lane in range(x.size):
@@ -17,21 +24,28 @@ def _load_feature(scales, windows, first, feature, x):  # type: ignore[no-untype
 
 
 @compiled
-def compare(columns, scales, windows, first, x, comparisons):  # type: ignore[no-untyped-def]
+def compare(
+    columns: Cuts,
+    scales: Scales,
+    windows: NDArray[np.float32],
+    first: int,
+    x: NDArray[np.float32],
+    comparisons: NDArray[np.int64],
+) -> None:
     """Makes all comparisons with a block of rows: a bit is set where a row goes right."""
-    values, words = x.ctypes.data, x.size // 64
+    values, parts = x.ctypes.data, x.size // 64
     feature = -1
     for column in range(columns.feature.size):
         if feature != columns.feature[column]:
             feature = columns.feature[column]
             _load_feature(scales, windows, first, feature, x)
         start, stop = columns.start[column], columns.start[column + 1]
-        for word in range(words):
-            part = values + 256 * word
+        for part in range(parts):
+            rows = values + 256 * part
             # Two loops: in one, LLVM would choose between their results bit by bit.
             if columns.default_left[column]:
                 for place in range(start, stop):
-                    comparisons[place * words + word] = not_below(part, columns.cuts[place], False)
+                    comparisons[place * parts + part] = not_below(rows, columns.cuts[place], False)
             else:
                 for place in range(start, stop):
-                    comparisons[place * words + word] = not_below(part, columns.cuts[place], True)
+                    comparisons[place * parts + part] = not_below(rows, columns.cuts[place], True)

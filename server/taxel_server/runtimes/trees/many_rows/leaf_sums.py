@@ -1,18 +1,16 @@
 """Sums the leaves that many rows reached, tree after tree, a row in every lane of a vector."""
 
 from functools import cache
-from typing import Final
+from typing import Any
 
 from taxel_server.runtimes.compiled.compiling import address_of, inlined
 from taxel_server.runtimes.compiled.processor import register_bytes
-from taxel_server.runtimes.compiled.vectors import add, integer_at, load, load_floats, store
+from taxel_server.runtimes.compiled.vectors import FloatVector, add, integer_at, load, load_floats, store
 from taxel_server.runtimes.trees.simd.lookups import assemble, can_look_up, gather, lookup
-
-_SIGNATURE: Final = "void(intp, intp, intp, intp, intp, intp)"
 
 
 @inlined
-def _leaves(planes, exits, size, lanes):  # type: ignore[no-untyped-def]
+def _leaves(planes: int, exits: int, size: int, lanes: int) -> Any:
     """The leaves at some exits, each of their four bytes looked up by itself."""
     places = load(exits, 8, lanes)
     return assemble(
@@ -24,7 +22,7 @@ def _leaves(planes, exits, size, lanes):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _plus_gathered(total, kind, table, exits, upper, lanes):  # type: ignore[no-untyped-def]
+def _plus_gathered(total: FloatVector, kind: int, table: int, exits: int, upper: int, lanes: int) -> Any:
     """Adds the leaves of a tree whose table holds floats."""
     if kind == 0:
         return add(total, gather(table, exits, 0, lanes))
@@ -32,7 +30,7 @@ def _plus_gathered(total, kind, table, exits, upper, lanes):  # type: ignore[no-
 
 
 @inlined
-def _plus_looked_up(total, kind, table, exits, upper, lanes):  # type: ignore[no-untyped-def]
+def _plus_looked_up(total: FloatVector, kind: int, table: int, exits: int, upper: int, lanes: int) -> Any:
     """Adds the leaves of a tree with a table of any kind."""
     if kind == 1:
         return add(total, _leaves(table, exits, 16, lanes))
@@ -60,8 +58,8 @@ def add_leaves(lanes: int) -> int:
     """
     part = min(lanes, 2 * register_bytes())
 
-    @address_of(_SIGNATURE)
-    def add_trees(count, trees, tables, exits, sums, rows):  # type: ignore[no-untyped-def]
+    @address_of("void(intp, intp, intp, intp, intp, intp)")
+    def add_trees(count: int, trees: int, tables: int, exits: int, sums: int, rows: int) -> None:
         for first in range(0, rows, part):
             total = load_floats(sums + 4 * first, part)
             for tree in range(trees, trees + 16 * count, 16):

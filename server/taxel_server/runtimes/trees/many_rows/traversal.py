@@ -1,19 +1,26 @@
-"""Evaluates many rows at once: every node splits the set of rows that reach it, as a vector of bits."""
+"""Bitset traversal: every node of a tree splits the set of rows that reach it, a vector of bits."""
 
 from functools import cache
 from typing import Final
 
-import numba
-
-from taxel_server.runtimes.compiled.compiling import address_of, inlined
-from taxel_server.runtimes.compiled.vectors import AHEAD, integer_at, load, prefetch, splat, store
-from taxel_server.runtimes.trees.layout.bitsets import GROUP, RECORDS
-from taxel_server.runtimes.trees.simd.bits import common, either, number, put_numbers, without
-from taxel_server.runtimes.trees.simd.vectors64 import elements, widen, words_at
-
-_SIGNATURE: Final = "void(intp, intp, intp, intp, intp, intp, intp, intp, intp, intp)"
+from taxel_server.runtimes.compiled.compiling import address_of, compiled, inlined
+from taxel_server.runtimes.compiled.vectors import (
+    Vector,
+    both,
+    either,
+    exclusive,
+    integer_at,
+    load,
+    put_int64,
+    splat,
+    store,
+)
+from taxel_server.runtimes.trees.layout.bitsets import GROUP, RECORDS, SET_BYTES, TOGETHER
+from taxel_server.runtimes.trees.simd.bits import number, put_numbers
+from taxel_server.runtimes.trees.simd.vectors64 import elements, int64s_at, widen
 
 _GROUP: Final = GROUP.itemsize
+_STEPS_AT, _SIXTEENS_AT, _TREES_AT = 8, 16, 24
 
 _UNION: Final = 16
 _UNIONS_OF_4096: Final = _UNION + 1
@@ -26,283 +33,190 @@ The 16 sets before are the bits of every row's leaf number.
 """
 
 _APART: Final = 256
-"""How many sets one tree's are from the next's, where four trees of 256 rows are visited at once."""
+"""How many sets one tree's are from the next's, where trees of 256 rows are visited in turn."""
+
+_VECTORS: Final = {
+    (1, 64): (8, 1, 8),
+    (2, 64): (4, 1, 8),
+    (1, 256): (4, 4, 32 * _APART),
+    (2, 256): (4, 4, 32 * _APART),
+}
+"""By a leaf number's bytes and the rows of a block: a vector's 64-bit lanes, how many of them a tree's set
+of rows takes, and the distance from one tree's sets to the next one's in bytes."""
+
+_IN_TURN: Final = {(1, 64): 8, (2, 64): 4, (1, 256): 4, (2, 256): 1}
+"""How many trees take their steps in turn."""
 
 _IN_REGISTERS: Final = 4
 """Sixteens of leaves whose rows are numbered without a detour through memory."""
 
 
-def memory_words(numbers: int) -> int:
-    """How many 64-bit words of memory, all zero, trees of so many leaf numbers need."""
+def memory_size(numbers: int) -> int:
+    """How many 64-bit integers of memory, all zero, trees of so many leaf numbers need."""
     return (_LEAVES + max(numbers + 16, 2 * _APART)) * 8
 
 
+@cache
+def find_exits(number_bytes: int, rows: int) -> int:
+    """The address of the traversal of some groups by a block of 64 or 256 rows, compiled.
+
+    The function takes the number of groups, the addresses of the first group and of all records; the
+    number of places in upper levels and the address of the sets split there (`split_sets`); then
+    the addresses of the block's comparisons [comparison][row], a bit each, of the memory, and of the
+    block's exits [place][byte][lane], which it writes. Row 8 j + k goes to lane k rows / 8 + j.
+
+    With 64 rows, all trees of a group share a vector, each with a lane of its own; with 256 rows, a
+    tree has a vector, and some trees take their steps in turn.
+    """
+    (vector, lanes, apart), turns = _VECTORS[number_bytes, rows], _IN_TURN[number_bytes, rows]
+    together, record = TOGETHER[number_bytes], RECORDS[number_bytes].itemsize
+    bits, size, share = 4 * record, 8 * vector, vector // lanes
+    scale, copies = size // SET_BYTES, turns // share
+    put = _put_narrow if number_bytes == 1 else _put_wide
+
+    @address_of("void(intp, intp, intp, intp, intp, intp, intp, intp)")
+    def traverse(
+        count: int,
+        groups: int,
+        records: int,
+        upper: int,
+        sets: int,
+        comparisons: int,
+        memory: int,
+        exits: int,
+    ) -> None:
+        _clear(memory, integer_at(groups + _GROUP * (count - 1) + _SIXTEENS_AT, 64), copies, vector)
+        leaves = memory + size * _LEAVES
+        for group in range(groups, groups + _GROUP * count, _GROUP):
+            start = records + integer_at(group, 64)
+            steps = integer_at(group + _STEPS_AT, 64)
+            sixteens = integer_at(group + _SIXTEENS_AT, 64)
+            for first in range(0, together, turns):
+                for copy in range(copies):
+                    store(leaves + apart * copy, splat(-1, 64, vector))
+                node, new = start + record // 2 * first, leaves
+                for place in range(upper):
+                    new += size
+                    at = leaves + scale * integer_at(sets + 8 * place, 64)
+                    if share == 1:
+                        _split_in_turn(node, comparisons, at, new, apart, turns)
+                    else:
+                        right = int64s_at(elements(comparisons, widen(load(node, bits, vector)), 8))
+                        _split(at, right, new, vector)
+                    node += record // 2 * together
+                node = start + record // 2 * together * upper + record * first
+                for _ in range(steps):
+                    new += size
+                    for tree in range(turns):
+                        its_node, offset = node + record * tree, apart * tree
+                        right = load(comparisons + 8 * lanes * integer_at(its_node, bits), 64, lanes)
+                        at = leaves + scale * integer_at(its_node + record // 2, bits)
+                        _split(at + offset, right, new + offset, lanes)
+                    node += record * together
+                for copy in range(copies):
+                    places = group + _TREES_AT + 8 * (first + copy)
+                    put(memory, leaves + apart * copy, sixteens, exits, rows, places, share, vector)
+
+    return traverse
+
+
 @inlined
-def _split_at(place, goes_right, new, words):  # type: ignore[no-untyped-def]
+def _split(place: int, goes_right: Vector, new: int, lanes: int) -> None:
     """Splits a set of rows: the left child keeps its place, the right one gets a new one."""
-    rows = load(place, 64, words)
-    right = common(rows, goes_right)
-    store(place, without(rows, right))
+    reaching = load(place, 64, lanes)
+    right = both(reaching, goes_right)
+    store(place, exclusive(reaching, right))
     store(new, right)
 
 
 @inlined
-def _split(node, bits, comparisons, leaves, scale, new, words):  # type: ignore[no-untyped-def]
-    """Splits the rows that reach a node, whose record is two numbers of so many bits."""
-    goes_right = load(comparisons + 8 * words * integer_at(node, bits), 64, words)
-    _split_at(leaves + scale * integer_at(node + bits // 8, bits), goes_right, new, words)
+def _split_in_turn(node: int, comparisons: int, place: int, new: int, apart: int, trees: int) -> None:
+    """Splits the sets of 256 rows that reach a place of the upper levels of some trees."""
+    for tree in range(trees):
+        goes_right = load(comparisons + 32 * integer_at(node + 2 * tree, 16), 64, 4)
+        _split(place + apart * tree, goes_right, new + apart * tree, 4)
 
 
 @inlined
-def _number_by_sixteens(sets, sixteens, unions, bits, words):  # type: ignore[no-untyped-def]
+def _number_by_sixteens(sets: int, sixteens: int, unions: int, bits: int, lanes: int) -> None:
     """Four bits of the number of the set that each row is in; the sets' unions by sixteens."""
-    bit0 = splat(0, 64, words)
+    bit0 = splat(0, 64, lanes)
     bit1 = bit0
     bit2 = bit0
     bit3 = bit0
     for sixteen in range(sixteens):
-        found = number(sets + 128 * words * sixteen, 16, words)
+        found = number(sets + 128 * lanes * sixteen, 16, lanes)
         bit0 = either(bit0, found[0])
         bit1 = either(bit1, found[1])
         bit2 = either(bit2, found[2])
         bit3 = either(bit3, found[3])
-        store(unions + 8 * words * sixteen, found[4])
+        store(unions + 8 * lanes * sixteen, found[4])
     store(bits, bit0)
-    store(bits + 8 * words, bit1)
-    store(bits + 16 * words, bit2)
-    store(bits + 24 * words, bit3)
+    store(bits + 8 * lanes, bit1)
+    store(bits + 16 * lanes, bit2)
+    store(bits + 24 * lanes, bit3)
 
 
 @inlined
-def _put_bits(bits, addresses, words):  # type: ignore[no-untyped-def]
+def _put_bits(bits: int, exits: int, places: int, trees: int, lanes: int) -> None:
     eight = (
-        load(bits, 64, words),
-        load(bits + 8 * words, 64, words),
-        load(bits + 16 * words, 64, words),
-        load(bits + 24 * words, 64, words),
-        load(bits + 32 * words, 64, words),
-        load(bits + 40 * words, 64, words),
-        load(bits + 48 * words, 64, words),
-        load(bits + 56 * words, 64, words),
+        load(bits, 64, lanes),
+        load(bits + 8 * lanes, 64, lanes),
+        load(bits + 16 * lanes, 64, lanes),
+        load(bits + 24 * lanes, 64, lanes),
+        load(bits + 32 * lanes, 64, lanes),
+        load(bits + 40 * lanes, 64, lanes),
+        load(bits + 48 * lanes, 64, lanes),
+        load(bits + 56 * lanes, 64, lanes),
     )
-    put_numbers(eight, addresses)
+    put_numbers(eight, exits, places, trees)
 
 
 @inlined
-def _put_narrow(memory, leaves, sixteens, addresses, words):  # type: ignore[no-untyped-def]
+def _put_narrow(
+    memory: int, leaves: int, sixteens: int, exits: int, _apart: int, places: int, trees: int, lanes: int
+) -> None:
     """Writes the number of the leaf that each row reached, a byte."""
     if sixteens <= 2:
-        put_numbers(number(leaves, 32, words)[:-1], addresses)
+        put_numbers(number(leaves, 32, lanes)[:-1], exits, places, trees)
     elif sixteens == 3:
-        put_numbers(number(leaves, 48, words)[:-1], addresses)
+        put_numbers(number(leaves, 48, lanes)[:-1], exits, places, trees)
     elif sixteens == 4:
-        put_numbers(number(leaves, 64, words)[:-1], addresses)
+        put_numbers(number(leaves, 64, lanes)[:-1], exits, places, trees)
     else:
-        size = 8 * words
-        _number_by_sixteens(leaves, sixteens, memory + size * _UNIONS, memory, words)
-        _number_by_sixteens(
-            memory + size * _UNIONS, 1, memory + size * _UNIONS_OF_256, memory + 4 * size, words
-        )
-        _put_bits(memory, addresses, words)
+        size = 8 * lanes
+        unions, union = memory + size * _UNIONS, memory + size * _UNIONS_OF_256
+        _number_by_sixteens(leaves, sixteens, unions, memory, lanes)
+        _number_by_sixteens(unions, 1, union, memory + 4 * size, lanes)
+        _put_bits(memory, exits, places, trees, lanes)
 
 
 @inlined
-def _number_wide(memory, sixteens, words):  # type: ignore[no-untyped-def]
-    """Sixteen bits of the number of the leaf that each row reached."""
-    size = 8 * words
+def _put_wide(
+    memory: int, leaves: int, sixteens: int, exits: int, apart: int, places: int, trees: int, lanes: int
+) -> None:
+    """Writes the number of the leaf that each row reached, the lower byte and, so far apart, the upper."""
+    size = 8 * lanes
     unions, unions256 = memory + size * _UNIONS, memory + size * _UNIONS_OF_256
     unions4096, union = memory + size * _UNIONS_OF_4096, memory + size * _UNION
-    _number_by_sixteens(memory + size * _LEAVES, sixteens, unions, memory, words)
+    _number_by_sixteens(leaves, sixteens, unions, memory, lanes)
     sixteens = (sixteens + 15) // 16
-    _number_by_sixteens(unions, sixteens, unions256, memory + 4 * size, words)
+    _number_by_sixteens(unions, sixteens, unions256, memory + 4 * size, lanes)
     sixteens = (sixteens + 15) // 16
-    _number_by_sixteens(unions256, sixteens, unions4096, memory + 8 * size, words)
-    _number_by_sixteens(unions4096, 1, union, memory + 12 * size, words)
+    _number_by_sixteens(unions256, sixteens, unions4096, memory + 8 * size, lanes)
+    _number_by_sixteens(unions4096, 1, union, memory + 12 * size, lanes)
+    _put_bits(memory, exits, places, trees, lanes)
+    _put_bits(memory + 8 * size, exits + apart, places, trees, lanes)
 
 
-@numba.njit
-def _clear(memory, sixteens, apart, words):  # type: ignore[no-untyped-def]
+@compiled
+def _clear(memory: int, sixteens: int, copies: int, lanes: int) -> None:
     """Empties the sets of leaf numbers that a call's smaller trees do not have."""
-    size = 8 * words
-    for place in range(_UNIONS_OF_4096, _UNIONS + 16 * ((sixteens + 15) // 16)):
-        store(memory + size * place, splat(0, 64, words))
-    for place in range(_LEAVES, _LEAVES + 16 * max(sixteens, _IN_REGISTERS)):
-        for member in range(4 if apart else 1):
-            store(memory + size * (apart * member + place), splat(0, 64, words))
-
-
-@cache
-def find_exits(bytes_: int, lanes: int) -> int:
-    """The address of the traversal of some groups by a block of 64 or 256 rows, compiled.
-
-    The function takes the number of groups, the addresses of the first group and of all records; the
-    number of places in full levels and the address of the sets split there (`split_sets`); then
-    the addresses of the block's comparisons [comparison][row], a bit each, of the memory, and of the
-    block's exits [place][byte][lane], which it writes; at last what it asks for meanwhile: an address,
-    and bytes for every group. Row 8 j + k goes to lane k lanes / 8 + j.
-    """
-    if bytes_ == 1:
-        return _eight_trees_in_a_vector() if lanes == 64 else _four_trees_in_turn()
-    return _four_trees_in_a_vector() if lanes == 64 else _one_tree_after_another()
-
-
-@inlined
-def _ask_ahead(records, size, later, each):  # type: ignore[no-untyped-def]
-    """Asks for the records that come after a group's, and for what is wanted when all groups are done."""
-    for line in range(AHEAD, AHEAD + size, 64):
-        prefetch(records + line, 1)
-    for line in range(0, each, 64):
-        prefetch(later + line, 2)
-
-
-def _eight_trees_in_a_vector() -> int:
-    size = RECORDS[1].itemsize
-
-    @address_of(_SIGNATURE)
-    def traverse(count, groups, records, full, sets, comparisons, memory, exits, later, each):  # type: ignore[no-untyped-def]
-        _clear(memory, integer_at(groups + _GROUP * (count - 1) + 16, 64), 0, 8)
-        leaves = memory + 64 * _LEAVES
-        for _ in range(count):
-            node, new = records + integer_at(groups, 64), leaves
-            steps, sixteens = integer_at(groups + 8, 64), integer_at(groups + 16, 64)
-            _ask_ahead(node, 16 * full + 8 * size * steps, later, each)
-            store(leaves, splat(-1, 64, 8))
-            for place in range(full):
-                new += 64
-                goes_right = words_at(elements(comparisons, widen(load(node, 16, 8)), 8))
-                _split_at(leaves + 2 * integer_at(sets + 8 * place, 64), goes_right, new, 8)
-                node += 16
-            for _step in range(steps):
-                new += 64
-                _split(node, 16, comparisons, leaves, 2, new, 1)
-                _split(node + size, 16, comparisons, leaves + 8, 2, new + 8, 1)
-                _split(node + 2 * size, 16, comparisons, leaves + 16, 2, new + 16, 1)
-                _split(node + 3 * size, 16, comparisons, leaves + 24, 2, new + 24, 1)
-                _split(node + 4 * size, 16, comparisons, leaves + 32, 2, new + 32, 1)
-                _split(node + 5 * size, 16, comparisons, leaves + 40, 2, new + 40, 1)
-                _split(node + 6 * size, 16, comparisons, leaves + 48, 2, new + 48, 1)
-                _split(node + 7 * size, 16, comparisons, leaves + 56, 2, new + 56, 1)
-                node += 8 * size
-            trees = (
-                exits + integer_at(groups + 24, 64) * 64,
-                exits + integer_at(groups + 32, 64) * 64,
-                exits + integer_at(groups + 40, 64) * 64,
-                exits + integer_at(groups + 48, 64) * 64,
-                exits + integer_at(groups + 56, 64) * 64,
-                exits + integer_at(groups + 64, 64) * 64,
-                exits + integer_at(groups + 72, 64) * 64,
-                exits + integer_at(groups + 80, 64) * 64,
-            )
-            _put_narrow(memory, leaves, sixteens, trees, 8)
-            groups += _GROUP
-            later += each
-
-    return traverse
-
-
-@inlined
-def _split_full(node, comparisons, leaves, at, new):  # type: ignore[no-untyped-def]
-    """Splits the rows of one tree at a place of its full levels."""
-    goes_right = load(comparisons + 32 * integer_at(node, 16), 64, 4)
-    _split_at(leaves + at, goes_right, leaves + new, 4)
-
-
-def _four_trees_in_turn() -> int:
-    size = RECORDS[1].itemsize
-
-    @address_of(_SIGNATURE)
-    def traverse(count, groups, records, full, sets, comparisons, memory, exits, later, each):  # type: ignore[no-untyped-def]
-        _clear(memory, integer_at(groups + _GROUP * (count - 1) + 16, 64), _APART, 4)
-        leaves0 = memory + 32 * _LEAVES
-        leaves1 = leaves0 + 32 * _APART
-        leaves2 = leaves1 + 32 * _APART
-        leaves3 = leaves2 + 32 * _APART
-        for _ in range(count):
-            first = records + integer_at(groups, 64)
-            steps, sixteens = integer_at(groups + 8, 64), integer_at(groups + 16, 64)
-            _ask_ahead(first, full * 16 + 8 * size * steps, later, each)
-            for half in range(2):
-                node, new = first + 8 * half, 0
-                for member in range(4):
-                    store(leaves0 + 32 * _APART * member, splat(-1, 64, 4))
-                for place in range(full):
-                    new += 32
-                    at = integer_at(sets + 8 * place, 64)
-                    _split_full(node, comparisons, leaves0, at, new)
-                    _split_full(node + 2, comparisons, leaves1, at, new)
-                    _split_full(node + 4, comparisons, leaves2, at, new)
-                    _split_full(node + 6, comparisons, leaves3, at, new)
-                    node += 16
-                node = first + 16 * full + 4 * size * half
-                for _step in range(steps):
-                    new += 32
-                    _split(node, 16, comparisons, leaves0, 1, leaves0 + new, 4)
-                    _split(node + size, 16, comparisons, leaves1, 1, leaves1 + new, 4)
-                    _split(node + 2 * size, 16, comparisons, leaves2, 1, leaves2 + new, 4)
-                    _split(node + 3 * size, 16, comparisons, leaves3, 1, leaves3 + new, 4)
-                    node += 8 * size
-                for member in range(4):
-                    place = exits + integer_at(groups + 24 + 32 * half + 8 * member, 64) * 256
-                    _put_narrow(memory, leaves0 + 32 * _APART * member, sixteens, (place,), 4)
-            groups += _GROUP
-            later += each
-
-    return traverse
-
-
-def _four_trees_in_a_vector() -> int:
-    size = RECORDS[2].itemsize
-
-    @address_of(_SIGNATURE)
-    def traverse(count, groups, records, _full, _sets, comparisons, memory, exits, later, each):  # type: ignore[no-untyped-def]
-        _clear(memory, integer_at(groups + _GROUP * (count - 1) + 16, 64), 0, 4)
-        leaves = memory + 32 * _LEAVES
-        for _ in range(count):
-            node, new = records + integer_at(groups, 64), leaves
-            steps = integer_at(groups + 8, 64)
-            _ask_ahead(node, 4 * size * steps, later, each)
-            store(leaves, splat(-1, 64, 4))
-            for _step in range(steps):
-                new += 32
-                _split(node, 32, comparisons, leaves, 1, new, 1)
-                _split(node + size, 32, comparisons, leaves + 8, 1, new + 8, 1)
-                _split(node + 2 * size, 32, comparisons, leaves + 16, 1, new + 16, 1)
-                _split(node + 3 * size, 32, comparisons, leaves + 24, 1, new + 24, 1)
-                node += 4 * size
-            tree0 = exits + integer_at(groups + 24, 64) * 64
-            tree1 = exits + integer_at(groups + 32, 64) * 64
-            tree2 = exits + integer_at(groups + 40, 64) * 64
-            tree3 = exits + integer_at(groups + 48, 64) * 64
-            _number_wide(memory, integer_at(groups + 16, 64), 4)
-            _put_bits(memory, (tree0, tree1, tree2, tree3), 4)
-            _put_bits(memory + 8 * 32, (tree0 + 64, tree1 + 64, tree2 + 64, tree3 + 64), 4)
-            groups += _GROUP
-            later += each
-
-    return traverse
-
-
-def _one_tree_after_another() -> int:
-    size = RECORDS[2].itemsize
-
-    @address_of(_SIGNATURE)
-    def traverse(count, groups, records, _full, _sets, comparisons, memory, exits, later, each):  # type: ignore[no-untyped-def]
-        _clear(memory, integer_at(groups + _GROUP * (count - 1) + 16, 64), 0, 4)
-        leaves = memory + 32 * _LEAVES
-        for _ in range(count):
-            _ask_ahead(records + integer_at(groups, 64), 4 * size * integer_at(groups + 8, 64), later, each)
-            for member in range(4):
-                node, new = records + integer_at(groups, 64) + size * member, leaves
-                store(leaves, splat(-1, 64, 4))
-                for _step in range(integer_at(groups + 8, 64)):
-                    new += 32
-                    _split(node, 32, comparisons, leaves, 1, new, 4)
-                    node += 4 * size
-                _number_wide(memory, integer_at(groups + 16, 64), 4)
-                place = exits + integer_at(groups + 24 + 8 * member, 64) * 256
-                _put_bits(memory, (place,), 4)
-                _put_bits(memory + 8 * 32, (place + 256,), 4)
-            groups += _GROUP
-            later += each
-
-    return traverse
+    size = 8 * lanes
+    unions = _UNIONS + 16 * ((sixteens + 15) // 16)
+    for place in range(memory + size * _UNIONS_OF_4096, memory + size * unions, 8):
+        put_int64(place, 0)
+    for copy in range(copies):
+        start = memory + size * (_LEAVES + _APART * copy)
+        for place in range(start, start + size * 16 * max(sixteens, _IN_REGISTERS), 8):
+            put_int64(place, 0)

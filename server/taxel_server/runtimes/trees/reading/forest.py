@@ -99,7 +99,17 @@ class Forest:
 
 
 @compiled
-def _preorder(features, roots, left, right, feature, order, new_left, new_right, new_roots):  # type: ignore[no-untyped-def]
+def _preorder(
+    features: int,
+    roots: NDArray[np.int64],
+    left: NDArray[np.int32],
+    right: NDArray[np.int32],
+    feature: NDArray[np.int32],
+    order: NDArray[np.int64],
+    new_left: NDArray[np.int32],
+    new_right: NDArray[np.int32],
+    new_roots: NDArray[np.int64],
+) -> tuple[int, int, int]:
     """Walks every tree once; returns a fault's number (0: none) with its tree and node."""
     seen = np.zeros(left.size, dtype=np.bool_)
     stack = np.empty(left.size + 1, dtype=np.int64)

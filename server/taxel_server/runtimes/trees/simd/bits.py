@@ -3,77 +3,52 @@
 All of these run on any processor. Addresses are plain integers: nothing checks bounds.
 """
 
-from typing import Final
+from typing import Any, Final
 
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.types.containers import UniTuple
-from numba.extending import intrinsic
 
-from taxel_server.runtimes.compiled.vectors import Vector, join, lane_numbers, llvm_type, take
+from taxel_server.runtimes.compiled.vectors import (
+    Vector,
+    join,
+    llvm_type,
+    load_from,
+    operation,
+    spread,
+    take,
+)
 
-_WORD: Final = ir.IntType(64)
+_INT64: Final = ir.IntType(64)
 _HALVES: Final = ((4, 0x0F0F0F0F0F0F0F0F), (2, 0x3333333333333333), (1, 0x5555555555555555))
 
 
-@intrinsic
-def common(_context, left, right):  # type: ignore[no-untyped-def]
-    """The rows in both of two sets."""
+@operation
+def not_below(_context: Any, _values: Any, _cut: Any, literal_missing_too: Any) -> Any:
+    """Which of 64 float32 values in memory are at least the cut or, if `literal_missing_too`, NaN."""
 
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        return builder.and_(*arguments)
+    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        values = load_from(builder, given[0], ir.VectorType(ir.FloatType(), 64), 4)
+        compare = builder.fcmp_unordered if literal_missing_too.literal_value else builder.fcmp_ordered
+        return builder.bitcast(compare(">=", values, spread(builder, given[1], 64)), _INT64)
 
-    return left(left, right), generate
-
-
-@intrinsic
-def either(_context, left, right):  # type: ignore[no-untyped-def]
-    """The rows in one of two sets or in both."""
-
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        return builder.or_(*arguments)
-
-    return left(left, right), generate
+    return types.int64(types.intp, types.float32, literal_missing_too), generate
 
 
-@intrinsic
-def without(_context, rows, some):  # type: ignore[no-untyped-def]
-    """The rows of a set but for some of them."""
-
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        return builder.xor(*arguments)
-
-    return rows(rows, some), generate
-
-
-@intrinsic(prefer_literal=True)
-def not_below(_context, _values, _cut, missing_too):  # type: ignore[no-untyped-def]
-    """Which of 64 float32 values in memory are at least the cut or, if `missing_too`, NaN."""
-
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        values = ir.VectorType(ir.FloatType(), 64)
-        pointer = builder.inttoptr(arguments[0], values.as_pointer())
-        one = builder.insert_element(ir.Constant(values, ir.Undefined), arguments[1], ir.IntType(32)(0))
-        cut = builder.shuffle_vector(one, one, lane_numbers([0] * 64))
-        compare = builder.fcmp_unordered if missing_too.literal_value else builder.fcmp_ordered
-        return builder.bitcast(compare(">=", builder.load(pointer, align=4, typ=values), cut), _WORD)
-
-    return types.int64(types.intp, types.float32, missing_too), generate
-
-
-@intrinsic(prefer_literal=True)
-def number(_context, _sets, count, words):  # type: ignore[no-untyped-def]
+@operation
+def number(_context: Any, _sets: Any, literal_count: Any, literal_lanes: Any) -> Any:
     """Which of so many disjoint sets in memory a row is in: the bits of its number, and the sets' union.
 
     The rows with the lowest bit set come first.
     """
-    vector = Vector(64, words.literal_value)
-    bits = (count.literal_value - 1).bit_length()
+    vector = Vector(64, literal_lanes.literal_value)
+    count = literal_count.literal_value
+    bits = (count - 1).bit_length()
 
-    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         kind = llvm_type(vector)
-        first = builder.inttoptr(arguments[0], kind.as_pointer())
-        places = [builder.gep(first, [_WORD(at)], source_etype=kind) for at in range(count.literal_value)]
+        first = builder.inttoptr(given[0], kind.as_pointer())
+        places = [builder.gep(first, [_INT64(at)], source_etype=kind) for at in range(count)]
         sets = [builder.load(place, align=8, typ=kind) for place in places]
         found = []
         for _ in range(bits):
@@ -81,29 +56,33 @@ def number(_context, _sets, count, words):  # type: ignore[no-untyped-def]
             sets = [_union(builder, sets[at : at + 2]) for at in range(0, len(sets), 2)]
         return context.make_tuple(builder, signature.return_type, (*found, *sets))
 
-    return UniTuple(vector, bits + 1)(types.intp, count, words), generate
+    return UniTuple(vector, bits + 1)(types.intp, literal_count, literal_lanes), generate
 
 
-@intrinsic
-def put_numbers(_context, bits, addresses):  # type: ignore[no-untyped-def]
+@operation
+def put_numbers(_context: Any, bits: Any, _exits: Any, _places: Any, literal_trees: Any) -> Any:
     """Writes every row's number as a byte, from the rows with its lowest bit set, the next, at most 8.
 
-    Each of the addresses gets its share of the words' rows: of r rows, number 8 j + k goes to place
-    k r / 8 + j, which needs no sorting.
+    The vectors hold the rows of so many trees. Each tree's places, eight bytes each in memory, say where
+    its exits begin, in numbers of its rows. Of r rows, number 8 j + k goes to k r / 8 + j, which needs no
+    sorting.
     """
+    trees = literal_trees.literal_value
+    share = bits.dtype.lanes // trees
 
-    def generate(context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        given = cgutils.unpack_tuple(builder, arguments[0], bits.count)
-        none = [ir.Constant(given[0].type, [0] * bits.dtype.lanes)] * (8 - bits.count)
-        numbers = _transpose(builder, [*given, *none])
-        share = bits.dtype.lanes // addresses.count
-        for place, address in enumerate(cgutils.unpack_tuple(builder, arguments[1], addresses.count)):
-            lanes = range(place * share, (place + 1) * share)
+    def generate(context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        vectors = cgutils.unpack_tuple(builder, given[0], bits.count)
+        none = [ir.Constant(vectors[0].type, [0] * bits.dtype.lanes)] * (8 - bits.count)
+        numbers = _transpose(builder, [*vectors, *none])
+        for tree in range(trees):
+            place = load_from(builder, builder.add(given[2], _INT64(8 * tree)), _INT64, 8)
+            address = builder.add(given[1], builder.mul(place, _INT64(64 * share)))
+            lanes = range(tree * share, (tree + 1) * share)
             joined = join(builder, [take(builder, vector, lanes) for vector in numbers])
             builder.store(joined, builder.inttoptr(address, joined.type.as_pointer()), align=1)
         return context.get_dummy_value()
 
-    return types.void(bits, addresses), generate
+    return types.void(bits, types.intp, types.intp, literal_trees), generate
 
 
 def _union(builder: ir.IRBuilder, sets: list[ir.Value]) -> ir.Value:
@@ -115,7 +94,6 @@ def _union(builder: ir.IRBuilder, sets: list[ir.Value]) -> ir.Value:
 
 def _transpose(builder: ir.IRBuilder, vectors: list[ir.Value]) -> list[ir.Value]:
     """Exchanges, in every byte, bit i of vector k with bit k of vector i: by halves, quarters, eighths."""
-    vectors = list(vectors)
     lanes = vectors[0].type.count
     for distance, low in _HALVES:
         shift, mask = (ir.Constant(vectors[0].type, [value] * lanes) for value in (distance, low))

@@ -1,17 +1,19 @@
 """Calls a compiled function by its address, so that one kernel can be handed to another."""
 
+from typing import Any
+
 from llvmlite import ir
 from numba.core import cgutils, types
-from numba.extending import intrinsic
+
+from taxel_server.runtimes.compiled.vectors import operation
 
 
-@intrinsic
-def call(_context, _function, arguments):  # type: ignore[no-untyped-def]
+@operation
+def call(_context: Any, _function: Any, arguments: Any) -> Any:
     """Calls a function of the addresses and counts in a tuple; it returns nothing."""
 
-    def generate(context, builder, _signature, given):  # type: ignore[no-untyped-def]
-        word = ir.IntType(64)
-        kind = ir.FunctionType(ir.VoidType(), [word] * len(arguments))
+    def generate(context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        kind = ir.FunctionType(ir.VoidType(), [ir.IntType(64)] * len(arguments))
         values = cgutils.unpack_tuple(builder, given[1], len(arguments))
         builder.call(builder.inttoptr(given[0], kind.as_pointer()), values)
         return context.get_dummy_value()

@@ -1,107 +1,105 @@
-"""Vectors of 64-bit words as addresses: eight trees' memory read at once, eight bytes of each.
+"""Vectors of 64-bit integers, among them addresses: eight trees' memory read at once.
 
 All of these run on any processor; without an instruction that gathers, LLVM loads lane by lane.
 Addresses are plain integers: nothing checks bounds.
 """
 
-from typing import Final
+from typing import Any, Final
 
 from llvmlite import ir
 from numba.core import types
-from numba.extending import intrinsic
 
-from taxel_server.runtimes.compiled.vectors import FloatVector, Vector, llvm_type, spread
+from taxel_server.runtimes.compiled.vectors import (
+    FloatVector,
+    Vector,
+    declare,
+    llvm_type,
+    operation,
+    spread,
+)
 
 _BIT: Final = ir.IntType(1)
-_WORD: Final = ir.IntType(64)
+_INT64: Final = ir.IntType(64)
 
 
-@intrinsic
-def widen(_context, vector):  # type: ignore[no-untyped-def]
-    """Unsigned integers as words."""
+@operation
+def widen(_context: Any, vector: Any) -> Any:
+    """Unsigned integers as 64-bit ones."""
     result = Vector(64, vector.lanes)
 
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        return builder.zext(arguments[0], llvm_type(result))
+    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        return builder.zext(given[0], llvm_type(result))
 
     return result(vector), generate
 
 
-@intrinsic(prefer_literal=True)
-def elements(_context, _start, places, size):  # type: ignore[no-untyped-def]
+@operation
+def elements(_context: Any, _start: Any, places: Any, literal_size: Any) -> Any:
     """The addresses of some elements behind a start, each of so many bytes, a power of two."""
-    shift = size.literal_value.bit_length() - 1
+    shift = literal_size.literal_value.bit_length() - 1
 
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        offset = builder.shl(arguments[1], ir.Constant(llvm_type(places), [shift] * places.lanes))
-        return builder.add(spread(builder, arguments[0], places.lanes), offset)
+    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        offset = builder.shl(given[1], ir.Constant(llvm_type(places), [shift] * places.lanes))
+        return builder.add(spread(builder, given[0], places.lanes), offset)
 
-    return places(types.intp, places, size), generate
+    return places(types.intp, places, literal_size), generate
 
 
-@intrinsic(prefer_literal=True)
-def bytes_at(_context, addresses, offset):  # type: ignore[no-untyped-def]
+@operation
+def bytes_at(_context: Any, addresses: Any, literal_offset: Any) -> Any:
     """Eight bytes from each address and an offset, side by side."""
     result = Vector(8, 8 * addresses.lanes)
 
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        kind = llvm_type(addresses)
-        shifted = builder.add(arguments[0], ir.Constant(kind, [offset.literal_value] * addresses.lanes))
-        return builder.bitcast(_gather(builder, shifted, _WORD, 8), llvm_type(result))
+    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        offset = ir.Constant(llvm_type(addresses), [literal_offset.literal_value] * addresses.lanes)
+        found = _gather(builder, builder.add(given[0], offset), _INT64, 8)
+        return builder.bitcast(found, llvm_type(result))
 
-    return result(addresses, offset), generate
+    return result(addresses, literal_offset), generate
 
 
-@intrinsic
-def words_at(_context, addresses):  # type: ignore[no-untyped-def]
-    """The word at each address."""
+@operation
+def int64s_at(_context: Any, addresses: Any) -> Any:
+    """The 64-bit integer at each address."""
 
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        return _gather(builder, arguments[0], _WORD, 8)
+    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        return _gather(builder, given[0], _INT64, 8)
 
     return addresses(addresses), generate
 
 
-@intrinsic
-def floats_at(_context, addresses):  # type: ignore[no-untyped-def]
+@operation
+def floats_at(_context: Any, addresses: Any) -> Any:
     """The float32 at each address."""
-    result = FloatVector(addresses.lanes)
 
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
-        return _gather(builder, arguments[0], ir.FloatType(), 4)
+    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        return _gather(builder, given[0], ir.FloatType(), 4)
 
-    return result(addresses), generate
+    return FloatVector(addresses.lanes)(addresses), generate
 
 
-@intrinsic
-def lowest_common_bit(_context, sets):  # type: ignore[no-untyped-def]
+@operation
+def lowest_common_bit(_context: Any, sets: Any) -> Any:
     """Of each eight bytes, the number of the lowest bit that is set in all of them, which must exist."""
     result = Vector(64, sets.lanes // 8)
 
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
         kind = llvm_type(result)
-        word = builder.bitcast(arguments[0], kind)
+        value = builder.bitcast(given[0], kind)
         for half in (32, 16, 8):
-            shifted = builder.lshr(word, ir.Constant(kind, [half] * result.lanes))
-            word = builder.and_(word, shifted)
-        count = _declare(builder, f"llvm.cttz.v{result.lanes}i64", ir.FunctionType(kind, [kind, _BIT]))
-        return builder.call(count, [word, _BIT(1)])
+            shifted = builder.lshr(value, ir.Constant(kind, [half] * result.lanes))
+            value = builder.and_(value, shifted)
+        count = declare(builder, f"llvm.cttz.v{result.lanes}i64", kind, [kind, _BIT])
+        return builder.call(count, [value, _BIT(1)])
 
     return result(sets), generate
 
 
 def _gather(builder: ir.IRBuilder, addresses: ir.Value, element: ir.Type, align: int) -> ir.Value:
     lanes = addresses.type.count
-    pointers = ir.VectorType(ir.PointerType(), lanes)
+    pointers, number = ir.VectorType(ir.PointerType(), lanes), ir.IntType(32)
     result, mask = ir.VectorType(element, lanes), ir.VectorType(_BIT, lanes)
-    number = ir.IntType(32)
-    kind = ir.FunctionType(result, [pointers, number, mask, result])
-    name = f"llvm.masked.gather.v{lanes}{'i64' if element == _WORD else 'f32'}.v{lanes}p0"
-    function = _declare(builder, name, kind)
-    every = ir.Constant(mask, [1] * lanes)
-    given = [builder.inttoptr(addresses, pointers), number(align), every, ir.Constant(result, ir.Undefined)]
-    return builder.call(function, given)
-
-
-def _declare(builder: ir.IRBuilder, name: str, kind: ir.FunctionType) -> ir.Function:
-    return builder.module.declare_intrinsic(name, (), kind)
+    name = f"llvm.masked.gather.v{lanes}{'i64' if element == _INT64 else 'f32'}.v{lanes}p0"
+    function = declare(builder, name, result, [pointers, number, mask, result])
+    every, none = ir.Constant(mask, [1] * lanes), ir.Constant(result, ir.Undefined)
+    return builder.call(function, [builder.inttoptr(addresses, pointers), number(align), every, none])

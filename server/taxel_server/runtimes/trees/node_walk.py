@@ -1,4 +1,4 @@
-"""What a forest says of a row, plainly: from node to node; every faster form is checked against it."""
+"""Walks a forest plainly, from node to node: the judge of every faster evaluator, and the last resort."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,6 +6,20 @@ from numpy.typing import NDArray
 from taxel_server.runtimes.compiled.compiling import compiled
 from taxel_server.runtimes.trees.normalisation import Scales
 from taxel_server.runtimes.trees.reading.forest import LEAF, Forest
+
+
+class NodeWalkEvaluator:
+    """A forest of any size, on any processor."""
+
+    name = "node-walk"
+
+    def __init__(self, forest: Forest, scales: Scales) -> None:
+        self._forest = forest
+        self._scales = scales
+
+    def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32]) -> None:
+        """Fills `result` (n, outputs) with what the forest says of `windows` (n, features)."""
+        result[:] = walk(self._forest, self._scales, windows)
 
 
 def walk(forest: Forest, scales: Scales, windows: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -22,14 +36,26 @@ def walk(forest: Forest, scales: Scales, windows: NDArray[np.float32]) -> NDArra
         forest.default_left,
         forest.value,
         forest.base_score,
-        windows,
+        # Numba would compile for each kind of array.
+        windows.copy(),
         result,
     )
     return result * scales.output_std + scales.output_mean if scales.applied else result
 
 
 @compiled
-def _walk(roots, outputs, left, right, feature, default_left, value, base_score, windows, result):  # type: ignore[no-untyped-def]
+def _walk(
+    roots: NDArray[np.int64],
+    outputs: NDArray[np.int32],
+    left: NDArray[np.int32],
+    right: NDArray[np.int32],
+    feature: NDArray[np.int32],
+    default_left: NDArray[np.bool_],
+    value: NDArray[np.float32],
+    base_score: NDArray[np.float32],
+    windows: NDArray[np.float32],
+    result: NDArray[np.float32],
+) -> None:
     for row in range(windows.shape[0]):
         for output in range(base_score.size):
             result[row, output] = base_score[output]

@@ -1,4 +1,4 @@
-"""Every form by itself, for numbers of rows that it would not be chosen for too."""
+"""Every evaluator by itself, for numbers of rows that it would not be chosen for too."""
 
 import dataclasses
 import json
@@ -14,13 +14,16 @@ from numpy.typing import NDArray
 
 from taxel.manifest import Normalisation
 from taxel_bench.forests import ForestShape, write_forest
-from taxel_server.runtimes.compiled.kernel import Kernel
-from taxel_server.runtimes.trees import forms, twigs_form
-from taxel_server.runtimes.trees.autotune import Forms, Timed
+from taxel_server.runtimes.compiled.evaluator import Evaluator
+from taxel_server.runtimes.trees.autotune import Autotuned, Timed
+from taxel_server.runtimes.trees.few_rows import leaf_blocks
+from taxel_server.runtimes.trees.few_rows.leaf_blocks import LeafBlocksEvaluator
+from taxel_server.runtimes.trees.few_rows.small_batch import SmallBatchEvaluator
 from taxel_server.runtimes.trees.layout.in_order import InOrder
-from taxel_server.runtimes.trees.layout.tree_lanes import MOST_TWIGS, TWIG, count_twigs
+from taxel_server.runtimes.trees.layout.tree_lanes import BLOCK_LEAVES, MOST_EXITS, count_blocks
+from taxel_server.runtimes.trees.many_rows.bitset import BitsetEvaluator
+from taxel_server.runtimes.trees.node_walk import walk
 from taxel_server.runtimes.trees.normalisation import Scales
-from taxel_server.runtimes.trees.plain_walk import walk
 from taxel_server.runtimes.trees.reading.xgboost_json import read_forest
 
 Windows = NDArray[np.float32]
@@ -33,7 +36,7 @@ SHAPES = {
     "mixed sizes": ForestShape(features=20, trees_per_output=6, leaves=130, depth=12),
     "skewed": ForestShape(trees_per_output=2, leaves=400, depth=64, skew=0.5),
     "chains": ForestShape(trees_per_output=2, leaves=200, depth=300, skew=1.0),
-    "more twigs than a byte counts": ForestShape(trees_per_output=2, leaves=1500, depth=20),
+    "more leaf blocks than a byte counts": ForestShape(trees_per_output=2, leaves=1500, depth=20),
     "leaf numbers of one byte and of two": ForestShape(trees_per_output=9, leaves=256, depth=30, skew=0.2),
     "comparisons beyond 16 bits": ForestShape(
         features=40, outputs=2, trees_per_output=600, leaves=90, cuts=2500
@@ -41,18 +44,19 @@ SHAPES = {
     "many columns": ForestShape(features=72, outputs=3, trees_per_output=90, leaves=110, cuts=600),
 }
 
-EVERY = ["TwigsKernel", "TreesKernel", "RowsKernel", "RowsKernel"]
-LARGE = ["TwigsKernel", "LinkedKernel", "RowsKernel", "RowsKernel"]
-NO_LOOK_UP = ["LinkedKernel", "RowsKernel", "RowsKernel"]
+BITSETS = ["bitset-64", "bitset-256"]
+EVERY = ["leaf-blocks", "small-batch", *BITSETS]
+LARGE = ["leaf-blocks", *BITSETS]
+NO_LOOK_UP = ["node-walk", *BITSETS]
 
-KERNELS = {
+NAMES = {
     "even": EVERY,
     "one leaf or two": EVERY,
     "more outputs than lanes": EVERY,
     "many small trees": EVERY,
     "comparisons beyond 16 bits": NO_LOOK_UP,
 }
-"""The forms of some shapes; the others' trees are too large for one of them."""
+"""The evaluators of some shapes; the others' trees are too large for one of them."""
 
 
 def check(folder: Path, shape: ForestShape, names: list[str], rows: tuple[int, ...]) -> None:
@@ -72,25 +76,25 @@ def check_file(path: Path, shape: ForestShape, names: list[str], rows: tuple[int
             output_std=tuple(generator.uniform(0.5, 2.0, size=shape.outputs)),
         )
     )
-    kernels = Forms.of(forest, scales).kernels
-    assert [type(kernel).__name__ for kernel in kernels] == names
-    for kernel in kernels:
+    evaluators = Autotuned.of(forest, scales).evaluators
+    assert [evaluator.name for evaluator in evaluators] == names
+    for evaluator in evaluators:
         for count in rows:
             windows = generator.normal(size=(count, shape.features)).astype(np.float32)
             windows[generator.random(windows.shape) < 0.05] = np.nan
             result = np.full((count, shape.outputs), np.nan, dtype=np.float32)
-            kernel.evaluate(windows, result)
+            evaluator.evaluate(windows, result)
             np.testing.assert_array_equal(
                 result.view(np.int32), walk(forest, scales, windows).view(np.int32)
             )
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_every_form_gives_the_bits_of_the_plain_walk(tmp_path: Path, shape: str) -> None:
-    check(tmp_path, SHAPES[shape], KERNELS.get(shape, LARGE), (0, 1, 3, 8, 9, 21, 64, 65, 256, 300))
+def test_every_evaluator_gives_the_bits_of_the_node_walk(tmp_path: Path, shape: str) -> None:
+    check(tmp_path, SHAPES[shape], NAMES.get(shape, LARGE), (0, 1, 3, 8, 9, 21, 64, 65, 256, 300))
 
 
-def test_chains_to_the_right_have_small_distances_and_many_twigs(tmp_path: Path) -> None:
+def test_chains_to_the_right_have_small_distances_and_many_blocks(tmp_path: Path) -> None:
     path, shape = tmp_path / "model.json", SHAPES["chains"]
     write_forest(path, dataclasses.replace(shape, leaves=1500, depth=2000), seed=2)
     model = json.loads(path.read_text())
@@ -102,7 +106,7 @@ def test_chains_to_the_right_have_small_distances_and_many_twigs(tmp_path: Path)
             parent = tree["parents"][node]
             tree["left_children"][parent], tree["right_children"][parent] = leaf, node
     path.write_text(json.dumps(model))
-    assert count_twigs(InOrder.of(read_forest(path)), TWIG).max() > MOST_TWIGS[8]
+    assert count_blocks(InOrder.of(read_forest(path)), BLOCK_LEAVES).max() > MOST_EXITS[8]
     check_file(path, shape, LARGE, (1, 9, 64))
 
 
@@ -110,32 +114,38 @@ def test_lesser_processors_give_the_same_bits(tmp_path: Path, lesser_processor: 
     looks_up = lesser_processor.name != "SSE2"
     complaints = lesser_processor.complaints(f"""
 import importlib.util, pathlib
-spec = importlib.util.spec_from_file_location("forms", {str(Path(__file__))!r})
-forms = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(forms)
+spec = importlib.util.spec_from_file_location("checks", {str(Path(__file__))!r})
+checks = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(checks)
 folder = pathlib.Path({str(tmp_path)!r})
-for shape, names in (("mixed sizes", forms.LARGE), ("even", forms.EVERY)):
-    forms.check(folder, forms.SHAPES[shape], names if {looks_up} else forms.NO_LOOK_UP, (1, 9, 70, 300))
+for shape, names in (("mixed sizes", checks.LARGE), ("even", checks.EVERY)):
+    checks.check(folder, checks.SHAPES[shape], names if {looks_up} else checks.NO_LOOK_UP, (1, 9, 70, 300))
 """)
     assert complaints == ""
 
 
-def test_trunks_that_would_fill_the_memory_are_not_laid_out(
+def test_top_trees_that_would_fill_the_memory_are_not_laid_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(twigs_form, "_MOST_BYTES", 1000)
-    check(tmp_path, SHAPES["even"], EVERY[1:], (1,))
-    check(tmp_path, SHAPES["skewed"], LARGE[1:], (1,))
+    monkeypatch.setattr(leaf_blocks, "_MOST_BYTES", 1000)
+    check(tmp_path, SHAPES["even"], ["node-walk", *EVERY[1:]], (1,))
+    check(tmp_path, SHAPES["skewed"], NO_LOOK_UP, (1,))
 
 
-@pytest.mark.parametrize("odd", ["TwigsKernel", "TreesKernel", "RowsKernel"])
-def test_a_form_with_other_bits_is_not_used(
-    odd: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        (LeafBlocksEvaluator, "leaf-blocks"),
+        (SmallBatchEvaluator, "small-batch"),
+        (BitsetEvaluator, "bitset-64"),
+    ],
+)
+def test_an_evaluator_with_other_bits_is_not_used(
+    kind: Any, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    kind = getattr(forms, odd)
     original = kind.evaluate
 
-    def one_bit_off(self: Kernel, windows: Windows, result: Windows) -> None:
+    def one_bit_off(self: Evaluator, windows: Windows, result: Windows) -> None:
         original(self, windows, result)
         result[-1, -1] = np.nextafter(result[-1, -1], np.float32(np.inf))
 
@@ -145,9 +155,9 @@ def test_a_form_with_other_bits_is_not_used(
     forest = read_forest(path)
     ones = np.ones(max(forest.features, len(forest.base_score)), np.float32)
     scales = Scales(False, ones, ones, ones, ones)
-    chosen = Forms.of(forest, scales)
-    assert f"{odd} does not agree" in caplog.text
-    assert odd not in [type(kernel).__name__ for kernel in chosen.kernels]
+    chosen = Autotuned.of(forest, scales)
+    assert f"{name} does not agree" in caplog.text
+    assert name not in [evaluator.name for evaluator in chosen.evaluators]
     windows = np.random.default_rng(0).normal(size=(70, forest.features)).astype(np.float32)
     found = np.empty((70, len(forest.base_score)), np.float32)
     chosen.evaluate(windows, found)
@@ -155,7 +165,9 @@ def test_a_form_with_other_bits_is_not_used(
 
 
 class Noted:
-    """A kernel that notes what it is given, the rows' own numbers."""
+    """An evaluator that notes what it is given, the rows' own numbers."""
+
+    name = "noted"
 
     def __init__(self, notes: list[tuple[int, int, int]], place: int) -> None:
         self._notes = notes
@@ -167,44 +179,45 @@ class Noted:
             self._notes.append((self._place, int(windows[0, 0]), int(windows[-1, 0])))
 
 
-def chosen_for(rows: int, *forms: tuple[int, float, float]) -> list[tuple[int, int, int]]:
-    """For every evaluation the form's place and its first and last row; forms have a size and two times."""
+def chosen_for(rows: int, *sizes: tuple[int, float, float]) -> list[tuple[int, int, int]]:
+    """For every evaluation the evaluator's place, its first and last row; each has a size and two times."""
     notes: list[tuple[int, int, int]] = []
-    timed = [Timed(Noted(notes, place), size, one, whole) for place, (size, one, whole) in enumerate(forms)]
+    timed = [Timed(Noted(notes, place), size, one, whole) for place, (size, one, whole) in enumerate(sizes)]
     windows = np.arange(rows, dtype=np.float32)[:, None]
-    Forms(timed).evaluate(windows, windows.copy())
+    Autotuned(timed).evaluate(windows, windows.copy())
     return notes
 
 
-def test_fewer_rows_take_the_first_form_and_many_the_last() -> None:
-    forms = ((8, 1.0, 1.0), (64, 3.0, 3.0), (256, 7.0, 7.0))
-    assert chosen_for(8, *forms) == [(0, 0, 7)]
-    assert chosen_for(64, *forms) == [(1, 0, 63)]
-    assert chosen_for(200, *forms) == [(2, 0, 199)]
-    assert chosen_for(512, *forms) == [(2, 0, 511)]
-    assert chosen_for(600, *forms) == [(2, 0, 511), (1, 512, 599)]
-    assert chosen_for(0, *forms) == []
+def test_fewer_rows_take_the_first_evaluator_and_many_the_last() -> None:
+    sizes = ((8, 1.0, 1.0), (64, 3.0, 3.0), (256, 7.0, 7.0))
+    assert chosen_for(8, *sizes) == [(0, 0, 7)]
+    assert chosen_for(64, *sizes) == [(1, 0, 63)]
+    assert chosen_for(200, *sizes) == [(2, 0, 199)]
+    assert chosen_for(512, *sizes) == [(2, 0, 511)]
+    assert chosen_for(600, *sizes) == [(2, 0, 511), (1, 512, 599)]
+    assert chosen_for(0, *sizes) == []
     assert chosen_for(900, (1, 1.0, 1.0)) == [(0, 0, 899)]
 
 
-def test_one_row_takes_the_first_form_where_eight_would_not() -> None:
-    forms = ((8, 1.0, 8.0), (64, 3.5, 3.5), (256, 7.0, 7.0))
-    assert [chosen_for(rows, *forms)[0][0] for rows in (1, 2, 3, 4, 8, 9)] == [0, 0, 0, 1, 1, 1]
+def test_one_row_takes_the_first_evaluator_where_eight_would_not() -> None:
+    sizes = ((8, 1.0, 8.0), (64, 3.5, 3.5), (256, 7.0, 7.0))
+    assert [chosen_for(rows, *sizes)[0][0] for rows in (1, 2, 3, 4, 8, 9)] == [0, 0, 0, 1, 1, 1]
 
 
 @pytest.mark.skipif(os.uname().machine != "x86_64", reason="names x86 processors")
 def test_code_for_greater_processors_compiles() -> None:
     # It is not run: the processor at hand may not have the instructions.
     code = """
-from taxel_server.runtimes.trees import leaf_sums, rows_as_bits, trees_in_lanes
-from taxel_server.runtimes.compiled.processor import register_bytes
-assert register_bytes() == 64
+from taxel_server.runtimes.trees.few_rows import kernels
+from taxel_server.runtimes.trees.many_rows import leaf_sums, traversal
+from taxel_server.runtimes.compiled.processor import instruction_set, register_bytes
+assert (register_bytes(), instruction_set()) == (64, "avx512-vbmi")
 kinds = ((8, True), (8, False), (16, False))
-assert all(trees_in_lanes.find_exits(columns, *kind) for columns in (16, 48, 128, 256) for kind in kinds)
-assert all(trees_in_lanes.add_twigs(columns) for columns in (16, 48, 128, 256))
-assert trees_in_lanes.find_twigs(8) and trees_in_lanes.find_twigs(16)
-assert trees_in_lanes.put_exits() and trees_in_lanes.add_leaves()
-assert all(rows_as_bits.find_exits(size, lanes) for size in (1, 2) for lanes in (64, 256))
+assert all(kernels.find_exits(columns, *kind, True) for columns in (16, 48, 128, 256) for kind in kinds)
+assert all(kernels.add_blocks(columns, True) for columns in (16, 48, 128, 256))
+assert kernels.find_blocks(8) and kernels.find_blocks(16)
+assert kernels.put_exits() and kernels.add_leaves(True)
+assert all(traversal.find_exits(size, rows) for size in (1, 2) for rows in (64, 256))
 assert leaf_sums.add_leaves(64)
 """
     features = "+ssse3,+avx,+avx2,+avx512f,+avx512bw,+avx512vl,+avx512dq,+avx512vbmi"

@@ -1,4 +1,4 @@
-"""What kernels of every kind have in common."""
+"""What evaluators of every kind have in common."""
 
 from pathlib import Path
 
@@ -7,19 +7,21 @@ import pytest
 
 from taxel import artifacts
 from taxel_server.runtimes import open_runtime
-from taxel_server.runtimes.compiled.kernel import CompiledKernel
+from taxel_server.runtimes.compiled.evaluator import CompiledEvaluator
 from taxel_server.runtimes.networks import NetworkRuntime
 from taxel_server.runtimes.trees import TreesRuntime
 
 SHIPPED = Path(__file__).parents[3] / "models" / "repository"
 
 
-def kernels(name: str) -> list[CompiledKernel]:
+def evaluators(name: str) -> list[CompiledEvaluator]:
     opened = open_runtime(artifacts.read(SHIPPED / name / "1"))
     if isinstance(opened, NetworkRuntime):
         return [opened._kernel]
     assert isinstance(opened, TreesRuntime)
-    return [kernel for kernel in opened._forms.kernels if isinstance(kernel, CompiledKernel)]
+    return [
+        evaluator for evaluator in opened._autotuned.evaluators if isinstance(evaluator, CompiledEvaluator)
+    ]
 
 
 @pytest.mark.parametrize("name", ["xgb", "network-b"])
@@ -31,14 +33,14 @@ def test_windows_of_bytes_need_no_code_of_their_own(name: str) -> None:
         for start in (0, 1)
     )
     assert (read_only.flags.aligned, odd.flags.aligned) == (True, False)
-    found = kernels(name)
+    found = evaluators(name)
     assert found
-    for kernel in found:
-        before = kernel._evaluation.signatures  # type: ignore[attr-defined]
+    for evaluator in found:
+        before = evaluator._evaluation.signatures  # type: ignore[attr-defined]
         results = np.empty((3, 3, 21), np.float32)
         for given, result in zip((windows, read_only, odd), results, strict=True):
-            kernel.evaluate(given, result)
+            evaluator.evaluate(given, result)
         np.testing.assert_array_equal(results, results[:1].repeat(3, axis=0))
         assert windows.flags.writeable
-        assert kernel._evaluation.signatures == before  # type: ignore[attr-defined]
+        assert evaluator._evaluation.signatures == before  # type: ignore[attr-defined]
         assert len(before) == 1

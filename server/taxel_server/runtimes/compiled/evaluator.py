@@ -1,4 +1,4 @@
-"""A compiled function with its plan, and memory for it: what forests and networks have in common."""
+"""A compiled function with its arguments, and memory for it: what forests and networks have in common."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from taxel_server.runtimes.compiled.arguments import Scratch
 
 
-class Kernel(Protocol):
+class Evaluator(Protocol):
     """A model ready to evaluate; safe to call from any thread."""
 
     @property
@@ -21,15 +21,15 @@ class Kernel(Protocol):
         """Fills `result` (n, outputs) with what the model says of `windows` (n, features)."""
 
 
-class CompiledKernel(ABC):
+class CompiledEvaluator(ABC):
     """A model compiled for some number of rows."""
 
     name: str
 
-    def __init__(self, evaluation: Callable[..., None], plan: NDArray[np.int64]) -> None:
-        """Takes the function of a plan, a scratch's plan, windows and a result, and the first of these."""
+    def __init__(self, evaluation: Callable[..., None], arguments: NDArray[np.int64]) -> None:
+        """Takes a function of these arguments, a scratch's arguments, windows and a result."""
         self._evaluation = evaluation
-        self._plan = plan
+        self._arguments = arguments
         self._idle = list[Scratch]()
 
     @abstractmethod
@@ -49,5 +49,5 @@ class CompiledKernel(ABC):
             scratch = self._idle.pop()
         except IndexError:
             scratch = self._scratch()
-        self._evaluation(self._plan, scratch.plan, windows, result)
+        self._evaluation(self._arguments, scratch.arguments, windows, result)
         self._idle.append(scratch)

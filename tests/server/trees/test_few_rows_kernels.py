@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.trees.few_rows.tree_lanes import find_exits, trees_at_once
+from taxel_server.runtimes.trees.few_rows.kernels import find_exits, trees_at_once
 from taxel_server.runtimes.trees.layout.tree_lanes import COLUMN_BITS
 from taxel_server.runtimes.trees.simd.calls import call
 from taxel_server.runtimes.trees.simd.lookups import can_look_up
@@ -21,8 +21,7 @@ pytestmark = pytest.mark.skipif(not can_look_up(), reason="this processor has no
 
 @numba.njit
 def traverse(address, nodes, steps, ranks, rows, exits):  # type: ignore[no-untyped-def]
-    given = nodes.ctypes.data, steps, ranks.ctypes.data, rows, exits.ctypes.data, ranks.ctypes.data, 1
-    call(address, given)
+    call(address, (nodes.ctypes.data, steps, ranks.ctypes.data, rows, exits.ctypes.data))
 
 
 def exits_by_rule(goes_right: NDArray[np.bool_], distance: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -41,7 +40,7 @@ def test_exits_are_those_of_the_rule(bits: int, packed: bool, seed: int, rows: i
     generator = np.random.default_rng(seed)
     shape = steps, trees_at_once()
     column = generator.integers(COLUMNS, size=shape)
-    # Few rows go right, often: what is reached late in a long trunk counts, too.
+    # Few rows go right, often: what is reached late in a long tree counts, too.
     limit = generator.integers(-128 + generator.integers(255), 128, size=shape)
     distance = generator.integers(0, np.minimum(8 if packed else 127, 1 + np.arange(steps))[:, None], shape)
     ranks = generator.integers(-128, 128, size=(rows, TABLE)).astype(np.int8)
@@ -49,5 +48,5 @@ def test_exits_are_those_of_the_rule(bits: int, packed: bool, seed: int, rows: i
     sharing = [((distance << COLUMN_BITS | column) - 128).astype(np.int8), limit.astype(np.int8)]
     nodes = np.hstack([part.view(np.int8) for part in (sharing if packed else apart)])
     exits = np.full((rows, shape[1]), 77, dtype=f"u{bits // 8}")
-    traverse(find_exits(TABLE, bits, packed), nodes.ravel(), steps, ranks, rows, exits)
+    traverse(find_exits(TABLE, bits, packed, True), nodes.ravel(), steps, ranks, rows, exits)
     np.testing.assert_array_equal(exits, exits_by_rule(ranks[:, column] >= limit, distance))

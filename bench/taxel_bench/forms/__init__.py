@@ -1,0 +1,1 @@
+"""What each evaluator of forests, and each special case within one, is worth."""

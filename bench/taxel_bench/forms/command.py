@@ -1,0 +1,72 @@
+"""The command `bench forms`."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from taxel.commands.frame import OUT, Json, print_json
+from taxel.errors import SettingsError
+from taxel_bench.options import Seed, parse_batches
+
+
+def forms(
+    forest: Annotated[
+        str, typer.Option(help="even and skewed, of the paper's size, and shipped; one or several.")
+    ] = "even,skewed,shipped",
+    model: Annotated[
+        list[Path] | None, typer.Option(help="The folder of an artifact, or an XGBoost JSON file, too.")
+    ] = None,
+    batch: Annotated[str, typer.Option(help="Windows a call: 1,8,64.")] = "1,8,64,1024",
+    without: Annotated[
+        str | None, typer.Option(help="What is switched off, one after the other; all if not given.")
+    ] = None,
+    repetitions: Annotated[int, typer.Option(min=2, help="Timed calls at each size.")] = 40,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Time forests with each evaluator, and each special case within one, switched off.
+
+    Everything is evaluated in turn in one run: cold, after the caches were emptied, and warm. The cost of
+    an absence is by how much the processor's time grows, by the median over the rounds.
+    """
+    from taxel_bench.forms.absence import NAMES, Absences
+    from taxel_bench.forms.files import forest_files
+    from taxel_bench.machine import describe_machine
+    from taxel_bench.progress import progress_bar, shifted
+    from taxel_server.runtimes.compiled.processor import instruction_set
+
+    batches = parse_batches(batch)
+    switches = NAMES if without is None else tuple(without.split(","))
+    unknown = [name for name in switches if name not in NAMES]
+    if unknown:
+        raise SettingsError(f"--without {unknown[0]}: expected some of {', '.join(NAMES)}")
+    results: list[dict[str, Any]] = []
+    with forest_files(forest.split(","), model or [], seed) as files:
+        total = len(files) * len(batches) * repetitions
+        with progress_bar("loading", total) as bar:
+            for name, path in files.items():
+                measured = Absences(path, switches, bar.say)
+                for rows in batches:
+                    bar.say(f"{name}, {rows} rows")
+                    watch = shifted(bar.reach, len(results) // (len(switches) + 1) * repetitions)
+                    found = measured.measure(rows, repetitions, seed, watch)
+                    results += [{"forest": name, **result} for result in found]
+    if as_json:
+        machine = describe_machine()
+        print_json({"machine": machine, "instruction_set": instruction_set(), "results": results})
+        return
+    OUT.print(_table(results, switches, instruction_set()))
+
+
+def _table(results: list[dict[str, Any]], switches: tuple[str, ...], instructions: str) -> Any:
+    """One row a forest and batch size, one column a switch: what its absence costs, cold / warm."""
+    from rich.table import Table
+
+    table = Table("forest", "rows", "ms", *switches, caption=f"cold / warm, with {instructions}")
+    for first in range(0, len(results), len(switches) + 1):
+        complete, *others = results[first : first + len(switches) + 1]
+        costs = (f"{one['cold_cost']:+.0%} / {one['warm_cost']:+.0%}" for one in others)
+        taken = f"{complete['cold_cpu_ms']:.3f} / {complete['warm_cpu_ms']:.3f}"
+        table.add_row(complete["forest"], str(complete["rows"]), taken, *costs)
+    return table
