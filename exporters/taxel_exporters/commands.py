@@ -21,7 +21,9 @@ class Origin(StrEnum):
 
 
 def export(
-    source: Annotated[Path, typer.Argument(help="What `taxel train` wrote, or the plugin's model.yaml.")],
+    source: Annotated[
+        Path, typer.Argument(help="The folder that `taxel train` wrote, or the plugin's model.yaml.")
+    ],
     repository: Annotated[Path, typer.Option("--repository", metavar="REPO", help="Where to add it.")],
     origin: Annotated[Origin, typer.Option("--from", help="Who trained it.")] = Origin.TRAINED,
     name: Annotated[str | None, typer.Option(help="Name to serve it under; the family's if none.")] = None,
@@ -30,7 +32,7 @@ def export(
         str | None, typer.Option("--format", help="`xgboost` or `onnx`; the family's default if none.")
     ] = None,
     weights: Annotated[
-        Weights, typer.Option(help="int8 is refused where the error rises by over 1 %.")
+        Weights, typer.Option(help="int8 is refused if the error rises by more than 1 %.")
     ] = Weights.FLOAT32,
     description: Annotated[str | None, typer.Option(help="One sentence for its card.")] = None,
     as_json: Json = False,

@@ -24,13 +24,18 @@ class ServerOptions(BaseModel):
         pattern=r"^[A-Za-z0-9._-]+(/[A-Za-z0-9._-]+)*$",
         description="First part of every key that the server answers.",
     )
-    max_batch_rows: Rows = Field(default=1024, description="Most windows evaluated in one go.")
-    max_request_rows: Rows = Field(default=MAX_ROWS, description="Most windows in one request.")
-    max_queue_rows: Rows = Field(default=131_072, description="Most windows waiting, over all requests.")
-    max_queue_requests: int = Field(
-        default=2048, gt=0, le=2**20, description="Most requests waiting; each is answered before a stop."
+    max_batch_rows: Rows = Field(default=1024, description="The most windows in one evaluation.")
+    max_request_rows: Rows = Field(default=MAX_ROWS, description="The most windows in one request.")
+    max_queue_rows: Rows = Field(
+        default=131_072, description="The most windows that wait, over all requests."
     )
-    threads: int = Field(default=1, gt=0, le=256, description="Threads that one evaluation may use.")
+    max_queue_requests: int = Field(
+        default=2048,
+        gt=0,
+        le=2**20,
+        description="The most requests that wait; each is answered before the server stops.",
+    )
+    threads: int = Field(default=1, gt=0, le=256, description="The most threads of one evaluation.")
     providers: tuple[str, ...] = Field(
         default=("CPUExecutionProvider",),
         min_length=1,
@@ -42,7 +47,10 @@ class ServerOptions(BaseModel):
         "client is held until the server ends.",
     )
     drain_seconds: float = Field(
-        default=1.2, ge=0, le=3600, description="Time to finish what is queued when told to stop."
+        default=1.2,
+        ge=0,
+        le=3600,
+        description="Seconds to finish the queued requests after a signal to stop.",
     )
 
     @field_validator("listen", "providers", mode="before")

@@ -23,7 +23,7 @@ class Histogram:
         self._buckets[1 << max(value - 1, 0).bit_length()] += 1
 
     def as_dict(self) -> dict[str, Any]:
-        """The form on the wire: buckets by their upper end, ascending."""
+        """As on the wire: buckets by their upper end, ascending."""
         buckets = {str(end): count for end, count in sorted(self._buckets.copy().items())}
         return {"count": self._count, "sum": self._sum, "max": self._max, "buckets": buckets}
 
@@ -56,7 +56,7 @@ class ModelStatistics:
         self._batch_rows.add(rows)
 
     def as_dict(self) -> dict[str, Any]:
-        """The form on the wire; `requests` counts answered and failed requests."""
+        """As on the wire; `requests` counts answered and failed requests."""
         return {
             "requests": self._requests,
             "rows": self._rows,

@@ -25,7 +25,7 @@ def calibrate(
     standoff: Annotated[
         float | None,
         typer.Option(
-            metavar="MM", help="Distance of the tracked point from the skin as it just touches, if known."
+            metavar="MM", help="Distance of the tracked point from the skin at first touch, if known."
         ),
     ] = None,
     light: Annotated[
@@ -34,7 +34,9 @@ def calibrate(
     touch: Annotated[
         float, typer.Option(metavar="N", help="Below this force there is no contact.")
     ] = TOUCH_N,
-    seed: Annotated[int, typer.Option(min=0, help="Of the optimiser's starts and of the bootstrap.")] = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Seed of the optimiser's starts and of the bootstrap.")
+    ] = 0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier calibration.")] = False,
     as_json: Json = False,
 ) -> None:

@@ -50,9 +50,9 @@ def search(
     test: Annotated[
         float, typer.Option(help="Share held out for testing: the search never sees it.")
     ] = 0.1,
-    validation: Annotated[float, typer.Option(help="Share that configurations are compared on.")] = 0.1,
-    split_seed: Annotated[int, typer.Option(help="Which trials or chunks are held out.")] = 0,
-    seed: Annotated[int, typer.Option(min=0, help="Every other random choice.")] = 0,
+    validation: Annotated[float, typer.Option(help="Share on which configurations are compared.")] = 0.1,
+    split_seed: Annotated[int, typer.Option(help="Seed of the split.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of every other random choice.")] = 0,
     jobs: Annotated[int, typer.Option(min=0, help="Cores for one trial; 0 takes all.")] = 0,
     scheduler: Annotated[
         str | None,

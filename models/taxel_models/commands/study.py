@@ -32,14 +32,14 @@ def study(
         Literal["strict", "paper", "both"],
         typer.Option(
             help="`strict` lets nothing leak; `paper` repeats the published choices; "
-            "`both` shows what the leak was worth."
+            "`both` shows the size of the leak."
         ),
     ] = "strict",
     unit: Annotated[
         Literal["auto", "trials", "chunks", "sessions"],
         typer.Option(
-            help="What `strict` holds out whole; auto takes sessions (recordings) where there is one "
-            "a fold, else trials where there are any, else chunks of 1000 rows."
+            help="What `strict` holds out whole; auto takes sessions (recordings) if there is one "
+            "a fold, else trials if there are any, else chunks of 1000 rows."
         ),
     ] = "auto",
     settings: Annotated[
@@ -48,9 +48,9 @@ def study(
     ] = None,
     rows: Annotated[
         int | None,
-        typer.Option(min=1, help="Reduced scale: whole units drawn at random, of so many rows or more."),
+        typer.Option(min=1, help="Reduced scale: whole groups, drawn at random, of so many rows or more."),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of folds, reduction and fits.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the folds, the reduction and the fits.")] = 0,
     jobs: Annotated[int, typer.Option(min=0, help="Cores for one cell; 0 takes all.")] = 0,
     temperature: Annotated[
         bool,

@@ -34,7 +34,7 @@ def train(
     holdout: Annotated[
         Literal["auto", "trials", "chunks"],
         typer.Option(
-            help="What to hold out; chunks have 1000 rows, and auto takes trials where there are any."
+            help="What to hold out; chunks have 1000 rows, and auto takes trials if there are any."
         ),
     ] = "auto",
     test: Annotated[float, typer.Option(help="Share of trials or chunks held out for testing.")] = 0.1,
@@ -52,8 +52,8 @@ def train(
             "`mean` trains with it and then fixes it at its mean, `none` leaves it out."
         ),
     ] = "mean",
-    split_seed: Annotated[int, typer.Option(help="Which trials or chunks are held out.")] = 0,
-    seed: Annotated[int, typer.Option(help="Every other random choice.")] = 0,
+    split_seed: Annotated[int, typer.Option(help="Seed of the split.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of every other random choice.")] = 0,
     jobs: Annotated[int, typer.Option(min=0, help="Cores to use; 0 takes all.")] = 0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing folder.")] = False,
     as_json: Json = False,

@@ -39,12 +39,12 @@ class TemperatureSweep(BaseModel):
 
 def sweep_temperature(data: FoldData, fitted: FittedModel) -> TemperatureSweep:
     """Test a model that takes the temperature with each temperature that occurs."""
-    told = data.tdc_scaler.normalise(data.tdc.astype(np.float32)[:, None])[:, 0]
+    temperatures = data.tdc_scaler.normalise(data.tdc.astype(np.float32)[:, None])[:, 0]
     errors = [
         ErrorMetrics.of(
             data.measured, data.scaler.restore(_predict_at(data, fitted, temperature)), data.scaler.std
         )
-        for temperature in told
+        for temperature in temperatures
     ]
     return TemperatureSweep(
         mean_tdc=float(data.tdc_scaler.mean[0]),
@@ -54,5 +54,5 @@ def sweep_temperature(data: FoldData, fitted: FittedModel) -> TemperatureSweep:
     )
 
 
-def _predict_at(data: FoldData, fitted: FittedModel, told: np.float32) -> NDArray[np.float32]:
-    return fitted.predict(data.test.windows, np.full(len(data.test), told, np.float32))
+def _predict_at(data: FoldData, fitted: FittedModel, temperature: np.float32) -> NDArray[np.float32]:
+    return fitted.predict(data.test.windows, np.full(len(data.test), temperature, np.float32))

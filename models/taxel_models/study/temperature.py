@@ -96,13 +96,13 @@ class Temperature:
         """The fixed temperature with the highest normalised MAE (mean over folds)."""
         return self._at(int(self.norm_mae.mean(axis=0).argmax()))
 
-    def relative_loss(self, told: FixedTemperature) -> float:
+    def relative_loss(self, fixed: FixedTemperature) -> float:
         """The relative loss of this temperature against the measured one.
 
         As in the paper, it is the difference of the normalised MAE over the mean predictor's:
         (0.228 - 0.096) / 0.537 is its 24.4 %, apart from rounding.
         """
-        lost = told.errors.norm_mae.mean() - self.measured.norm_mae.mean()
+        lost = fixed.errors.norm_mae.mean() - self.measured.norm_mae.mean()
         return float(lost / self.mean_predictor.norm_mae.mean())
 
     def describe(self) -> dict[str, Any]:
@@ -112,8 +112,12 @@ class Temperature:
             "combination": SWEPT[1],
             "measured": self.measured.describe(),
             **{
-                name: {"tdc": told.tdc, **told.errors.describe(), "relative_loss": self.relative_loss(told)}
-                for name, told in (("mean", self.mean), ("best", self.best), ("worst", self.worst))
+                name: {
+                    "tdc": fixed.tdc,
+                    **fixed.errors.describe(),
+                    "relative_loss": self.relative_loss(fixed),
+                }
+                for name, fixed in (("mean", self.mean), ("best", self.best), ("worst", self.worst))
             },
             "mean_predictor": self.mean_predictor.describe(),
             "sweep": {
@@ -136,12 +140,12 @@ def temperature_table(found: Temperature, *, published: bool) -> Table:
         published: put the paper's normalised MAE beside ours.
     """
     known = published_temperature()
-    fixed = (("mean", "its mean"), ("best", "best fixed"), ("worst", "worst fixed"))
+    labels = (("mean", "its mean"), ("best", "best fixed"), ("worst", "worst fixed"))
     rows = [_row("as measured", "", found.measured, "", known.get("measured"))]
-    for name, label in fixed:
-        told: FixedTemperature = getattr(found, name)
-        loss = f"{100 * found.relative_loss(told):.1f} %"
-        rows.append(_row(label, f"{told.tdc:.1f}", told.errors, loss, known.get(name)))
+    for name, label in labels:
+        fixed: FixedTemperature = getattr(found, name)
+        loss = f"{100 * found.relative_loss(fixed):.1f} %"
+        rows.append(_row(label, f"{fixed.tdc:.1f}", fixed.errors, loss, known.get(name)))
     rows.append(_row(MEAN_PREDICTOR, "", found.mean_predictor, "", known.get("mean_predictor")))
     head = ("given temperature", "tdc", "norm. MAE", "MAE", "relative loss", "published norm. MAE")
     paper = f" Published relative loss of the best: {100 * known['relative_loss']:.1f} %."

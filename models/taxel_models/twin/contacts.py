@@ -1,9 +1,9 @@
 """The indenter's motion: contact cycles of random place, force, shear and pace.
 
 A cycle travels above the skin, approaches, presses, holds or slides, releases, stays in a light
-touch below 0.3 N, and retreats. All figures here are assumptions, chosen so that the recording has
-the form of the paper's: one contact at a time, forces up to about 10 N and mostly below 5, light
-touches at the end of each cycle, and places that cover the skin unevenly but everywhere.
+touch below 0.3 N, and retreats. All figures here are assumptions. They are chosen so that the contacts
+are like the paper's: one contact at a time, forces up to about 10 N and mostly below 5 N, light touches at
+the end of each cycle, and places that cover the whole skin unevenly.
 """
 
 from dataclasses import dataclass

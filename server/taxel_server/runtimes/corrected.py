@@ -1,4 +1,4 @@
-"""Evaluates a corrected model: a model file of any platform, and the effects of its manifest."""
+"""Evaluates a corrected model: any platform's model file, and the effects of its manifest."""
 
 from collections.abc import Callable
 
@@ -12,7 +12,7 @@ from taxel_server.runtimes.evaluators import EvaluatorInfo
 
 
 class CorrectedRuntime:
-    """A runtime with predictions that the manifest's effects correct. As thread-safe as its runtime.
+    """A runtime whose predictions the manifest's effects correct. As thread-safe as what it wraps.
 
     Args:
         evaluate: the model file's runtime, which takes only its own columns.

@@ -162,9 +162,9 @@ def draw() -> Callable[[PluginModel, int], Columns]:
 
 @pytest.fixture
 def refusal() -> Callable[[Path], str]:
-    """The words in which a file is refused, which must be few; nothing may be written."""
+    """The text of the error that refuses a file. It must be short, and nothing may be written."""
 
-    def words(path: Path) -> str:
+    def refuse(path: Path) -> str:
         repository = path.parent / "repository"
         with pytest.raises(ArtifactError) as caught:
             import_network(path, repository, name="finger")
@@ -172,4 +172,4 @@ def refusal() -> Callable[[Path], str]:
         assert not repository.exists()
         return str(caught.value)
 
-    return words
+    return refuse

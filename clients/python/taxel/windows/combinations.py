@@ -10,7 +10,7 @@ PERIOD_NS: Final = 10_000_000
 """One tick: windows are built from samples 10 ms apart."""
 
 REACH: Final = 10
-"""The longest step of any combination, ticks; the 'last' and 'next' position are searched as far."""
+"""The longest step of any combination, ticks; the 'last' and 'next' position look as far."""
 
 MOST_SHIFT: Final = 100
 """Largest shift of a window, ticks."""

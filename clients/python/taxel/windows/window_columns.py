@@ -28,7 +28,7 @@ def window_columns(spec: WindowSpec, position: AtStep, force: AtStep) -> list[ND
 
 
 def _steps_of(which: Position) -> tuple[int, ...]:
-    """The steps at which a position is searched, the farthest first."""
+    """The steps of the candidates for a position, the farthest first."""
     if which == "now":
         return (0,)
     direction = -1 if which == "last" else 1

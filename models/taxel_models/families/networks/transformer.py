@@ -1,4 +1,4 @@
-"""The paper's transformer encoder, a regression form of the vision transformer.
+"""The paper's transformer encoder: a vision transformer for regression.
 
 Dosovitskiy et al. 2021 (arXiv 2010.11929), as Zai El Amri and Navarro-Guerrero use it: a window's
 values in patches of three, a class token, learned position embeddings, pre-norm blocks with GELU,
