@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from taxel.commands.cli import OUT, Json, print_json
 
+from taxel.commands.cli import OUT, Json, print_json
 from taxel.errors import SettingsError
 from taxel_bench.options import Seed, parse_batches
 
