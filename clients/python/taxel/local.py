@@ -1,7 +1,8 @@
 """Predictors evaluated in this process, by whichever installed package provides an engine.
 
-The engine lives in `taxel_server`, above this package; it makes itself known through an entry
-point, so that nothing here imports upwards and a client installs without it.
+The engine lives in `taxel_server` and the shipped models beside `taxel_models`, both above this
+package; they make themselves known through entry points, so that nothing here imports upwards and
+a client installs without them.
 """
 
 from collections.abc import Callable
@@ -9,19 +10,25 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Final, cast
 
-from taxel.errors import MissingDependency
+from taxel.errors import ArtifactError, MissingDependency
 from taxel.predictor import PredictorSource
 
 ENGINES: Final = "taxel.engines"
+REPOSITORIES: Final = "taxel.repositories"
 
 
-def load(repository: str | Path) -> PredictorSource:
+def load(repository: str | Path | None = None) -> PredictorSource:
     """Open a repository of artifacts for prediction in this process.
+
+    Args:
+        repository: its folder; if none, the models that come with Taxel.
 
     Raises:
         ArtifactError: it is no folder.
         MissingDependency: the engine is not installed.
     """
+    if repository is None:
+        repository = shipped_repository()
     for entry in entry_points(group=ENGINES):
         try:
             opener = cast("Callable[[Path], PredictorSource]", entry.load())
@@ -29,3 +36,15 @@ def load(repository: str | Path) -> PredictorSource:
             raise MissingDependency("prediction in this process", str(error.name), "server") from None
         return opener(Path(repository))
     raise MissingDependency("prediction in this process", "taxel_server", "server")
+
+
+def shipped_repository() -> Path:
+    """The folder of the models that come with Taxel.
+
+    Raises:
+        ArtifactError: this installation has none.
+    """
+    for entry in entry_points(group=REPOSITORIES):
+        find = cast("Callable[[], Path]", entry.load())
+        return find()
+    raise ArtifactError("no shipped models: the installation is incomplete")
