@@ -11,7 +11,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from taxel.commands import frame
+from taxel.commands import cli
 from taxel.dependencies import SERVING, require
 from taxel.errors import MissingDependency
 
@@ -21,17 +21,17 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 def app_of(command: Callable[..., None]) -> typer.Typer:
     app = typer.Typer()
-    app.command()(frame.failing_clearly(command))
+    app.command()(cli.failing_clearly(command))
     return app
 
 
 def test_bench_is_a_group_of_taxel_and_a_command_of_its_own() -> None:
-    done = CliRunner().invoke(frame.build(), ["bench", "--help"])
+    done = CliRunner().invoke(cli.build(), ["bench", "--help"])
     assert done.exit_code == 0, done.output
     for name in ("run", "table", "load", "compare"):
         assert name in done.output
     wrong = CliRunner().invoke(
-        frame.build(), ["bench", "run", "--model", "xgb", "--protocol", "paper", "--batch", "2"]
+        cli.build(), ["bench", "run", "--model", "xgb", "--protocol", "paper", "--batch", "2"]
     )
     assert wrong.exit_code == 2
     assert "error:" in wrong.stderr
@@ -41,20 +41,20 @@ def test_bench_is_a_group_of_taxel_and_a_command_of_its_own() -> None:
 
 def test_a_command_that_cannot_be_loaded_harms_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
     entries = [
-        EntryPoint("lost", "taxel_nowhere:lost", frame.COMMANDS),
-        EntryPoint("models", PROJECT["entry-points"][frame.COMMANDS]["models"], frame.COMMANDS),
+        EntryPoint("lost", "taxel_nowhere:lost", cli.COMMANDS),
+        EntryPoint("models", PROJECT["entry-points"][cli.COMMANDS]["models"], cli.COMMANDS),
     ]
-    monkeypatch.setattr(frame, "entry_points", lambda group: entries)
-    done = CliRunner().invoke(frame.build(), ["lost"])
+    monkeypatch.setattr(cli, "entry_points", lambda group: entries)
+    done = CliRunner().invoke(cli.build(), ["lost"])
     assert done.exit_code == 1
     assert "the command lost (taxel_nowhere:lost) cannot be loaded" in done.stderr
-    assert "--connect" in CliRunner().invoke(frame.build(), ["models", "--help"]).output
+    assert "--connect" in CliRunner().invoke(cli.build(), ["models", "--help"]).output
 
 
 def test_what_a_command_needs_is_checked_before_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
     began = []
 
-    @frame.needs("loop", "scipy", "numpy", "taxel_nowhere")
+    @cli.needs("loop", "scipy", "numpy", "taxel_nowhere")
     def command() -> None:
         began.append(True)
 
@@ -65,7 +65,7 @@ def test_what_a_command_needs_is_checked_before_it_begins(monkeypatch: pytest.Mo
 
 
 def test_a_package_that_is_missing_later_is_told_with_the_same_extra() -> None:
-    @frame.needs("train", "numpy")
+    @cli.needs("train", "numpy")
     def command() -> None:
         raise ModuleNotFoundError("No module named 'torch'", name="torch")
 
@@ -83,8 +83,8 @@ def test_nothing_is_missing_here() -> None:
 
 
 def test_every_extra_that_a_command_names_exists() -> None:
-    for value in PROJECT["entry-points"][frame.COMMANDS].values():
-        EntryPoint("command", value, frame.COMMANDS).load()
-    named = {extra for extra, _ in frame._NEEDS.values()}
+    for value in PROJECT["entry-points"][cli.COMMANDS].values():
+        EntryPoint("command", value, cli.COMMANDS).load()
+    named = {extra for extra, _ in cli._NEEDS.values()}
     assert named == {"server", "train", "loop", "study", "bench"}
     assert named < set(PROJECT["optional-dependencies"])

@@ -6,7 +6,7 @@ from typing import Final
 
 from taxel.errors import MissingDependency
 
-SERVING: Final = ("numba", "onnx", "onnxruntime", "pydantic_settings")
+SERVING: Final = ("msgspec", "numba", "onnx", "onnxruntime", "pydantic_settings")
 """What the extra `server` brings: predictions in this process, and a server."""
 
 
