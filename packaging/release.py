@@ -1,4 +1,4 @@
-"""`make release VERSION=x.y.z`: bump, date the changelog, build, check, commit and tag. Nothing is published.
+"""`make release VERSION=x.y.z`: bump, date the changelog, build, check, commit, tag. Publishes nothing.
 
 With `--dry`, all of that happens in a temporary clone, which is shown and deleted.
 """
@@ -24,6 +24,7 @@ class Refused(Exception):
 
 
 def main() -> int:
+    """The exit status: 0 where the release was made."""
     parser = argparse.ArgumentParser(prog="make release", description=__doc__.splitlines()[0])
     parser.add_argument("version", help="The new version, as 1.2.3.")
     parser.add_argument("--dry", action="store_true", help="In a temporary clone, which is deleted.")
@@ -102,12 +103,12 @@ def _edited(root: Path, version: str, date: str) -> dict[Path, str]:
     if not heading or not rest.partition("\n## ")[0].strip():
         raise Refused(f"{CHANGELOG}: expected entries below '{_UNRELEASED.strip()}'")
     citation = (root / CITATION).read_text(encoding="utf-8")
-    citation, versions = re.subn(r"^version: .*$", f"version: {version}", citation, flags=re.MULTILINE)
-    citation, dates = re.subn(
-        r"^date-released: .*$", f'date-released: "{date}"', citation, flags=re.MULTILINE
+    lines = f'version: {version}\ndate-released: "{date}"\n'
+    citation, versions = re.subn(
+        r"^version: .*\n(date-released: .*\n)?", lines, citation, flags=re.MULTILINE
     )
-    if (versions, dates) != (1, 1):
-        raise Refused(f"{CITATION}: expected one line 'version:' and one 'date-released:'")
+    if versions != 1:
+        raise Refused(f"{CITATION}: expected one line 'version:'")
     return {
         VERSION: source.replace(found[0], f'__version__: Final = "{version}"'),
         CHANGELOG: changelog.replace(_UNRELEASED, f"{_UNRELEASED}\n## {version} - {date}\n", 1),

@@ -10,6 +10,7 @@ import json
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -35,15 +36,17 @@ def main() -> int:
     if not pythons:
         return 1
     first = next(iter(pythons.values()))
-    cells: list[Cell] = []
     with TemporaryDirectory(prefix="taxel-wheel-") as folder:
         say("building the wheel")
         wheel = build_wheel(first, ROOT, Path(folder).resolve())
-        for python in pythons.values():
-            for versions in options.versions:
-                cells.append(_serving(python, wheel, versions))
-        for extra in options.extra:
-            cells.append(_extra(first, wheel, extra))
+        serving = [
+            partial(_serving, python, wheel, versions)
+            for python in pythons.values()
+            for versions in options.versions
+        ]
+        alone = [partial(_extra, first, wheel, extra) for extra in options.extra]
+        with ThreadPoolExecutor(options.jobs) as pool:
+            cells = list(pool.map(lambda step: step(), serving + alone))
     if options.json:
         print(json.dumps(as_object(cells, missing), indent=1))
     else:
@@ -114,6 +117,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument(
         "--extra", action="append", choices=(*EXTRAS, "none"), help="Only this extra by itself."
     )
+    parser.add_argument("--jobs", type=int, default=1, help="Environments at a time, of about 1 GB each.")
     parser.add_argument("--json", action="store_true", help="Print one JSON object instead of a table.")
     options = parser.parse_args()
     options.versions = [one for one in options.versions or ("newest", "lowest") if one != "none"]

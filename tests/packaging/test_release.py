@@ -46,7 +46,7 @@ def test_a_release_is_bumped_dated_built_committed_and_tagged(clone: Path) -> No
     assert git(clone, "rev-parse", "v99.0.0^{commit}") == git(clone, "rev-parse", "HEAD")
     assert '__version__: Final = "99.0.0"' in (clone / "clients/python/taxel/__init__.py").read_text()
     assert "## Unreleased\n\n## 99.0.0 - 20" in (clone / "CHANGELOG.md").read_text()
-    assert "\nversion: 99.0.0\n" in (clone / "CITATION.cff").read_text()
+    assert "\nversion: 99.0.0\ndate-released: " in (clone / "CITATION.cff").read_text()
     names = {path.name for path in (clone / "dist").iterdir()}
     assert names == {"taxel-99.0.0.tar.gz", "taxel-99.0.0-py3-none-any.whl"}
     assert all(path.stat().st_size < 6_000_000 for path in (clone / "dist").iterdir())
