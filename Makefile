@@ -6,13 +6,16 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 MODEL ?= xgb
 
-.PHONY: help demo install test check unit arm format artifacts clean
+.PHONY: help demo install test check unit coverage matrix arm release format artifacts clean
 
 help:
 	@echo "make demo      serve a shipped model and replay a recording through it (MODEL=xgb)"
 	@echo "make test      install everything; format, lint, types, import contract, tests"
 	@echo "make install   install everything into $(VENV): $(BIN)/taxel and $(BIN)/bench"
 	@echo "make arm       the compiled runtimes' tests on an emulated ARM processor (needs qemu-user-static)"
+	@echo "make coverage  the tests again, and which lines they run"
+	@echo "make matrix    the wheel on every Python here, and every extra by itself (ARGS=--help)"
+	@echo "make release   VERSION=x.y.z: bump, build, check, commit, tag (DRY=1: in a clone)"
 	@echo "make format    format and fix what can be fixed"
 	@echo "make clean     remove $(VENV) and caches"
 
@@ -37,6 +40,16 @@ unit:
 # ARGS: pytest's arguments, instead of all tests and the shipped models' predictions.
 arm: $(VENV)/.all
 	@$(BIN)/python tests/arm/emulate.py $(ARGS)
+# Apart from `make test`: tracing makes the tests of plain Python half as slow again.
+coverage: $(VENV)/.all
+	$(BIN)/python -m pytest --cov --cov-report=term
+
+matrix:
+	@$(PYTHON) tests/matrix $(ARGS)
+
+release: $(VENV)/.all
+	@test -n "$(VERSION)" || { echo "Name a version: make release VERSION=x.y.z"; exit 2; }
+	@$(BIN)/python packaging/release.py $(VERSION) $(if $(DRY),--dry)
 
 format: $(VENV)/.all
 	$(BIN)/ruff check --fix .

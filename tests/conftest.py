@@ -6,11 +6,6 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from taxel_models.training import trained as trained_models
-from taxel_models.training.split import SplitSettings
-from taxel_models.training.train import TrainingSettings, train
-from taxel_models.twin import simulate
-
 CHECKOUT = Path(__file__).resolve().parent.parent
 
 # A busy machine makes an example slow, not wrong.
@@ -21,6 +16,12 @@ settings.load_profile("taxel")
 @pytest.fixture(scope="session")
 def trained_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small XGBoost model for input combination 1, trained on a few seconds of the twin."""
+    # Imported here, so that the tests of serving run where no training library is installed.
+    from taxel_models.training import trained as trained_models
+    from taxel_models.training.split import SplitSettings
+    from taxel_models.training.train import TrainingSettings, train
+    from taxel_models.twin import simulate
+
     hyperparameters = {"n_estimators": 8, "max_depth": 4, "eta": 0.4, "min_child_weight": 5}
     settings = TrainingSettings("xgb", 1, SplitSettings("chunks"), overrides=hyperparameters)
     model, held_out = train([simulate(8000, 3)], settings)

@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from taxel.commands.cli import ERR, OUT, Json, print_json
+from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.dependencies import SERVING
 from taxel.errors import SettingsError
 from taxel.manifest import Manifest
 from taxel_exporters.card import rounding
@@ -20,6 +21,7 @@ class Origin(StrEnum):
     GAZEBO_PLUGIN = "gazebo-plugin"
 
 
+@needs("train", *SERVING)
 def export(
     source: Annotated[
         Path, typer.Argument(help="The folder that `taxel train` wrote, or the plugin's model.yaml.")

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from taxel.atomic import check_folder_place
-from taxel.commands.cli import ERR, OUT, Json, print_json
+from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.dependencies import SERVING
 from taxel.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 _CHECKED_WINDOWS = 2048
 
 
+@needs("loop", *SERVING, "matplotlib", "scipy", "threadpoolctl")
 def loop(
     model: Annotated[
         str, typer.Option(metavar="NAME[/VERSION]", help="The model; newest version if none.")

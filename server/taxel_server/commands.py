@@ -15,8 +15,10 @@ from typing import Annotated, Any, Final, Literal
 
 import typer
 
-from taxel.commands.cli import ERR, OUT, Json
+from taxel.commands.cli import ERR, OUT, Json, needs
+from taxel.dependencies import SERVING
 from taxel.errors import ArtifactError
+from taxel.local import shipped_repository
 from taxel.predictor import ModelInfo
 from taxel_server.options import ServerOptions
 
@@ -45,10 +47,11 @@ def _option(field: str, metavar: str) -> Any:
         name,
         metavar=metavar or None,
         help=described.description,
-        show_default=False if described.is_required() else shown,
+        show_default=False if default is None else shown,
     )
 
 
+@needs("server", *SERVING)
 def serve(
     repository: Annotated[Path | None, _option("repository", "REPO")] = None,
     listen: Annotated[list[str] | None, _option("listen", "ENDPOINT")] = None,
@@ -64,7 +67,7 @@ def serve(
     log_level: Annotated[LogLevel, typer.Option(help="What to log on stderr.")] = "warning",
     as_json: Json = False,
 ) -> None:
-    """Serve the models of a repository until told to stop.
+    """Serve the models of a repository, or those that come with Taxel, until told to stop.
 
     Every option may also be an environment variable (TAXEL_REPOSITORY, TAXEL_LISTEN …) or a key of
     taxel.toml in the working directory. SIGINT and SIGTERM finish the queued requests; a second
@@ -83,9 +86,10 @@ def serve(
     )
     _log_errors_of_zenoh()
     settings = read_settings({name: value for name, value in given.items() if value is not None})
-    engine = Engine(settings.repository, RuntimeOptions(settings.threads, settings.providers))
+    repository = settings.repository or shipped_repository()
+    engine = Engine(repository, RuntimeOptions(settings.threads, settings.providers))
     if not engine.load_all():
-        raise ArtifactError(_nothing_to_serve(settings.repository, engine.models()))
+        raise ArtifactError(_nothing_to_serve(repository, engine.models()))
     stop = _event_on(STOPPING)
     service = Service(engine, settings)
     _announce(settings.listen, engine.models(), as_json)

@@ -14,7 +14,7 @@ from taxel.channels import CHANNELS
 from taxel.errors import ArtifactError, NotFound, TaxelError, Unavailable
 from taxel.manifest import Manifest
 from taxel.predictor import ModelInfo
-from taxel_server.runtimes import DEFAULTS, Runtime, RuntimeOptions, open_runtime
+from taxel_server.runtimes import DEFAULTS, Runtime, RuntimeOptions, check_platform, open_runtime
 
 _LOG: Final = logging.getLogger(__name__)
 
@@ -88,7 +88,8 @@ class Engine:
     def models(self) -> list[ModelInfo]:
         """Every version of every model, sorted.
 
-        `READY` says of a model not asked for so far that its artifact is sound.
+        `READY` says of a model not asked for so far that its artifact is sound and that the libraries
+        of its runtime can be imported here.
         """
         return [
             self._info(name, version) for name, versions in self._versions.items() for version in versions
@@ -151,9 +152,11 @@ class Engine:
 
     def _examined(self, name: str, version: str) -> artifacts.Artifact | str:
         try:
-            return artifacts.read(self._repository / name / version)
-        except ArtifactError as error:
+            artifact = artifacts.read(self._repository / name / version)
+            check_platform(artifact.manifest.platform)
+        except TaxelError as error:
             return str(error)
+        return artifact
 
 
 def load_model(folder: Path, options: RuntimeOptions = DEFAULTS) -> LoadedModel:

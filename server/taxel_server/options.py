@@ -13,7 +13,10 @@ Rows = Annotated[int, Field(gt=0, le=2**24)]
 class ServerOptions(BaseModel):
     """How a server runs."""
 
-    repository: Path = Field(description="Folder of artifacts to serve, as NAME/VERSION/.")
+    repository: Path | None = Field(
+        default=None,
+        description="Folder of artifacts to serve, as NAME/VERSION/; if none, Taxel's own.",
+    )
     listen: tuple[str, ...] = Field(
         default=("tcp/127.0.0.1:7447",),
         min_length=1,

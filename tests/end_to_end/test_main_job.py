@@ -111,7 +111,8 @@ def test_the_demo_replays_at_100_hz_and_flat_out() -> None:
     ("arguments", "code", "message"),
     [
         (["predict", "x.csv", "--model", "m", "-o", "o.csv", "--repository", "."], 1, "no model 'm'"),
-        (["predict", "x.csv", "--model", "m", "-o", "o.csv"], 2, "--connect ENDPOINT or --repository"),
+        (["predict", "x.csv", "--model", "m", "-o", "o.csv"], 1, "no model 'm'; there is: ffnn"),
+        (["models", "--connect", "tcp/127.0.0.1:1", "--repository", "."], 2, "not both"),
         (["train", "--data", "nowhere.csv", "-o", "out"], 1, "nowhere.csv"),
         (["train", "--data", "x.csv", "-o", "out", "--inputs", "9"], 2, "--inputs"),
         (["export", "nowhere", "--repository", "r"], 1, "expected what `taxel train` wrote"),

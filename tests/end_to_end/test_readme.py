@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from taxel_bench.server_process import running_server
 from taxel_models.shipped import shipped_repository
 
@@ -24,6 +26,8 @@ def test_the_readme_example_runs(tmp_path: Path) -> None:
 
 
 def test_every_link_of_the_documents_leads_somewhere() -> None:
+    if not (ROOT / "docs" / "results").is_dir():
+        pytest.skip("a source archive leaves the results out")
     documents = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *ROOT.glob("*/README.md")]
     for document in documents:
         for target in re.findall(r"\]\((?!https?:)([^)#]+)", document.read_text()):

@@ -154,7 +154,7 @@ def serving() -> Iterator[ServerStarter]:
 
         def serve(engine: Engine, **options: Any) -> str:
             place = f"tcp/127.0.0.1:{free_port()}"
-            settings = ServerOptions(repository=Path("unused"), listen=(place,), **options)
+            settings = ServerOptions(listen=(place,), **options)
             servers.callback(Service(engine, settings).close)
             return place
 

@@ -1,6 +1,8 @@
 """The engine: what a repository offers, and that a damaged artifact harms no other."""
 
+import re
 import shutil
+import sys
 from collections.abc import Callable
 from dataclasses import astuple
 from pathlib import Path
@@ -138,6 +140,26 @@ def test_a_missing_library_is_told_with_its_remedy(
     monkeypatch.setattr(engine_module, "open_runtime", without)
     with pytest.raises(Unavailable, match=r"pip install 'taxel\[server\]'"):
         Engine(repository).model("skin")
+
+
+@pytest.mark.parametrize(
+    ("library", "reason"),
+    [(None, r"needs numba: pip install 'taxel\[server\]'"), ("broken", "cannot be imported: ImportError")],
+)
+def test_a_model_whose_libraries_are_missing_is_never_listed_as_ready(
+    repository: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, library: str | None, reason: str
+) -> None:
+    """`numba` is taken away, or replaced by a package that fails when it is imported."""
+    for name in [name for name in sys.modules if name.startswith(("numba", "taxel_server.runtimes.trees"))]:
+        monkeypatch.delitem(sys.modules, name)
+    if library is None:
+        monkeypatch.setitem(sys.modules, "numba", None)
+    else:
+        (tmp_path / "numba.py").write_text("raise ImportError('numba needs another NumPy')")
+        monkeypatch.syspath_prepend(tmp_path)
+    for model in Engine(repository).models():
+        assert model.state == "UNAVAILABLE"
+        assert re.search(reason, model.reason), model.reason
 
 
 def test_a_repository_must_be_a_folder(tmp_path: Path) -> None:

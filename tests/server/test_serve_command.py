@@ -155,7 +155,6 @@ def test_a_stuck_client_does_not_keep_it(
     [
         (("--repository", "nowhere"), 1, "nowhere: no such folder"),
         (("--repository", "."), 1, "no model that can be served; the folder holds none"),
-        ((), 2, "repository: Field required"),
         (("--repository", ".", "--max-batch-rows", "0"), 2, "max_batch_rows"),
         (("--repository", ".", "--listen", "localhost"), 2, "expected PROTOCOL/ADDRESS"),
     ],
@@ -178,6 +177,14 @@ def test_only_damaged_models_are_told_with_their_reasons(
     assert process.returncode == 1
     assert "no model that can be served" in errors
     assert "model.json: No such file" in errors
+
+
+def test_without_a_repository_it_serves_what_comes_with_taxel(run: Starter, endpoint: str) -> None:
+    process = run("--listen", endpoint, "--json")
+    line = process.stdout.readline()
+    assert line, process.stderr.read()
+    with taxel.load() as shipped:
+        assert [one["name"] for one in json.loads(line)["models"]] == [one.name for one in shipped.models()]
 
 
 def test_an_occupied_port_is_told(serving: Starter, run: Starter, repository: Path, endpoint: str) -> None:

@@ -44,7 +44,6 @@ def test_variables_of_other_parts_are_let_be(monkeypatch: pytest.MonkeyPatch) ->
 @pytest.mark.parametrize(
     ("given", "named"),
     [
-        ({}, "repository: Field required"),
         ({"threads": 0}, "threads"),
         ({"max_batch_rows": 0}, "max_batch_rows"),
         ({"drain_seconds": -1}, "drain_seconds"),
@@ -61,7 +60,7 @@ def test_variables_of_other_parts_are_let_be(monkeypatch: pytest.MonkeyPatch) ->
 )
 def test_a_wrong_value_is_named(given: dict[str, Any], named: str) -> None:
     with pytest.raises(SettingsError, match=named) as caught:
-        read_settings({"repository": Path("models"), **given} if given else {})
+        read_settings({"repository": Path("models"), **given})
     assert "\n" not in str(caught.value)
 
 

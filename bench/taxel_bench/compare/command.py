@@ -8,9 +8,11 @@ from typing import Annotated
 
 import typer
 
-from taxel.commands.cli import ERR, OUT, Json, print_json
+from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.dependencies import SERVING
 
 
+@needs("bench", *SERVING, "psutil")
 def compare(
     model: Annotated[
         str, typer.Option(help="A shipped network's name, or the folder of an ONNX artifact.")

@@ -8,7 +8,8 @@ import typer
 from rich.progress import Progress
 from rich.table import Table
 
-from taxel.commands.cli import ERR, OUT, Json, print_json
+from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.dependencies import SERVING
 
 _SEED = 2024
 """Of the replayed recording; the shipped models were trained on other seeds."""
@@ -17,6 +18,7 @@ _WARMED_UP = 60_000
 """Where the replay begins, in samples: a cold finger differs from most of what a model has seen."""
 
 
+@needs("server", *SERVING)
 def demo(
     model: Annotated[str, typer.Option(help="Which shipped model to serve.")] = "xgb",
     seconds: Annotated[float, typer.Option(min=1.0, help="How long to replay at 100 Hz.")] = 10.0,
@@ -90,11 +92,15 @@ def _say_where_next(delay_s: float) -> None:
     if delay_s:
         OUT.print(f"This model looks {delay_s * 1e3:g} ms ahead: a sample's window is whole only then.")
     OUT.print(
-        "The recording is simulated (docs/twin.md). Where next, after `make install`\n"
-        "and with .venv/bin on the path:\n"
-        "  taxel serve --repository models/repository     a server of your own\n"
-        "  taxel train --data YOUR.csv -o trained         your own recordings (docs/recordings.md)\n"
-        "  bench run --model xgb                          the bare model's latency",
+        "The recording is simulated. Where next:\n"
+        "  taxel serve                             a server of these models\n"
+        "  taxel models                            what it serves\n"
+        "  taxel twin -o twin.csv                  a simulated recording, as yours would be written\n"
+        "  taxel predict twin.csv --model xgb --connect tcp/127.0.0.1:7447 -o predicted.csv\n"
+        "With pip install 'taxel[train]':\n"
+        "  taxel train --data twin.csv -o trained  a model of your own\n"
+        "With pip install 'taxel[bench]':\n"
+        "  taxel bench run --model xgb             the bare model's latency",
         markup=False,
         soft_wrap=True,
     )

@@ -8,10 +8,11 @@ from typing import Annotated
 
 import typer
 
-from taxel.commands.cli import ERR, OUT, Json, print_json
+from taxel.commands.cli import ERR, OUT, Json, needs, print_json
 from taxel_bench.load.plan import TIMEOUT_S, Plan, Scenario
 
 
+@needs("bench", "psutil")
 def load(
     scenario: Annotated[Scenario, typer.Option(help="How queries follow each other.")],
     model: Annotated[str, typer.Option(help="The name of a served model.")],

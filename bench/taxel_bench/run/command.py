@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from taxel.commands.cli import OUT, Json, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.dependencies import SERVING
 from taxel.errors import SettingsError
 from taxel_bench.options import Repetitions, Seconds, Seed, parse_batches
 
@@ -31,6 +32,7 @@ class Trees(StrEnum):
     SKEWED = "skewed"
 
 
+@needs("bench", *SERVING, "matplotlib", "psutil", "sklearn", "torch", "xgboost")
 def run(
     model: Annotated[
         str,

@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from taxel.atomic import check_folder_place, whole_folder
-from taxel.commands.cli import OUT, Json, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.dependencies import SERVING
 from taxel.errors import SettingsError
 from taxel.windows import COMBINATIONS
 from taxel_bench.options import Repetitions, Seconds, Seed, parse_batches, parse_numbers
@@ -14,6 +15,7 @@ from taxel_bench.options import Repetitions, Seconds, Seed, parse_batches, parse
 _MODELS = ("network-b", "xgb", "ffnn", "transformer")
 
 
+@needs("bench", *SERVING, "matplotlib", "psutil", "sklearn", "torch", "xgboost")
 def table(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write the table and plots to.")],
     models: Annotated[str, typer.Option(help="Which models, with commas between.")] = ",".join(_MODELS),

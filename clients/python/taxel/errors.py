@@ -89,12 +89,16 @@ class SettingsError(TaxelError):
 
 
 class MissingDependency(TaxelError):
-    """An optional package is not installed."""
+    """An optional package is not installed.
+
+    Args:
+        purpose: what needs it.
+        package: what is missing; several with commas between.
+        extra: of Taxel, which brings it.
+    """
 
     def __init__(self, purpose: str, package: str, extra: str) -> None:
-        super().__init__(
-            f"{purpose} needs {package}: pip install 'taxel[{extra}]', or in a checkout: make install"
-        )
+        super().__init__(f"{purpose} needs {package}: pip install 'taxel[{extra}]'")
 
 
 _BY_CODE: Final[dict[str, type[RequestError]]] = {

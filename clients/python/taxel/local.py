@@ -1,7 +1,8 @@
 """Predictors that are evaluated in this process, by an installed package with an engine.
 
-The engine is in `taxel_server`, above this package. It is found through an entry point, so this package
-does not import it and a client can be installed without it.
+The engine is in `taxel_server`, and the shipped models are beside `taxel_models`. Both are above this
+package. They are found through entry points, so this package does not import them and a client can be
+installed without them.
 """
 
 from collections.abc import Callable
@@ -9,19 +10,25 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Final, cast
 
-from taxel.errors import MissingDependency
+from taxel.errors import ArtifactError, MissingDependency
 from taxel.predictor import PredictorSource
 
 ENGINES: Final = "taxel.engines"
+REPOSITORIES: Final = "taxel.repositories"
 
 
-def load(repository: str | Path) -> PredictorSource:
+def load(repository: str | Path | None = None) -> PredictorSource:
     """Open a repository of artifacts for prediction in this process.
+
+    Args:
+        repository: its folder; if none, the models that come with Taxel.
 
     Raises:
         ArtifactError: the path is not a folder.
         MissingDependency: the engine is not installed.
     """
+    if repository is None:
+        repository = shipped_repository()
     for entry in entry_points(group=ENGINES):
         try:
             opener = cast("Callable[[Path], PredictorSource]", entry.load())
@@ -29,3 +36,15 @@ def load(repository: str | Path) -> PredictorSource:
             raise MissingDependency("prediction in this process", str(error.name), "server") from None
         return opener(Path(repository))
     raise MissingDependency("prediction in this process", "taxel_server", "server")
+
+
+def shipped_repository() -> Path:
+    """The folder of the models that come with Taxel.
+
+    Raises:
+        ArtifactError: this installation has none.
+    """
+    for entry in entry_points(group=REPOSITORIES):
+        find = cast("Callable[[], Path]", entry.load())
+        return find()
+    raise ArtifactError("no shipped models: the installation is incomplete")

@@ -7,12 +7,13 @@ import typer
 from rich.progress import Progress
 from rich.table import Table
 
-from taxel.commands.cli import ERR, OUT, Json, print_json
+from taxel.commands.cli import ERR, OUT, Json, needs, print_json
 from taxel_models.calibration.limits import LIGHT_N, TOUCH_N, Limits
 
 _DISTANCES = ("mean", "median", "rms")
 
 
+@needs("loop", "matplotlib", "scipy")
 def calibrate(
     recordings: Annotated[
         list[Path],

@@ -8,13 +8,15 @@ from rich.progress import Progress
 from rich.table import Table
 
 from taxel.atomic import check_file_place, whole_file
-from taxel.commands.cli import ERR, OUT, Json, print_json
+from taxel.commands.cli import ERR, OUT, Json, needs, print_json
 from taxel.commands.models import Repository
+from taxel.dependencies import SERVING
 
 if TYPE_CHECKING:
     from taxel_models.loop.trial import Round, Summary
 
 
+@needs("loop", *SERVING, "scipy", "threadpoolctl")
 def loop_trial(
     trials: Annotated[int, typer.Option(min=1, help="Rounds to play.")] = 200,
     seed: Annotated[int, typer.Option(min=0, help="Of recordings, effects and strengths.")] = 0,

@@ -13,6 +13,7 @@ from taxel.atomic import check_file_place, check_folder_place
 from taxel.channels import CHANNELS
 from taxel.commands.cli import ERR, OUT, Json, print_json
 from taxel.commands.models import Connect, Repository, open_source
+from taxel.dependencies import require
 from taxel.errors import SettingsError
 from taxel.predictor import Predictor
 from taxel.windows import Samples, build_windows
@@ -38,6 +39,8 @@ def predict(
 ) -> None:
     """Predict the channels of a recording and compare them with what was measured.
 
+    Without `--connect` and `--repository`, a model that comes with Taxel predicts.
+
     `--json` prints mae, norm_mae, mae_electrodes, norm_mae_electrodes and rows; for a recording
     without measured channels, rows alone.
     """
@@ -46,6 +49,7 @@ def predict(
 
     check_file_place(output)
     if report is not None:
+        require("--report", "plot", "matplotlib")
         check_folder_place(report, replacing=FIGURES)
     name, _, version = model.partition("/")
     with open_source(connect, repository) as source:

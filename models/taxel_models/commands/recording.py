@@ -9,6 +9,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from taxel.commands.cli import ERR, OUT, Json, print_json
+from taxel.dependencies import require
 
 if TYPE_CHECKING:
     from taxel_models.recordings import Recording
@@ -30,6 +31,8 @@ def recording(path: Source, plot: Plot = None, output: Output = None, as_json: J
     from taxel_models.recordings import write_ruppel
     from taxel_models.recordings.summary import summarise
 
+    if plot is not None:
+        require("--plot", "plot", "matplotlib")
     read = _read(path)
     if output is not None:
         write_ruppel(read, output)

@@ -10,7 +10,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from taxel.commands.cli import ERR, OUT, Json, print_json
+from taxel.commands.cli import ERR, OUT, Json, needs, print_json
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 _SHOWN = 5
 
 
+@needs("study", "ConfigSpace", "dask", "distributed", "matplotlib", "scipy", "smac")
 def search(
     data: Annotated[
         list[Path],

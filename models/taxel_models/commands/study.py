@@ -8,13 +8,14 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from taxel.commands.cli import ERR, OUT, Json, print_json
+from taxel.commands.cli import ERR, OUT, Json, needs, print_json
 
 if TYPE_CHECKING:
     from taxel_models.recordings import Recording
     from taxel_models.study.summary import Summary
 
 
+@needs("study", "dask", "distributed", "matplotlib", "scipy", "statsmodels")
 def study(
     data: Annotated[
         list[Path],

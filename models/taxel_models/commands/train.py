@@ -9,10 +9,11 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from taxel.commands.cli import ERR, OUT, Json, print_json
+from taxel.commands.cli import ERR, OUT, Json, needs, print_json
 from taxel.errors import SettingsError
 
 
+@needs("train", "matplotlib")
 def train(
     data: Annotated[
         list[Path],
@@ -60,6 +61,7 @@ def train(
 ) -> None:
     """Train a model on recordings; whole trials or chunks are held out to test it."""
     from taxel.atomic import check_folder_place
+    from taxel_models.families.registry import family
     from taxel_models.recordings import read_recording
     from taxel_models.training.hyperparameters import read_hyperparameters
     from taxel_models.training.split import SplitSettings
@@ -69,6 +71,7 @@ def train(
 
     output = output.resolve()
     check_folder_place(output, replacing=RECORD if overwrite else None)
+    family(model)  # An unknown family or a library that is not installed is told before a long reading.
     found = read_hyperparameters(hyperparameters, model, inputs) if hyperparameters else {}
     output.parent.mkdir(parents=True, exist_ok=True)
     training_settings = TrainingSettings(

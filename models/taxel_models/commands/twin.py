@@ -7,6 +7,7 @@ import typer
 
 from taxel.atomic import check_file_place, whole_file
 from taxel.commands.cli import OUT, Json, print_json
+from taxel.dependencies import require
 from taxel.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -57,6 +58,8 @@ def twin(
         raise SettingsError("--into: expected --effect to plant there")
     if truth is not None and not effect:
         raise SettingsError("--truth: expected --effect as well")
+    if effect:
+        require("--effect", "loop", "scipy")
     check_file_place(output)
     recording = simulate(rows, seed) if into is None else read_recording(into)
     planting = _planted(recording, effect, seed) if effect else None

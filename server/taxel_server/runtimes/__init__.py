@@ -2,6 +2,6 @@
 
 from taxel_server.runtimes.evaluators import EvaluatorInfo
 from taxel_server.runtimes.options import DEFAULTS, RuntimeOptions
-from taxel_server.runtimes.runtime import Runtime, open_runtime
+from taxel_server.runtimes.runtime import Runtime, check_platform, open_runtime
 
-__all__ = ["DEFAULTS", "EvaluatorInfo", "Runtime", "RuntimeOptions", "open_runtime"]
+__all__ = ["DEFAULTS", "EvaluatorInfo", "Runtime", "RuntimeOptions", "check_platform", "open_runtime"]

@@ -1,6 +1,7 @@
 """The interface of runtimes, and the choice of a runtime for an artifact."""
 
 from collections.abc import Callable
+from importlib import import_module
 from typing import Final, Protocol
 
 import numpy as np
@@ -55,6 +56,31 @@ _FACTORIES: Final[dict[Platform, Factory]] = {"xgboost_json": _trees, "onnxrunti
 """Makes each platform's runtime; its libraries are imported only then."""
 
 
+_MODULES: Final[dict[Platform, tuple[str, ...]]] = {
+    "xgboost_json": ("taxel_server.runtimes.trees",),
+    "onnxruntime_onnx": ("taxel_server.runtimes.onnx_models", "taxel_server.runtimes.networks"),
+}
+"""What each factory imports."""
+
+
+def check_platform(platform: Platform) -> None:
+    """Import what evaluates a platform's artifacts; the first time takes about a second.
+
+    Raises:
+        ArtifactError: there is no runtime for it, or one whose libraries fail when they are imported.
+        MissingDependency: the runtime's library is not installed.
+    """
+    if platform not in _FACTORIES:
+        raise ArtifactError(f"no runtime for {platform}; there is: {', '.join(_FACTORIES)}")
+    try:
+        for name in _MODULES[platform]:
+            import_module(name)
+    except ModuleNotFoundError as error:
+        raise MissingDependency(f"platform {platform}", str(error.name), "server") from None
+    except Exception as error:  # a library that does not fit this Python or its other libraries
+        raise ArtifactError(f"the runtime for {platform} cannot be imported: {error!r}") from error
+
+
 def open_runtime(artifact: Artifact, options: RuntimeOptions = DEFAULTS) -> Runtime:
     """The runtime of a checked artifact, with the effects that its manifest adds.
 
@@ -63,13 +89,8 @@ def open_runtime(artifact: Artifact, options: RuntimeOptions = DEFAULTS) -> Runt
         MissingDependency: the runtime's library is not installed.
     """
     manifest = artifact.manifest
-    if manifest.platform not in _FACTORIES:
-        known = ", ".join(_FACTORIES)
-        raise ArtifactError(f"{artifact.model_path}: no runtime for {manifest.platform}; there is: {known}")
-    try:
-        runtime = _FACTORIES[manifest.platform](artifact, options)
-    except ModuleNotFoundError as error:
-        raise MissingDependency(f"platform {manifest.platform}", str(error.name), "server") from None
+    check_platform(manifest.platform)
+    runtime = _FACTORIES[manifest.platform](artifact, options)
     expected = manifest.window.model_columns
     if runtime.features != expected:
         raise ArtifactError(

@@ -10,12 +10,13 @@ import sys
 from collections.abc import Callable
 from functools import wraps
 from importlib.metadata import EntryPoint, entry_points
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, TypeVar
 
 import typer
 from rich.console import Console
 
 from taxel import __version__
+from taxel.dependencies import require
 from taxel.errors import MissingDependency, SettingsError, TaxelError
 
 COMMANDS: Final = "taxel.commands"
@@ -45,12 +46,36 @@ def new_app(help_text: str) -> typer.Typer:
     )
 
 
+_Command = TypeVar("_Command", bound=Callable[..., None])
+
+
+def needs(extra: str, *packages: str) -> Callable[[_Command], _Command]:
+    """Say which extra a command needs: checked before it begins, and told where a package is missing.
+
+    Args:
+        extra: of Taxel, which brings all that the command may import.
+        packages: without which it does not begin, by the names that they are imported by.
+    """
+
+    def mark(command: _Command) -> _Command:
+        _NEEDS[command] = (extra, packages)
+        return command
+
+    return mark
+
+
+_NEEDS: Final[dict[Callable[..., None], tuple[str, tuple[str, ...]]]] = {}
+"""The extra and the packages that commands need."""
+
+
 def failing_clearly(command: Callable[..., None]) -> Callable[..., None]:
     """Turn the errors that we raise on purpose into one line on stderr and an exit code."""
+    extra, packages = _NEEDS.get(command, ("all", ()))
 
     @wraps(command)
     def run(*args: Any, **kwargs: Any) -> None:
         try:
+            require("this command", extra, *packages)
             command(*args, **kwargs)
         except TaxelError as error:
             _say_error(error)
@@ -64,7 +89,7 @@ def failing_clearly(command: Callable[..., None]) -> Callable[..., None]:
         except ModuleNotFoundError as error:
             if error.name is None or error.name.startswith("taxel"):
                 raise
-            _say_error(MissingDependency("this command", error.name, "all"))
+            _say_error(MissingDependency("this command", error.name, extra))
             raise typer.Exit(1) from None
 
     return run
@@ -92,14 +117,18 @@ def build() -> typer.Typer:
         """Taxel plays a BioTac tactile fingertip for robot simulators."""
 
     for entry in sorted(entry_points(group=COMMANDS), key=lambda entry: entry.name):
-        app.command(entry.name)(failing_clearly(_load(entry)))
+        command = _load(entry)
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, name=entry.name)
+        else:
+            app.command(entry.name)(failing_clearly(command))
     return app
 
 
-def _load(entry: EntryPoint) -> Callable[..., None]:
-    """A command. If it cannot be loaded, it says so when it is called, and the other commands work."""
+def _load(entry: EntryPoint) -> Callable[..., None] | typer.Typer:
+    """A command or a group. If it cannot be loaded, it says so when it is called, and the others work."""
     try:
-        command: Callable[..., None] = entry.load()
+        command: Callable[..., None] | typer.Typer = entry.load()
     except Exception as error:  # another package's fault must not stop this command line
         reason = f"{type(error).__name__}: {error}"
 

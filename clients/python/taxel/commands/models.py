@@ -15,27 +15,32 @@ Connect = Annotated[
     str | None, typer.Option("--connect", metavar="ENDPOINT", help="A running server, as tcp/HOST:PORT.")
 ]
 Repository = Annotated[
-    Path | None, typer.Option("--repository", metavar="REPO", help="A repository folder, in this process.")
+    Path | None,
+    typer.Option(
+        "--repository",
+        metavar="REPO",
+        help="A repository folder, in this process; without either, the models that come with Taxel.",
+    ),
 ]
 
 
 def open_source(connect: str | None, repository: Path | None) -> PredictorSource:
-    """The server or the repository that a command line names.
+    """The server or the repository that a command line names; if none, the shipped models.
 
     Raises:
-        SettingsError: neither or both are named.
+        SettingsError: both are named.
     """
     import taxel
 
-    if connect is not None and repository is None:
-        return taxel.connect(connect)
-    if repository is not None and connect is None:
+    if connect is None:
         return taxel.load(repository)
-    raise SettingsError("name either --connect ENDPOINT or --repository REPO")
+    if repository is None:
+        return taxel.connect(connect)
+    raise SettingsError("expected --connect ENDPOINT or --repository REPO, not both")
 
 
 def models(connect: Connect = None, repository: Repository = None, as_json: Json = False) -> None:
-    """List the models of a server or a repository."""
+    """List the models of a server or a repository, or those that come with Taxel."""
     with open_source(connect, repository) as source:
         offered = source.models()
     if as_json:

@@ -1,0 +1,90 @@
+"""The frame of the `taxel` command: groups of commands, and what is told of packages that are missing."""
+
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from taxel.commands import cli
+from taxel.dependencies import SERVING, require
+from taxel.errors import MissingDependency
+
+ROOT = Path(__file__).resolve().parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+
+
+def app_of(command: Callable[..., None]) -> typer.Typer:
+    app = typer.Typer()
+    app.command()(cli.failing_clearly(command))
+    return app
+
+
+def test_bench_is_a_group_of_taxel_and_a_command_of_its_own() -> None:
+    done = CliRunner().invoke(cli.build(), ["bench", "--help"])
+    assert done.exit_code == 0, done.output
+    for name in ("run", "table", "load", "compare"):
+        assert name in done.output
+    wrong = CliRunner().invoke(
+        cli.build(), ["bench", "run", "--model", "xgb", "--protocol", "paper", "--batch", "2"]
+    )
+    assert wrong.exit_code == 2
+    assert "error:" in wrong.stderr
+    alone = [sys.executable, "-m", "taxel_bench", "--help"]
+    assert "compare" in subprocess.run(alone, capture_output=True, text=True, check=True).stdout
+
+
+def test_a_command_that_cannot_be_loaded_harms_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    entries = [
+        EntryPoint("lost", "taxel_nowhere:lost", cli.COMMANDS),
+        EntryPoint("models", PROJECT["entry-points"][cli.COMMANDS]["models"], cli.COMMANDS),
+    ]
+    monkeypatch.setattr(cli, "entry_points", lambda group: entries)
+    done = CliRunner().invoke(cli.build(), ["lost"])
+    assert done.exit_code == 1
+    assert "the command lost (taxel_nowhere:lost) cannot be loaded" in done.stderr
+    assert "--connect" in CliRunner().invoke(cli.build(), ["models", "--help"]).output
+
+
+def test_what_a_command_needs_is_checked_before_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    began = []
+
+    @cli.needs("loop", "scipy", "numpy", "taxel_nowhere")
+    def command() -> None:
+        began.append(True)
+
+    monkeypatch.setitem(sys.modules, "scipy", None)
+    done = CliRunner().invoke(app_of(command))
+    assert (done.exit_code, began) == (1, [])
+    assert "needs scipy, taxel_nowhere: pip install 'taxel[loop]'" in done.stderr.replace("\n", " ")
+
+
+def test_a_package_that_is_missing_later_is_told_with_the_same_extra() -> None:
+    @cli.needs("train", "numpy")
+    def command() -> None:
+        raise ModuleNotFoundError("No module named 'torch'", name="torch")
+
+    done = CliRunner().invoke(app_of(command))
+    assert done.exit_code == 1
+    assert "needs torch: pip install 'taxel[train]'" in done.stderr.replace("\n", " ")
+
+
+def test_nothing_is_missing_here() -> None:
+    require("serving", "server", *SERVING)
+    with pytest.raises(
+        MissingDependency, match=r"^drawing needs taxel_nowhere: pip install 'taxel\[plot\]'$"
+    ):
+        require("drawing", "plot", "numpy", "taxel_nowhere")
+
+
+def test_every_extra_that_a_command_names_exists() -> None:
+    for value in PROJECT["entry-points"][cli.COMMANDS].values():
+        EntryPoint("command", value, cli.COMMANDS).load()
+    named = {extra for extra, _ in cli._NEEDS.values()}
+    assert named == {"server", "train", "loop", "study", "bench"}
+    assert named < set(PROJECT["optional-dependencies"])

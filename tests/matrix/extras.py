@@ -1,0 +1,172 @@
+"""What runs with each extra by itself, and what the bare client says of everything else."""
+
+import subprocess
+from pathlib import Path
+
+from environments import Environment, Failed, environment
+from requirements import extras
+from serving import ROOT, Check, demo, predict, serve
+
+# Each needs an extra; what it is given need not exist, since that is told first.
+REFUSED = {
+    "server": ("demo", "serve"),
+    "plot": ("recording twin.csv --plot x.png", "predict twin.csv --model xgb -o x.csv --report x"),
+    "train": ("train --data twin.csv -o x", "export x --repository x"),
+    "loop": (
+        "loop --model xgb --repository x --data twin.csv -o x",
+        "loop-trial",
+        "calibrate twin.csv -o x",
+        "twin --effect offset -o x.csv",
+    ),
+    "study": ("study --data twin.csv -o x", "search --data twin.csv -o x"),
+    "bench": (
+        "bench run --model xgb",
+        "bench table -o x",
+        "bench load --scenario single-stream --model xgb",
+        "bench compare",
+    ),
+}
+
+CONSTRAINTS = ROOT / "constraints.txt"
+SMALL_TREES = "--set n_estimators=5 --set max_depth=3 --set eta=0.5"
+SMALL_NETWORK = '--set neurons=[16] --set activations=["relu"] --set epochs=1'
+
+
+def taxel(environment: Environment, command: str) -> None:
+    """Run a command that is written as one types it, without quotes."""
+    environment.run("taxel", *command.split())
+
+
+def _twin(environment: Environment, rows: int = 6000) -> None:
+    taxel(environment, f"twin --rows {rows} --seed 7 -o twin.csv")
+
+
+def light(environment: Environment) -> None:
+    """Nothing that an extra brings is installed."""
+    installed = {name.lower().replace("_", "-") for name in environment.installed()}
+    brought = {one.split(">=")[0] for requirements in extras(ROOT).values() for one in requirements}
+    heavy = installed & brought
+    if heavy:
+        raise Failed(f"the bare client installs {', '.join(sorted(heavy))}")
+
+
+def client(environment: Environment) -> None:
+    """What needs no extra; the shipped models are listed, and none as READY."""
+    taxel(environment, "--help")
+    _twin(environment)
+    taxel(environment, "recording twin.csv --json")
+    listed = environment.run("taxel", "models").stdout
+    if "READY" in listed or "pip install 'taxel[server]'" not in listed or "xgb/1" not in listed:
+        raise Failed(f"taxel models lists, without the libraries that evaluate models:\n{listed}")
+
+
+def refusals(environment: Environment) -> None:
+    """Every command that needs an extra names it, in one line."""
+    for extra, commands in REFUSED.items():
+        for command in commands:
+            done = environment.run("taxel", *command.split(), check=False)
+            hint = f"pip install 'taxel[{extra}]'"
+            if done.returncode != 1 or hint not in done.stderr or "Traceback" in done.stderr:
+                raise Failed(f"taxel {command}: exit {done.returncode}, expected {hint}:\n{done.stderr}")
+
+
+def served_to_a_bare_client(served: Environment) -> None:
+    """`taxel serve` with the shipped models, asked from an environment with the client alone."""
+    endpoint = "tcp/127.0.0.1:17447"
+    with environment(served.interpreter) as bare:
+        bare.install(served.wheel, constraints=CONSTRAINTS)
+        _twin(bare)
+        process = subprocess.Popen(
+            [served.folder / "bin" / "taxel", "serve", "--listen", endpoint, "--json"],
+            cwd=served.work,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        try:
+            if not process.stdout.readline():
+                raise Failed("taxel serve ended before it was ready")
+            taxel(bare, f"models --connect {endpoint}")
+            taxel(bare, f"predict twin.csv --model ffnn --connect {endpoint} -o predicted.csv")
+        finally:
+            process.terminate()
+            process.communicate()
+
+
+def plots(environment: Environment) -> None:
+    """A recording is drawn."""
+    _twin(environment)
+    taxel(environment, "recording twin.csv --plot twin.png")
+
+
+def trained_and_exported(environment: Environment) -> None:
+    """Trees, a network and an ensemble: trained, exported in every format, predicting."""
+    _twin(environment)
+    common = "--data twin.csv --jobs 1"
+    taxel(environment, f"train --model xgb {common} -o trees {SMALL_TREES}")
+    taxel(environment, f"train --model ffnn {common} -o network {SMALL_NETWORK}")
+    members = SMALL_NETWORK.replace("--set ", "--set ffnn.")
+    taxel(environment, f"train --model ensemble --members ffnn:2 {common} -o ensemble {members}")
+    taxel(environment, "export trees --repository mine --name trees")
+    taxel(environment, "export trees --repository mine --name trees-onnx --format onnx")
+    for name in ("network", "ensemble"):
+        taxel(environment, f"export {name} --repository mine --name {name}")
+    for name in ("trees", "trees-onnx", "network", "ensemble"):
+        taxel(
+            environment,
+            f"predict twin.csv --model {name} --repository mine -o {name}.csv --report {name}-report",
+        )
+
+
+def imported_from_gazebo(environment: Environment) -> None:
+    """What reads the Gazebo plugin's networks can be imported."""
+    environment.python("-c", "import taxel_exporters.gazebo.importer")
+
+
+def looped(environment: Environment) -> None:
+    """An effect is planted, found and exported; the loop's own trial and calibration run."""
+    source = "from taxel_models.shipped import shipped_repository as s; print(s())"
+    shipped = Path(environment.python("-c", source).stdout.strip())
+    (environment.work / "mine").mkdir()
+    (environment.work / "mine" / "network-b").symlink_to(shipped / "network-b")
+    taxel(environment, "twin --rows 20000 --seed 7 --effect offset:2 -o planted.csv")
+    taxel(environment, "loop --model network-b --repository mine --data planted.csv -o report")
+    taxel(environment, "loop-trial --trials 1 --rows 20000")
+    _twin(environment, 20000)
+    taxel(environment, "calibrate twin.csv -o calibration")
+
+
+def loop_exported(environment: Environment) -> None:
+    """The corrected model is exported and predicts."""
+    (environment.work / "mine" / "network-b").unlink()
+    source = "import shutil; from taxel_models.shipped import shipped_repository as s; "
+    environment.python("-c", source + "shutil.copytree(s() / 'network-b', 'mine/network-b')")
+    taxel(environment, "loop --model network-b --repository mine --data planted.csv -o exported --export")
+    taxel(environment, "predict planted.csv --model network-b/2 --repository mine -o corrected.csv")
+
+
+def studied(environment: Environment) -> None:
+    """A study of two folds and a search of three trials, of small trees."""
+    _twin(environment)
+    sizes = "--set xgb.n_estimators=2 --set xgb.max_depth=3"
+    taxel(environment, f"study --data twin.csv -o study --models xgb --inputs 1 --folds 2 --jobs 1 {sizes}")
+    held = "--holdout chunks --set n_estimators=2 --set max_depth=3"
+    taxel(environment, f"search --data twin.csv -o search --inputs 3 --trials 3 --jobs 1 {held}")
+
+
+def measured(environment: Environment) -> None:
+    """Trees and a network beside the published way; a server under load."""
+    for model in ("xgb", "ffnn"):
+        taxel(environment, f"bench run --model {model} --batch 1,8 --repetitions 100 --json")
+    taxel(environment, "bench load --scenario single-stream --model ffnn --queries 100 --json")
+    environment.run("bench", "run", "--model", "network-b", "--repetitions", "100", "--json")
+
+
+EXTRAS: dict[str, tuple[Check, ...]] = {
+    "client": (light, client, refusals),
+    "server": (demo, serve, predict, served_to_a_bare_client),
+    "plot": (plots,),
+    "train": (trained_and_exported, imported_from_gazebo),
+    "loop": (looped, loop_exported),
+    "study": (studied,),
+    "bench": (measured,),
+}
