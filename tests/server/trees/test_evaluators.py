@@ -16,7 +16,7 @@ from taxel.manifest import Normalisation
 from taxel_bench.forests import ForestShape, write_forest
 from taxel_server.runtimes.compiled.evaluator import Evaluator
 from taxel_server.runtimes.trees.autotune import Autotuned, Timed
-from taxel_server.runtimes.trees.few_rows import leaf_blocks
+from taxel_server.runtimes.trees.few_rows import leaf_blocks, small_batch
 from taxel_server.runtimes.trees.few_rows.leaf_blocks import LeafBlocksEvaluator
 from taxel_server.runtimes.trees.few_rows.small_batch import SmallBatchEvaluator
 from taxel_server.runtimes.trees.layout.in_order import InOrder
@@ -25,6 +25,7 @@ from taxel_server.runtimes.trees.many_rows.bitset import BitsetEvaluator
 from taxel_server.runtimes.trees.node_walk import walk
 from taxel_server.runtimes.trees.normalisation import Scales
 from taxel_server.runtimes.trees.reading.xgboost_json import read_forest
+from taxel_server.runtimes.trees.switches import ALL_ON
 
 Windows = NDArray[np.float32]
 
@@ -89,9 +90,36 @@ def check_file(path: Path, shape: ForestShape, names: list[str], rows: tuple[int
             )
 
 
+@pytest.mark.parametrize("switch", [field.name for field in dataclasses.fields(ALL_ON)])
+def test_without_a_part_the_bits_are_the_same(tmp_path: Path, switch: str) -> None:
+    path = tmp_path / "model.json"
+    write_forest(path, SHAPES["even"], seed=2)
+    forest = read_forest(path)
+    ones = np.ones(max(forest.features, len(forest.base_score)), np.float32)
+    scales = Scales(False, ones, ones, ones, ones)
+    evaluated = Autotuned.of(forest, scales, dataclasses.replace(ALL_ON, **{switch: False}))
+    without = "-".join(switch.split("_"))
+    assert [each.name for each in evaluated.evaluators if each.name not in EVERY] in ([], ["node-walk"])
+    assert without not in [each.name for each in evaluated.evaluators]
+    windows = np.random.default_rng(0).normal(size=(330, forest.features)).astype(np.float32)
+    for rows in (1, 8, 70, 330):
+        found = np.empty((rows, len(forest.base_score)), np.float32)
+        evaluated.evaluate(windows[:rows], found)
+        np.testing.assert_array_equal(found, walk(forest, scales, windows[:rows]))
+
+
 @pytest.mark.parametrize("shape", SHAPES)
 def test_every_evaluator_gives_the_bits_of_the_node_walk(tmp_path: Path, shape: str) -> None:
     check(tmp_path, SHAPES[shape], NAMES.get(shape, LARGE), (0, 1, 3, 8, 9, 21, 64, 65, 256, 300))
+
+
+@pytest.mark.parametrize("shape", ["even", "chains", "many small trees"])
+def test_packed_nodes_give_the_same_bits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shape: str
+) -> None:
+    for module in (leaf_blocks, small_batch):
+        monkeypatch.setattr(module, "may_pack", lambda _: True)
+    check(tmp_path, SHAPES[shape], NAMES.get(shape, LARGE), (1, 3, 9))
 
 
 def test_chains_to_the_right_have_small_distances_and_many_blocks(tmp_path: Path) -> None:

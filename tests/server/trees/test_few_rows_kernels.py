@@ -21,7 +21,7 @@ pytestmark = pytest.mark.skipif(not can_look_up(), reason="this processor has no
 
 @numba.njit
 def traverse(address, nodes, steps, ranks, rows, exits):  # type: ignore[no-untyped-def]
-    call(address, (nodes.ctypes.data, steps, ranks.ctypes.data, rows, exits.ctypes.data))
+    call(address, (nodes.ctypes.data, steps, ranks.ctypes.data, rows, exits.ctypes.data, 0))
 
 
 def exits_by_rule(goes_right: NDArray[np.bool_], distance: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -168,17 +168,18 @@ put_int64 = _storing(lambda _: types.intp, 1)
 
 
 @operation
-def prefetch(_context: Any, _address: Any) -> Any:
-    """Asks for the cache line at an address, to be in the first-level cache when it is read."""
+def prefetch(_context: Any, _address: Any, literal_level: Any) -> Any:
+    """Asks for the cache line at an address, to be in the cache of a level, 1 or 2, when it is read."""
+    locality = 4 - literal_level.literal_value
 
     def generate(context: Any, builder: Any, _signature: Any, given: Any) -> Any:
         pointer, flag = _BYTE.as_pointer(), ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [pointer, flag, flag, flag])
         function = builder.module.declare_intrinsic("llvm.prefetch", (pointer,), kind)
-        builder.call(function, [builder.inttoptr(given[0], pointer), flag(0), flag(3), flag(1)])
+        builder.call(function, [builder.inttoptr(given[0], pointer), flag(0), flag(locality), flag(1)])
         return context.get_dummy_value()
 
-    return types.void(types.intp), generate
+    return types.void(types.intp, literal_level), generate
 
 
 @operation

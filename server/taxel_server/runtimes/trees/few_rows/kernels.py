@@ -62,8 +62,9 @@ def find_exits(columns: int, bits: int, packed: bool, asks: bool) -> int:
 
     The function takes the address of the group's nodes, laid out as TopTrees says; the number of
     steps; the address of the ranks [row][column]; the number of rows; and the address of the exits
-    [row][tree], which it writes. `columns` is the length of a row's ranks: 16, 32, 48, 64, 128 or 256. If
-    it `asks`, the nodes behind the group's are asked for meanwhile, a share for every row.
+    [row][tree], which it writes; at last the address of what is wanted later. `columns` is the length of a
+    row's ranks: 16, 32, 48, 64, 128 or 256. If it `asks`, each step asks for a cache line of the nodes
+    behind the group's, and for one of what is wanted.
 
     A row goes right at a node, and from then on the exit is the block behind the node, if no earlier block
     was reached than the first of the node's left subtree: if the node's distance is no less than the number
@@ -76,14 +77,11 @@ def _find_exits(columns: int, bits: int, asks: bool) -> int:
     lanes = trees_at_once()
     size = (2 + bits // 8) * lanes
 
-    @address_of("void(intp, intp, intp, intp, intp)")
-    def traverse(nodes: int, steps: int, ranks: int, rows: int, exits: int) -> None:
-        soon, share = nodes + size * steps, -(-size * steps // (64 * rows)) * 64
+    @address_of("void(intp, intp, intp, intp, intp, intp)")
+    def traverse(nodes: int, steps: int, ranks: int, rows: int, exits: int, wanted: int) -> None:
+        soon = nodes + size * steps
         never, one = splat(0, bits, lanes), splat(1, bits, lanes)
         for row in range(rows):
-            if asks:
-                for line in range(soon + row * share, soon + (row + 1) * share, 64):
-                    prefetch(line)
             table = ranks + row * columns
             node = nodes
             since = never
@@ -93,6 +91,10 @@ def _find_exits(columns: int, bits: int, asks: bool) -> int:
                 passed_by = greater(since, load(node + 2 * lanes, bits, lanes))
                 since = select(neither(goes_left, passed_by), never, plus(since, one))
                 node += size
+                if asks:
+                    prefetch(soon, 1)
+                    prefetch(wanted, 2)
+                    soon, wanted = soon + 64, wanted + 64
             store(exits + row * lanes * (bits // 8), minus(splat(steps, bits, lanes), since))
 
     return traverse
@@ -102,14 +104,11 @@ def _find_packed_exits(columns: int, asks: bool) -> int:
     lanes = trees_at_once()
     size, least = 2 * lanes, 1 << COLUMN_BITS
 
-    @address_of("void(intp, intp, intp, intp, intp)")
-    def traverse(nodes: int, steps: int, ranks: int, rows: int, exits: int) -> None:
-        soon, share = nodes + size * steps, -(-size * steps // (64 * rows)) * 64
+    @address_of("void(intp, intp, intp, intp, intp, intp)")
+    def traverse(nodes: int, steps: int, ranks: int, rows: int, exits: int, wanted: int) -> None:
+        soon = nodes + size * steps
         never, one, further = splat(-128, 8, lanes), splat(1, 8, lanes), splat(least, 8, lanes)
         for row in range(rows):
-            if asks:
-                for line in range(soon + row * share, soon + (row + 1) * share, 64):
-                    prefetch(line)
             table = ranks + row * columns
             node = nodes
             since = never
@@ -124,6 +123,10 @@ def _find_packed_exits(columns: int, asks: bool) -> int:
                 reached = select(goes_right, number, reached)
                 since = select(goes_right, never, plus_saturated(since, further))
                 node += size
+                if asks:
+                    prefetch(soon, 1)
+                    prefetch(wanted, 2)
+                    soon, wanted = soon + 64, wanted + 64
             store(exits + row * lanes, reached)
 
     return traverse
@@ -169,7 +172,7 @@ def add_leaves(asks: bool) -> int:
             total = add(total, floats_at(elements(leaves, widen(load(exits + 8 * tree, 8, ROWS)), 4)))
             if asks:
                 for soon in range(leaves + _AHEAD, leaves + _AHEAD + 64 * lines, 64):
-                    prefetch(soon)
+                    prefetch(soon, 1)
             leaves += 4 * integer_at(counts + tree, 8)
         store(sums, total)
 
@@ -229,7 +232,7 @@ def add_blocks(columns: int, asks: bool) -> int:
                 tree = row * lanes + lane
                 if asks:
                     for soon in range(ahead + 8 * tree, ahead + 8 * (tree + OUTPUTS_AT_ONCE), 8):
-                        prefetch(integer_at(soon, 64))
+                        prefetch(integer_at(soon, 64), 1)
                 block = load(places + 8 * tree, 64, OUTPUTS_AT_ONCE)
                 rank = lookup(ranks + row * columns, columns, bytes_at(block, COLUMNS_AT))
                 goes_left = greater(bytes_at(block, LIMITS_AT), rank)

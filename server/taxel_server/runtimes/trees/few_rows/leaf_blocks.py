@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from taxel_server.runtimes.compiled.arguments import Scratch, array_in, number_in, pack, together
 from taxel_server.runtimes.compiled.compiling import compiled, inlined
 from taxel_server.runtimes.compiled.evaluator import CompiledEvaluator
+from taxel_server.runtimes.compiled.vectors import prefetch
 from taxel_server.runtimes.trees.few_rows.kernels import (
     OUTPUTS_AT_ONCE,
     add_blocks,
@@ -78,6 +79,7 @@ class _Trees(NamedTuple):
     steps: NDArray[np.int64]
     start: NDArray[np.int64]
     first: NDArray[np.int64]
+    asks: bool
     nodes: int
     counts: int
     size: int
@@ -99,7 +101,7 @@ def _read_trees(arguments: NDArray[np.int64], first: int) -> _Trees:
         array_in(arguments, first + 3, np.int64),
         array_in(arguments, first + 4, np.int64),
         array_in(arguments, first + 5, np.int64),
-        number_in(arguments, first + 6),
+        number_in(arguments, first + 6) != 0,
         number_in(arguments, first + 7),
         number_in(arguments, first + 8),
         number_in(arguments, first + 9),
@@ -108,7 +110,8 @@ def _read_trees(arguments: NDArray[np.int64], first: int) -> _Trees:
         number_in(arguments, first + 12),
         number_in(arguments, first + 13),
         number_in(arguments, first + 14),
-        array_in(arguments, first + 15, np.float32),
+        number_in(arguments, first + 15),
+        array_in(arguments, first + 16, np.float32),
     )
 
 
@@ -150,12 +153,13 @@ class LeafBlocksEvaluator(CompiledEvaluator):
         blocks = LeafBlocks.of(index, columns, trees)
         nodes, counts, lines = together(top.nodes, blocks.counts.astype(f"u{top.bits // 8}"), blocks.lines)
         self._trees = _Trees(
-            find_exits(size, top.bits, top.packed, switches.next_nodes),
+            find_exits(size, top.bits, top.packed, asks=False),
             find_blocks(top.bits),
             add_blocks(size, switches.next_leaves),
             top.steps,
             top.start,
             lines.ctypes.data + LINE * blocks.first,
+            switches.next_nodes,
             nodes.ctypes.data,
             counts.ctypes.data,
             top.bits // 8,
@@ -206,8 +210,11 @@ def _visit(trees: _Trees, scratch: _Scratch, rows: int) -> None:
         scratch.first[lane] = trees.first[lane]
     for group in range(trees.steps.size + 1):
         if group < trees.steps.size:
-            nodes = trees.nodes + trees.start[group]
-            call(trees.traversal, (nodes, trees.steps[group], ranks, rows, exits))
+            nodes, size = trees.nodes + trees.start[group], trees.start[group + 1] - trees.start[group]
+            if trees.asks:
+                for soon in range(nodes + size, nodes + 2 * size, 64):
+                    prefetch(soon, 1)
+            call(trees.traversal, (nodes, trees.steps[group], ranks, rows, exits, 0))
             counts = trees.counts + trees.size * group * trees.lanes
             call(trees.finding, (first, counts, rows, exits, ahead))
         if group:

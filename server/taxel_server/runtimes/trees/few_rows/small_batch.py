@@ -183,9 +183,14 @@ def _visit(trees: _Trees, scratch: _Scratch, rows: int) -> None:
     memory, by_slot = scratch.memory.ctypes.data, scratch.by_slot.ctypes.data
     for batch in range(trees.batch_group.size - 1):
         first_output, stop_output = trees.batch_output[batch], trees.batch_output[batch + 1]
-        for group in range(trees.batch_group[batch], trees.batch_group[batch + 1]):
+        first_group, stop_group = trees.batch_group[batch], trees.batch_group[batch + 1]
+        # The batch's leaves are asked for in equal shares, while its trees are visited.
+        wanted, stop_wanted = trees.output_leaf[first_output], trees.output_leaf[stop_output]
+        share = (stop_wanted - wanted) // max(1, stop_group - first_group)
+        for group in range(first_group, stop_group):
             nodes = trees.nodes + trees.start[group]
-            call(trees.traversal, (nodes, trees.steps[group], ranks, rows, exits))
+            later = trees.leaves + 4 * (wanted + share * (group - first_group))
+            call(trees.traversal, (nodes, trees.steps[group], ranks, rows, exits, later))
             call(trees.ordering, (exits, trees.slots + 4 * group * trees.lanes, memory, by_slot))
         base = trees.output_tree[first_output]
         for output in range(first_output, stop_output):
