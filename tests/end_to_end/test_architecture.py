@@ -1,4 +1,4 @@
-"""The table of words in docs/architecture.md, held against the code."""
+"""The table of words in docs/architecture.md, held against the code, and the list of decisions."""
 
 import re
 from importlib import import_module
@@ -47,6 +47,15 @@ def test_every_name_of_a_word_exists(word: str, names: list[str]) -> None:
     assert names, f"{word}: no name in code"
     for name in names:
         resolve(name)
+
+
+def test_the_list_of_decisions_has_every_file_under_its_title() -> None:
+    files = sorted((ARCHITECTURE.parent / "decisions").glob("[0-9]*.md"))
+    titles = [(file.name, file.read_text(encoding="utf-8").splitlines()[0]) for file in files]
+    index = (ARCHITECTURE.parent / "decisions" / "README.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| (\d{4}) \| \[(.+)\]\((.+?)\)", index, re.MULTILINE)
+    assert [(name, f"# {number} {title}") for number, title, name in listed] == titles
+    assert [number for number, _, _ in listed] == [f"{place:04d}" for place in range(1, len(files) + 1)]
 
 
 def test_a_name_that_does_not_exist_is_found_out() -> None:
