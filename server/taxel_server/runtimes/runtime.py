@@ -43,13 +43,14 @@ def _trees(artifact: Artifact, options: RuntimeOptions) -> Runtime:
 
 
 def _onnx(artifact: Artifact, options: RuntimeOptions) -> Runtime:
-    from taxel_server.runtimes.networks import compiled_network
+    from taxel_server.runtimes.networks import faster_runtime
     from taxel_server.runtimes.onnx_models import OnnxRuntime
 
     path, normalisation = artifact.model_path, artifact.manifest.normalisation
     runtime = OnnxRuntime(path, normalisation, options.threads, options.providers)
-    on_this_processor = options.providers == DEFAULTS.providers
-    return compiled_network(path, normalisation, runtime) if on_this_processor else runtime
+    if options.providers != DEFAULTS.providers or not options.network_program:
+        return runtime
+    return faster_runtime(path, normalisation, runtime)
 
 
 _FACTORIES: Final[dict[Platform, Factory]] = {"xgboost_json": _trees, "onnxruntime_onnx": _onnx}

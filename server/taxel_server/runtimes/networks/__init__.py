@@ -1,5 +1,5 @@
-"""Networks for single windows: an ONNX file compiled into steps, beside ONNX Runtime for larger batches."""
+"""Networks: few windows by a program that is compiled from the ONNX file, more by ONNX Runtime."""
 
-from taxel_server.runtimes.networks.runtime import NetworkRuntime, compiled_network
+from taxel_server.runtimes.networks.runtime import NetworkRuntime, faster_runtime
 
-__all__ = ["NetworkRuntime", "compiled_network"]
+__all__ = ["NetworkRuntime", "faster_runtime"]

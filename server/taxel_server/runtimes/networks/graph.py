@@ -1,27 +1,26 @@
 """Reads an ONNX file as it is for a single window: every shape known, constants computed."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import onnx
 from numpy.typing import NDArray
 from onnx import NodeProto, TensorShapeProto, helper, numpy_helper, shape_inference
-
-Array = NDArray[Any]
+from onnx.reference import ReferenceEvaluator
 
 _OLDEST: Final = 18
-"""ONNX's operator set from which on the operations mean what is carried out here."""
+"""ONNX's operator set from which on the operations mean what the lowering makes of them."""
+
+Shapes = Mapping[str, tuple[int, ...]]
 
 
 class Unsupported(Exception):
-    """A network has something that there is no step for."""
+    """A network has something that a program cannot compute."""
 
 
-@dataclass(frozen=True)
-class Node:
+class Node(NamedTuple):
     """One operation; an input that is left out has no name."""
 
     operation: str
@@ -30,25 +29,26 @@ class Node:
     attributes: Mapping[str, Any]
 
 
-@dataclass(frozen=True)
-class Graph:
+class Graph(NamedTuple):
     """A network for one window.
 
     Attributes:
         nodes: in an order in which each finds its inputs.
         constants: tensors that do not depend on the window.
         shapes: of every tensor that does.
+        window: the input's name.
+        channels: the output's name.
     """
 
-    nodes: tuple[Node, ...]
-    constants: Mapping[str, Array]
-    shapes: Mapping[str, tuple[int, ...]]
+    nodes: list[Node]
+    constants: Mapping[str, NDArray[Any]]
+    shapes: Shapes
     window: str
     channels: str
 
 
 def read_graph(path: Path) -> Graph:
-    """The graph of a file that ONNX Runtime has taken.
+    """The graph of a file that ONNX Runtime has loaded.
 
     Raises:
         Unsupported: a node is not ONNX's own or of an old version, a shape depends on values, or
@@ -62,25 +62,19 @@ def read_graph(path: Path) -> Graph:
         raise Unsupported("more than one input or output")
     for tensor in (*model.graph.input, *model.graph.output):
         tensor.type.tensor_type.shape.dim[0].dim_value = 1
-    inferred = shape_inference.infer_shapes(model, data_prop=True).graph
-    constants = {each.name: numpy_helper.to_array(each) for each in inferred.initializer}
+    graph = shape_inference.infer_shapes(model, data_prop=True).graph
+    constants = {each.name: numpy_helper.to_array(each) for each in graph.initializer}
     shapes = {
         each.name: _sizes(each.type.tensor_type.shape)
-        for each in (*inferred.input, *inferred.value_info, *inferred.output)
+        for each in (*graph.input, *graph.value_info, *graph.output)
     }
     nodes = []
-    for node in map(_node, inferred.node):
-        fold = _FOLDED.get(node.operation)
-        content = fold(node, constants, shapes) if fold else None
-        if content is None:
-            nodes.append(node)
-        else:
-            constants[node.outputs[0]] = content
-    for node in nodes:
-        for name in node.outputs:
-            if min(shapes.get(name, (-1,)), default=1) < 1:
-                raise Unsupported(f"the shape of {name} is not known")
-    return Graph(tuple(nodes), constants, shapes, inferred.input[0].name, inferred.output[0].name)
+    for node in graph.node:
+        constant = _constant_outputs(node, constants, shapes)
+        constants.update(constant)
+        if not constant:
+            nodes.append(_node(node, shapes))
+    return Graph(nodes, constants, shapes, graph.input[0].name, graph.output[0].name)
 
 
 def _sizes(shape: TensorShapeProto) -> tuple[int, ...]:
@@ -88,29 +82,27 @@ def _sizes(shape: TensorShapeProto) -> tuple[int, ...]:
     return tuple(size.dim_value if size.HasField("dim_value") else -1 for size in shape.dim)
 
 
-def _node(node: NodeProto) -> Node:
+def _known(name: str, shapes: Shapes) -> bool:
+    return name in shapes and min(shapes[name], default=1) > 0
+
+
+def _constant_outputs(
+    node: NodeProto, constants: Mapping[str, NDArray[Any]], shapes: Shapes
+) -> dict[str, NDArray[Any]]:
+    """A node's outputs, if they do not depend on the window's values; else nothing."""
+    given = {name: constants[name] for name in node.input if name in constants}
+    if node.op_type == "Shape" and _known(node.input[0], shapes):
+        given = {node.input[0]: np.empty(shapes[node.input[0]])}
+    if node.domain or given.keys() != set(node.input) - {""}:
+        return {}
+    return dict(zip(node.output, ReferenceEvaluator(node).run(None, given), strict=True))
+
+
+def _node(node: NodeProto, shapes: Shapes) -> Node:
     if node.domain:
         raise Unsupported(f"{node.domain}'s {node.op_type}")
+    for name in node.output:
+        if not _known(name, shapes):
+            raise Unsupported(f"the shape of {name} is not known")
     attributes = {each.name: helper.get_attribute_value(each) for each in node.attribute}
     return Node(node.op_type, tuple(node.input), tuple(node.output), attributes)
-
-
-_Fold = Callable[[Node, Mapping[str, Array], Mapping[str, tuple[int, ...]]], Array | None]
-
-
-def _shape(node: Node, _: Mapping[str, Array], shapes: Mapping[str, tuple[int, ...]]) -> Array | None:
-    shape = shapes.get(node.inputs[0])
-    if shape is None or node.attributes.get("start", 0) or "end" in node.attributes:
-        return None
-    return np.array(shape, np.int64)
-
-
-def _expand(node: Node, constants: Mapping[str, Array], _: Mapping[str, tuple[int, ...]]) -> Array | None:
-    content, shape = (constants.get(name) for name in node.inputs)
-    if content is None or shape is None:
-        return None
-    return np.array(content * np.ones(shape.tolist(), content.dtype))
-
-
-_FOLDED: Final[dict[str, _Fold]] = {"Shape": _shape, "Expand": _expand}
-"""What a network asks of its batch's size, which is one."""

@@ -1,31 +1,88 @@
-"""A network as a list of steps on one window, and the memory in which they take place."""
+"""A program: what a network does to one window, as steps on tensors in one memory."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from enum import IntEnum
 from math import prod
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.networks.operations import KINDS, WORDS, Dense, Place, Product, Step
-from taxel_server.runtimes.networks.panels import LANES, MOST_ROWS, Panels
+from taxel_server.runtimes.networks.graph import Unsupported
+from taxel_server.runtimes.networks.panel_product import LANES
 
-_LINE: Final = 64
-"""Bytes of a cache line: each buffer starts with one, and each layer's weights do."""
-
-_FLOATS_IN_A_LINE: Final = _LINE // 4
+_CACHE_LINE: Final = 16
+"""In floats: each tensor starts at one."""
 
 
-@dataclass(frozen=True)
-class Value:
-    """A tensor in a buffer; reshaping, transposing and slicing move no numbers.
+class Operation(IntEnum):
+    """What a step computes."""
+
+    DENSE = 0
+    PRODUCT = 1
+    COPY = 2
+    SOFTMAX = 3
+    NORMALISE = 4
+    ADD = 5
+    SUBTRACT = 6
+    MULTIPLY = 7
+    DIVIDE = 8
+    RELU = 9
+    LEAKY_RELU = 10
+    CLIP = 11
+    TANH = 12
+    SIGMOID = 13
+    ELU = 14
+    GELU = 15
+
+
+class Step(NamedTuple):
+    """One operation on tensors; compiled code reads it as a record with the same fields.
+
+    Places and strides count floats; a place is the distance from the start of the memory.
 
     Attributes:
+        operation: an `Operation`.
+        result: where the result starts, whose numbers lie one after the other.
+        left: where the first operand starts.
+        right: where the second one starts; of a normalisation its weight, bias and epsilon; of an
+            activation its two parameters.
+        panel: room for one panel of a product.
+        weights: where a dense layer's panels start, in bytes from the start of the weights.
+        groups: how many matrices of `rows` and `columns`; a product sums over `terms`.
+        left_group: the stride from one matrix to the next; likewise the fields after it.
+    """
+
+    operation: int
+    result: int
+    left: int
+    right: int = 0
+    panel: int = 0
+    weights: int = 0
+    groups: int = 1
+    rows: int = 1
+    terms: int = 1
+    columns: int = 1
+    left_group: int = 0
+    left_row: int = 0
+    left_column: int = 0
+    right_group: int = 0
+    right_term: int = 0
+    right_column: int = 0
+
+
+RECORD: Final = np.dtype([(name, np.int64) for name in Step._fields])
+"""How a step lies in a program."""
+
+
+class Tensor(NamedTuple):
+    """A tensor in the memory; transposing and slicing move no numbers.
+
+    Attributes:
+        place: where its first number is.
         strides: floats from one entry of an axis to the next.
     """
 
-    place: Place
+    place: int
     shape: tuple[int, ...]
     strides: tuple[int, ...]
 
@@ -35,173 +92,105 @@ class Value:
         return prod(self.shape)
 
     @property
+    def axes(self) -> list[tuple[int, int]]:
+        """Size and stride of each axis that has more than one entry."""
+        return [axis for axis in zip(self.shape, self.strides, strict=True) if axis[0] != 1]
+
+    @property
     def contiguous(self) -> bool:
         """Whether its numbers lie one after the other."""
-        axes = zip(self.shape, self.strides, dense_strides(self.shape), strict=True)
-        return all(size == 1 or apart == expected for size, apart, expected in axes)
+        return self.axes == dense(self.place, self.shape).axes
+
+    def part(self, axis: int, first: int, count: int) -> "Tensor":
+        """Some entries of an axis."""
+        axis %= len(self.shape)
+        shape = (*self.shape[:axis], count, *self.shape[axis + 1 :])
+        return Tensor(self.place + first * self.strides[axis], shape, self.strides)
+
+
+def dense(place: int, shape: tuple[int, ...]) -> Tensor:
+    """A tensor whose numbers lie one after the other."""
+    return Tensor(place, shape, tuple(prod(shape[axis + 1 :]) for axis in range(len(shape))))
 
 
 class Program(NamedTuple):
     """A network for one window.
 
     Attributes:
-        steps: (n, `WORDS`); places are floats behind the start of the memory.
-        weights: of all dense layers.
-        memory: its content before the first window: constants, and room for what is computed.
-        window: where the window goes.
-        channels: where the result is found.
+        steps: records of `Step`, in order.
+        weights: the panels of all dense layers.
+        memory: constants, and zeros where the steps write.
+        window: the place of the window.
+        channels: the place of the result.
     """
 
-    steps: NDArray[np.int64]
+    steps: NDArray[Any]
     weights: NDArray[np.uint8]
     memory: NDArray[np.float32]
     window: int
     channels: int
 
 
-@dataclass
-class Draft:
-    """A program that is being written."""
+class ProgramBuilder:
+    """Collects the steps, tensors and weights of a program."""
 
-    _sizes: list[int] = field(default_factory=list)
-    _constants: dict[int, NDArray[np.float32]] = field(default_factory=dict)
-    _steps: list[Step] = field(default_factory=list)
-    _weights: list[NDArray[np.uint8]] = field(default_factory=list)
-    _bytes: int = 0
-    _common: Place | None = None
+    def __init__(self) -> None:
+        self._steps = list[Step]()
+        self._memory = [np.zeros(0, np.float32)]
+        self._weights = [np.zeros(0, np.uint8)]
 
-    def room(self, *shape: int) -> Value:
-        """A new buffer for a tensor."""
-        self._sizes.append(prod(shape))
-        return Value(Place(len(self._sizes) - 1), shape, dense_strides(shape))
-
-    def constant(self, content: NDArray[np.float32]) -> Value:
-        """A buffer that keeps its content."""
-        value = self.room(*content.shape)
-        self._constants[value.place.buffer] = np.ascontiguousarray(content, np.float32).reshape(-1)
-        return value
-
-    def step(self, step: Step) -> None:
+    def add(self, operation: Operation, result: Tensor, left: Tensor, **fields: int) -> None:
         """Adds a step."""
-        self._steps.append(step)
+        self._steps.append(Step(operation, result.place, left.place, **fields))
 
-    def dense(self, value: Value, rows: int, columns: int, panels: Panels, bias: Value) -> Value:
-        """Adds a dense layer on rows of a contiguous tensor; the bias fills whole panels."""
-        result, scale = self.room(rows, columns), self.constant(panels.scale)
-        self.step(
-            Dense(
-                result=result.place,
-                values=value.place,
-                weights=self._bytes,
-                scale=scale.place,
-                bias=bias.place,
-                spare=self._shared(2),
-                rows=rows,
-                terms=value.size // rows,
-                columns=columns,
-                bits=panels.bits,
-            )
-        )
-        content = np.zeros(-(-panels.content.size // _LINE) * _LINE, np.uint8)
-        content[: panels.content.size] = panels.content
-        self._weights.append(content)
-        self._bytes += content.size
+    def allocate(self, *shape: int) -> Tensor:
+        """A new tensor, of zeros until a step writes to it."""
+        return self.constant(np.zeros(shape))
+
+    def constant(self, content: NDArray[Any]) -> Tensor:
+        """A new tensor with content; behind it is room that a product of panels may write to."""
+        tensor = dense(sum(block.size for block in self._memory), content.shape)
+        block = np.zeros(-(-(content.size + LANES) // _CACHE_LINE) * _CACHE_LINE, np.float32)
+        block[: content.size] = content.reshape(-1)
+        self._memory.append(block)
+        return tensor
+
+    def weights(self, panels: NDArray[np.uint8]) -> int:
+        """Keeps the panels of a dense layer; gives where they start."""
+        start = sum(block.size for block in self._weights)
+        self._weights.append(panels)
+        return start
+
+    def contiguous(self, values: Tensor) -> Tensor:
+        """A tensor, or its copy, whose numbers lie one after the other."""
+        if values.contiguous:
+            return values
+        result = self.allocate(*values.shape)
+        self.copy(result, values)
         return result
 
-    def product(self, result: Value, left: Value, right: Value, groups: tuple[int, int, int]) -> None:
-        """Adds products of matrices: how many, and floats from one to the next left and right."""
-        count, left_apart, right_apart = groups
-        terms = right.shape[-2]
-        self.step(
-            Product(
-                result=result.place,
-                left=left.place,
-                right=right.place,
-                groups=count,
-                rows=left.shape[-2],
-                terms=terms,
-                columns=right.shape[-1],
-                left_apart=left_apart,
-                left_row=left.strides[-2],
-                right_apart=right_apart,
-                right_term=right.strides[-2],
-                right_column=right.strides[-1],
-                panel=self.room(terms, LANES).place,
-                common=self._shared(0),
-            )
+    def copy(self, result: Tensor, values: Tensor) -> None:
+        """Adds a copy to a place where the numbers lie one after the other.
+
+        Raises:
+            Unsupported: there are more than three axes in another order.
+        """
+        if len(values.axes) > 3:
+            raise Unsupported(f"a tensor of shape {values.shape} in another order")
+        (groups, left_group), (rows, left_row), (columns, left_column) = [
+            *[(1, 0)] * (3 - len(values.axes)),
+            *values.axes,
+        ]
+        sizes = {"groups": groups, "rows": rows, "columns": columns}
+        strides = {"left_group": left_group, "left_row": left_row, "left_column": left_column}
+        self.add(Operation.COPY, result, values, **sizes, **strides)
+
+    def finish(self, window: Tensor, channels: Tensor) -> Program:
+        """The program that turns a window into channels, both contiguous."""
+        return Program(
+            np.array(self._steps, RECORD),
+            np.concatenate(self._weights),
+            np.concatenate(self._memory),
+            window.place,
+            channels.place,
         )
-
-    def _shared(self, panels: int) -> Place:
-        """Behind so many panels' rows of: ones, zeros, and room for `MOST_ROWS` rows."""
-        if self._common is None:
-            content = np.zeros((2 + MOST_ROWS, LANES), np.float32)
-            content[0] = 1
-            self._common = self.constant(content).place
-        return Place(self._common.buffer, panels * LANES)
-
-    def finish(self, window: Value, channels: Value) -> Program:
-        """The program, its buffers laid out: those that are never needed together share memory."""
-        starts = self._laid_out(window.place.buffer, channels.place.buffer)
-        ends = (start + _whole(self._sizes[buffer]) for buffer, start in starts.items())
-        memory = np.zeros(max(ends), np.float32)
-        for buffer, content in self._constants.items():
-            memory[starts[buffer] : starts[buffer] + content.size] = content
-        steps = np.zeros((len(self._steps), WORDS), np.int64)
-        for row, step in zip(steps, self._steps, strict=True):
-            row[0] = KINDS.index(type(step))
-            row[1 : 1 + len(step)] = [_word(word, starts) for word in step]
-        # Never empty, even without a dense layer.
-        weights = np.concatenate([*self._weights, np.zeros(_LINE, np.uint8)])
-        return Program(steps, weights, memory, _word(window.place, starts), _word(channels.place, starts))
-
-    def _laid_out(self, window: int, channels: int) -> Mapping[int, int]:
-        """Where each buffer starts: constants first, then the others, first come, first fit."""
-        first, last = self._lifetimes()
-        for buffer in {window, channels} - self._constants.keys():
-            first.setdefault(buffer, 0)
-            last.setdefault(buffer, 0)
-        first[window], last[channels] = -1, len(self._steps)
-        starts, end = {}, 0
-        for buffer in self._constants:
-            starts[buffer], end = end, end + _whole(self._sizes[buffer])
-        living: list[int] = []
-        for buffer in sorted(first, key=lambda each: first[each]):
-            living = [other for other in living if last[other] >= first[buffer]]
-            taken = [(starts[other], _whole(self._sizes[other])) for other in living]
-            starts[buffer] = _gap(end, _whole(self._sizes[buffer]), taken)
-            living.append(buffer)
-        return starts
-
-    def _lifetimes(self) -> tuple[dict[int, int], dict[int, int]]:
-        """The first and last step that each buffer takes part in, but for constants."""
-        first: dict[int, int] = {}
-        last: dict[int, int] = {}
-        for number, step in enumerate(self._steps):
-            for word in step:
-                if isinstance(word, Place) and word.buffer not in self._constants:
-                    first.setdefault(word.buffer, number)
-                    last[word.buffer] = number
-        return first, last
-
-
-def dense_strides(shape: Sequence[int]) -> tuple[int, ...]:
-    """Strides of a tensor whose numbers lie one after the other."""
-    return tuple(prod(shape[axis + 1 :]) for axis in range(len(shape)))
-
-
-def _whole(size: int) -> int:
-    """Floats of whole cache lines."""
-    return -(-size // _FLOATS_IN_A_LINE) * _FLOATS_IN_A_LINE
-
-
-def _gap(start: int, size: int, taken: list[tuple[int, int]]) -> int:
-    """The first place from a start on where so many floats are free."""
-    for other, other_size in sorted(taken):
-        if other - start >= size:
-            break
-        start = max(start, other + other_size)
-    return start
-
-
-def _word(word: int | Place, starts: Mapping[int, int]) -> int:
-    return starts[word.buffer] + word.offset if isinstance(word, Place) else int(word)

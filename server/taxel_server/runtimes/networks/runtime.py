@@ -16,128 +16,120 @@ from taxel_server.runtimes.compiled.arguments import Scratch, pack, together
 from taxel_server.runtimes.compiled.evaluator import CompiledEvaluator
 from taxel_server.runtimes.compiled.processor import instruction_set
 from taxel_server.runtimes.evaluators import EvaluatorInfo
+from taxel_server.runtimes.networks.evaluation import evaluate
 from taxel_server.runtimes.networks.graph import Unsupported, read_graph
 from taxel_server.runtimes.networks.lowering import lower
 from taxel_server.runtimes.networks.program import Program
-from taxel_server.runtimes.networks.steps import evaluate
 from taxel_server.runtimes.onnx_models import OnnxRuntime
 
 _LOG: Final = logging.getLogger(__name__)
 
-_LIKENESS: Final = 1e-4
-"""Of a channel's deviation: how far a program may lie from ONNX Runtime, both in float32."""
+_TOLERANCE: Final = 1e-4
+"""How far a program may lie from ONNX Runtime, in standard deviations of a channel."""
 
-_MOST_ROWS: Final = 16
+_Evaluate = Callable[[NDArray[np.float32]], object]
+
+_MOST_WINDOWS: Final = 16
 _REPEATS: Final = 9
 
 
-class ProgramKernel(CompiledEvaluator):
-    """A program, evaluated window by window."""
+class ProgramEvaluator(CompiledEvaluator):
+    """A program, evaluated window by window; safe to call from any thread."""
 
     name = "network-program"
 
     def __init__(self, program: Program) -> None:
         self._memory = program.memory
-        (self._weights,) = together(program.weights)
         self._steps = program.steps
+        (self._weights,) = together(program.weights)
         super().__init__(evaluate, pack((self._steps, self._weights, program.window, program.channels)))
 
     @override
     def _scratch(self) -> Scratch:
-        """Memory for one evaluation at a time."""
+        """A memory for one call at a time."""
         return Scratch((self._memory,))
+
+    def counts(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Counts (n, 21) float32 of windows (n, f) float32."""
+        result = np.empty((len(windows), len(CHANNELS)), np.float32)
+        self.evaluate(windows, result)
+        return result
 
 
 class NetworkRuntime:
-    """A network whose program takes few windows, and ONNX Runtime the rest; safe to call from any thread.
+    """A network whose program takes few windows, and ONNX Runtime more; safe to call from any thread.
 
     Attributes:
         features: values in one window.
-        few: most windows that the program takes.
+        most_windows: that the program takes.
     """
 
-    def __init__(self, kernel: ProgramKernel, many: OnnxRuntime, few: int) -> None:
-        self.features = many.features
-        self.few = few
-        self._kernel = kernel
-        self._many = many
+    def __init__(self, program: ProgramEvaluator, onnx_runtime: OnnxRuntime, most_windows: int) -> None:
+        self.features = onnx_runtime.features
+        self.most_windows = most_windows
+        self._program = program
+        self._onnx_runtime = onnx_runtime
 
     def evaluate(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
         """Counts (n, 21) float32 of windows (n, f) float32, C-contiguous, finite, n above 0."""
-        rows = len(windows)
-        if rows > self.few:
-            return self._many.evaluate(windows)
-        result = np.empty((rows, len(CHANNELS)), np.float32)
-        self._kernel.evaluate(windows, result)
-        return result
+        if len(windows) > self.most_windows:
+            return self._onnx_runtime.evaluate(windows)
+        return self._program.counts(windows)
 
     def evaluator(self, rows: int) -> EvaluatorInfo:
         """The program, or ONNX Runtime where there are more windows than it takes."""
-        if rows > self.few:
-            return self._many.evaluator(rows)
-        return EvaluatorInfo(self._kernel.name, instruction_set())
+        if rows > self.most_windows:
+            return self._onnx_runtime.evaluator(rows)
+        return EvaluatorInfo(self._program.name, instruction_set())
 
 
-def compiled_network(
-    model_path: Path, normalisation: Normalisation, runtime: OnnxRuntime
+def faster_runtime(
+    model_path: Path, normalisation: Normalisation, onnx_runtime: OnnxRuntime
 ) -> NetworkRuntime | OnnxRuntime:
     """A runtime that evaluates few windows faster; the given one where there is none.
 
     Args:
         model_path: an ONNX file.
         normalisation: of its windows and channels.
-        runtime: of that file, on the CPU.
+        onnx_runtime: of that file, on the CPU.
     """
     try:
-        kernel = ProgramKernel(lower(read_graph(model_path)))
+        program = ProgramEvaluator(lower(read_graph(model_path)))
     except Unsupported as reason:
         _LOG.info("%s: left to ONNX Runtime as a whole: %s", model_path, reason)
-        return runtime
+        return onnx_runtime
     except Exception:  # A graph that nobody thought of is no reason not to serve it.
         _LOG.exception("%s: could not be compiled; ONNX Runtime serves it: please report it", model_path)
-        return runtime
-    windows = _sample(normalisation)
-    if not _agrees(kernel, windows, runtime, normalisation):
+        return onnx_runtime
+    draws = np.random.default_rng(0).standard_normal((_MOST_WINDOWS, onnx_runtime.features))
+    windows = (draws * normalisation.input_std + normalisation.input_mean).astype(np.float32)
+    difference = np.abs(program.counts(windows) - onnx_runtime.evaluate(windows))
+    if not (difference <= _TOLERANCE * np.array(normalisation.output_std)).all():
         _LOG.error(
             "%s: its program does not agree with ONNX Runtime here and is not used: please report it",
             model_path,
         )
-        return runtime
-    few = _fewer(kernel, windows, runtime)
-    return NetworkRuntime(kernel, runtime, few) if few else runtime
+        return onnx_runtime
+    most_windows = _most_windows(program, windows, onnx_runtime)
+    return NetworkRuntime(program, onnx_runtime, most_windows) if most_windows else onnx_runtime
 
 
-def _sample(normalisation: Normalisation) -> NDArray[np.float32]:
-    draws = np.random.default_rng(0).standard_normal((_MOST_ROWS, len(normalisation.input_mean)))
-    return (draws * normalisation.input_std + normalisation.input_mean).astype(np.float32)
-
-
-def _agrees(
-    kernel: ProgramKernel, windows: NDArray[np.float32], runtime: OnnxRuntime, normalisation: Normalisation
-) -> bool:
-    """Whether a program gives what ONNX Runtime gives; the first evaluation compiles it, too."""
-    expected = runtime.evaluate(windows)
-    result = np.empty_like(expected)
-    kernel.evaluate(windows, result)
-    return bool((np.abs(result - expected) <= _LIKENESS * np.array(normalisation.output_std)).all())
-
-
-def _fewer(kernel: ProgramKernel, windows: NDArray[np.float32], runtime: OnnxRuntime) -> int:
+def _most_windows(
+    program: ProgramEvaluator, windows: NDArray[np.float32], onnx_runtime: OnnxRuntime
+) -> int:
     """Most windows that the program evaluates at least as fast as ONNX Runtime."""
-    result = np.empty((1, len(CHANNELS)), np.float32)
-    one = _least_seconds(lambda: kernel.evaluate(windows[:1], result))
-    for rows in range(1, len(windows) + 1):
-        some = windows[:rows]
-        if rows * one > _least_seconds(lambda some=some: runtime.evaluate(some)):  # type: ignore[misc]
-            return rows - 1
+    for count in range(1, len(windows) + 1):
+        some = windows[:count]
+        if _least_seconds(program.counts, some) > _least_seconds(onnx_runtime.evaluate, some):
+            return count - 1
     return len(windows)
 
 
-def _least_seconds(evaluation: Callable[[], object]) -> float:
+def _least_seconds(evaluate_windows: _Evaluate, windows: NDArray[np.float32]) -> float:
     """The least of some: a moment's disturbance must not decide for good."""
     least = np.inf
     for _ in range(_REPEATS):
         start = time.perf_counter()
-        evaluation()
+        evaluate_windows(windows)
         least = min(least, time.perf_counter() - start)
     return least

@@ -1,0 +1,118 @@
+"""Multiplies a few rows with one panel of weights, their sums in registers: generated for any processor."""
+
+from typing import Any, Final
+
+from llvmlite import ir
+from numba.core import cgutils, types
+
+from taxel_server.runtimes.compiled.processor import register_bytes
+from taxel_server.runtimes.compiled.vectors import declare, join, lane_numbers, load_from, operation, spread
+
+LANES: Final = register_bytes() // 2
+"""Columns of a panel: two registers of float32."""
+
+MOST_ROWS: Final = 6
+"""Rows that meet a panel at once: their sums take twelve of the sixteen registers of most processors."""
+
+FIXED_POINT: Final = 0
+"""In place of the number of rows: one row, and weights of 24 bits."""
+
+_CHAINS: Final = 4
+"""Sums that are computed side by side: a single one would wait for itself."""
+
+_FIRST: Final = [8 * (lane // 4) + lane % 4 for lane in range(LANES // 2)]
+HALVES: Final = (_FIRST, [lane + 4 for lane in _FIRST])
+"""Which places of a row of 24-bit weights go to each half of the columns.
+
+The lower 16 bits of a row stand before the upper 8. One instruction that every processor has takes the
+same half of each 16 bytes of both in turn.
+"""
+
+_FLOAT: Final = ir.FloatType()
+_VECTOR: Final = ir.VectorType(_FLOAT, LANES)
+_WORD: Final = ir.IntType(64)
+
+
+@operation
+def multiply_panel(
+    _context: Any, _rows: Any, _values: Any, _step: Any, _panel: Any, _terms: Any, _result: Any, _apart: Any
+) -> Any:
+    """result = (values · panel) · scale + bias, for `LANES` columns.
+
+    In compiled code all are integers: the number of rows, the panel being float32, or `FIXED_POINT`; the
+    address of the values, and bytes from row to row; the address of the panel, and how many terms are
+    before its scales and biases; the address of the result, and bytes from row to row.
+    """
+
+    def generate(context: Any, builder: ir.IRBuilder, _: Any, arguments: list[ir.Value]) -> ir.Value:
+        after = builder.append_basic_block("after")
+        choice = builder.switch(arguments[0], after)
+        for case in range(MOST_ROWS + 1):
+            block = builder.append_basic_block(f"panel.{case}")
+            choice.add_case(_WORD(case), block)
+            builder.position_at_end(block)
+            _generate(builder, max(case, 1), 24 if case == FIXED_POINT else 32, arguments[1:])
+            builder.branch(after)
+        builder.position_at_end(after)
+        return context.get_dummy_value()
+
+    return types.void(*[types.intp] * 7), generate
+
+
+def _generate(builder: ir.IRBuilder, count: int, bits: int, arguments: list[ir.Value]) -> None:
+    """Generates the product for one number of rows and one kind of weights."""
+    values, stride, panel, terms, result, apart = arguments
+    # Rounded once where the processor can, elsewhere twice.
+    multiply_add = declare(builder, f"llvm.fmuladd.v{LANES}f32", _VECTOR, [_VECTOR] * 3)
+    zeros = ir.Constant(_VECTOR, [0.0] * LANES)
+    chains = [
+        [cgutils.alloca_once_value(builder, zeros) for _ in range(count)]
+        for _ in range(max(1, _CHAINS // count))
+    ]
+    rows = [builder.add(values, builder.mul(stride, _WORD(row))) for row in range(count)]
+
+    def weights_of(term: ir.Value) -> ir.Value:
+        return builder.add(panel, builder.mul(term, _WORD(LANES * bits // 8)))
+
+    def add_term(term: ir.Value, sums: list[ir.Value]) -> None:
+        weights = _weights(builder, weights_of(term), bits)
+        for row, total in zip(rows, sums, strict=True):
+            address = builder.add(row, builder.mul(term, _WORD(4)))
+            value = load_from(builder, address, _FLOAT, align=4)
+            factors = [spread(builder, value, LANES), weights, builder.load(total, typ=_VECTOR)]
+            builder.store(builder.call(multiply_add, factors), total)
+
+    turns = builder.udiv(terms, _WORD(len(chains)))
+    done = builder.mul(turns, _WORD(len(chains)))
+    with cgutils.for_range(builder, turns) as loop:
+        first = builder.mul(loop.index, _WORD(len(chains)))
+        for number, sums in enumerate(chains):
+            add_term(builder.add(first, _WORD(number)), sums)
+    with cgutils.for_range(builder, builder.sub(terms, done)) as loop:
+        add_term(builder.add(done, loop.index), chains[0])
+    scales = load_from(builder, weights_of(terms), _VECTOR, align=1)
+    biases = load_from(builder, builder.add(weights_of(terms), _WORD(4 * LANES)), _VECTOR, align=1)
+    for row, parts in enumerate(zip(*chains, strict=True)):
+        total = builder.load(parts[0], typ=_VECTOR)
+        for part in parts[1:]:
+            total = builder.fadd(total, builder.load(part, typ=_VECTOR))
+        address = builder.add(result, builder.mul(apart, _WORD(row)))
+        total = builder.call(multiply_add, [total, scales, biases])
+        builder.store(total, builder.inttoptr(address, _VECTOR.as_pointer()), align=4)
+
+
+def _weights(builder: ir.IRBuilder, address: ir.Value, bits: int) -> ir.Value:
+    """Generates the reading of a panel's row, without its scale."""
+    if bits == 32:
+        return load_from(builder, address, _VECTOR, align=1)
+    lower = load_from(builder, address, ir.VectorType(ir.IntType(16), LANES), align=1)
+    after = builder.add(address, _WORD(2 * LANES))
+    upper = load_from(builder, after, ir.VectorType(ir.IntType(8), LANES), align=1)
+    upper = builder.sext(upper, lower.type)
+    halves = []
+    for places in HALVES:
+        pairs = lane_numbers(lane for place in places for lane in (place, place + LANES))
+        shuffled = builder.shuffle_vector(lower, upper, pairs)
+        integers = builder.bitcast(shuffled, ir.VectorType(ir.IntType(32), LANES // 2))
+        halves.append(builder.sitofp(integers, ir.VectorType(_FLOAT, LANES // 2)))
+    return join(builder, halves)
