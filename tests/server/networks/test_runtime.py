@@ -17,12 +17,10 @@ from taxel import artifacts
 from taxel.artifacts import Artifact
 from taxel_bench.paper_size import write_paper_sized
 from taxel_server.runtimes import Runtime, RuntimeOptions, open_runtime
-from taxel_server.runtimes.networks import NetworkRuntime, lowering, runtime
+from taxel_server.runtimes.networks import NetworkRuntime, runtime
 from taxel_server.runtimes.networks.graph import read_graph
 from taxel_server.runtimes.networks.lowering import lower
-from taxel_server.runtimes.networks.operations import KINDS, Dense
-from taxel_server.runtimes.networks.panels import EXACT, ROUNDED
-from taxel_server.runtimes.networks.runtime import ProgramKernel
+from taxel_server.runtimes.networks.runtime import ProgramEvaluator
 from taxel_server.runtimes.onnx_models import OnnxRuntime
 
 SHIPPED = Path(__file__).parents[3] / "models" / "repository"
@@ -78,12 +76,6 @@ def in_float64(path: Path, windows: np.ndarray) -> np.ndarray:
     return result
 
 
-def kinds_of_weights(path: Path) -> set[int]:
-    program = lower(read_graph(path))
-    of_dense = program.steps[program.steps[:, 0] == KINDS.index(Dense)]
-    return set(of_dense[:, 1 + Dense._fields.index("bits")].tolist())
-
-
 @pytest.mark.parametrize(("model", "combination"), CELLS)
 def test_a_program_is_as_near_to_float64_as_onnx_runtime(
     model: str, combination: int, paper_sized: Callable[..., Artifact]
@@ -91,22 +83,11 @@ def test_a_program_is_as_near_to_float64_as_onnx_runtime(
     artifact = paper_sized(model, combination)
     windows = windows_of(artifact, 40)
     exact = in_float64(artifact.model_path, windows)
-    kernel = ProgramKernel(lower(read_graph(artifact.model_path)))
-    result = np.empty(exact.shape, np.float32)
-    kernel.evaluate(windows, result)
+    result = ProgramEvaluator(lower(read_graph(artifact.model_path))).counts(windows)
     theirs = np.abs(on_onnx_runtime(artifact.model_path, windows) - exact).mean()
     assert np.abs(result - exact).mean() < 2 * theirs
     largest = np.abs(result - exact).max() / np.array(artifact.manifest.normalisation.output_std).max()
     assert largest < 1e-5
-
-
-def test_large_layers_are_rounded_where_few_rows_meet_them(paper_sized: Callable[..., Artifact]) -> None:
-    def kinds(model: str, combination: int) -> set[int]:
-        return kinds_of_weights(paper_sized(model, combination).model_path)
-
-    assert kinds("ffnn", 1) == {ROUNDED}
-    assert kinds("transformer", 1) == {ROUNDED}
-    assert kinds("transformer", 5) == {EXACT}
 
 
 @pytest.mark.parametrize("name", NETWORKS)
@@ -114,8 +95,8 @@ def test_shipped_networks_are_compiled(name: str) -> None:
     artifact = artifacts.read(SHIPPED / name / "1")
     opened = open_runtime(artifact)
     assert isinstance(opened, NetworkRuntime)
-    assert opened.few >= 1
-    for rows in (1, opened.few, opened.few + 1, 70):
+    assert opened.most_windows >= 1
+    for rows in (1, opened.most_windows, opened.most_windows + 1, 70):
         windows = windows_of(artifact, rows)
         counts = opened.evaluate(windows)
         assert counts.shape == (rows, 21)
@@ -157,6 +138,11 @@ def test_another_provider_gets_every_window() -> None:
     assert isinstance(opened_as(artifact, threads=2), NetworkRuntime)
 
 
+def test_without_programs_onnx_runtime_gets_every_window() -> None:
+    artifact = artifacts.read(SHIPPED / "ffnn" / "1")
+    assert isinstance(opened_as(artifact, network_program=False), OnnxRuntime)
+
+
 def with_sine(path: Path) -> Path:
     """A network with an operation that programs do not have."""
     weights = np.random.default_rng(0).normal(size=(6, 21)).astype(np.float32)
@@ -181,7 +167,7 @@ def test_what_cannot_be_compiled_is_left_to_onnx_runtime(
     path = with_sine(tmp_path / "model.onnx")
     whole = OnnxRuntime(path, normalisation)
     with caplog.at_level(logging.INFO):
-        assert runtime.compiled_network(path, normalisation, whole) is whole
+        assert runtime.faster_runtime(path, normalisation, whole) is whole
     assert "left to ONNX Runtime as a whole: Sin" in caplog.text
 
 
@@ -201,42 +187,40 @@ def test_a_graph_that_nobody_thought_of_is_served_all_the_same(
 def test_a_program_that_disagrees_is_not_used(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    original = ProgramKernel.evaluate
+    original = ProgramEvaluator.evaluate
     artifact = artifacts.read(SHIPPED / "ffnn" / "1")
     std = artifact.manifest.normalisation.output_std[3]
 
-    def a_little_off(self: ProgramKernel, windows: np.ndarray, result: np.ndarray) -> None:
+    def a_little_off(self: ProgramEvaluator, windows: np.ndarray, result: np.ndarray) -> None:
         original(self, windows, result)
         result[-1, 3] += 3e-4 * std
 
-    monkeypatch.setattr(ProgramKernel, "evaluate", a_little_off)
+    monkeypatch.setattr(ProgramEvaluator, "evaluate", a_little_off)
     assert isinstance(open_runtime(artifact), OnnxRuntime)
     assert "does not agree" in caplog.text
 
 
 def test_a_slower_program_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
     seconds = iter([1.0, 0.5])
-    monkeypatch.setattr(runtime, "_least_seconds", lambda _: next(seconds))
+    monkeypatch.setattr(runtime, "_least_seconds", lambda *_: next(seconds))
     assert isinstance(open_runtime(artifacts.read(SHIPPED / "ffnn" / "1")), OnnxRuntime)
 
 
 def test_a_program_takes_as_many_windows_as_it_is_faster_with(monkeypatch: pytest.MonkeyPatch) -> None:
-    seconds = iter([1.0, 1.5, 2.5, 3.5, 3.5])
-    monkeypatch.setattr(runtime, "_least_seconds", lambda _: next(seconds))
+    seconds = iter([1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 3.5])
+    monkeypatch.setattr(runtime, "_least_seconds", lambda *_: next(seconds))
     opened = open_runtime(artifacts.read(SHIPPED / "ffnn" / "1"))
     assert isinstance(opened, NetworkRuntime)
-    assert opened.few == 3
+    assert opened.most_windows == 3
 
 
-def check_shipped(cached: int) -> None:
+def check_shipped() -> None:
     """Compares programs of the shipped networks with ONNX Runtime; called on lesser processors, too."""
-    lowering._CACHED = cached  # type: ignore[misc]
     for name in NETWORKS:
         artifact = artifacts.read(SHIPPED / name / "1")
         windows = windows_of(artifact, 30)
         expected = on_onnx_runtime(artifact.model_path, windows)
-        result = np.empty_like(expected)
-        ProgramKernel(lower(read_graph(artifact.model_path))).evaluate(windows, result)
+        result = ProgramEvaluator(lower(read_graph(artifact.model_path))).counts(windows)
         np.testing.assert_allclose(result, expected, atol=0.01, rtol=0)
 
 
@@ -246,7 +230,6 @@ import importlib.util
 spec = importlib.util.spec_from_file_location("networks", {str(Path(__file__))!r})
 networks = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(networks)
-for cached in (0, 2**40):
-    networks.check_shipped(cached)
+networks.check_shipped()
 """)
     assert complaints == ""

@@ -142,10 +142,10 @@ def _arithmetic(step: Step, memory: Floats) -> None:
         if step.operation == Operation.ADD:
             for place in range(width):
                 result[place] = left[place] + right[place]
-        elif step.operation == Operation.SUBTRACT:
+        elif step.operation == Operation.SUB:
             for place in range(width):
                 result[place] = left[place] - right[place]
-        elif step.operation == Operation.MULTIPLY:
+        elif step.operation == Operation.MUL:
             for place in range(width):
                 result[place] = left[place] * right[place]
         else:
@@ -172,10 +172,22 @@ _sigmoid, _elu, _gelu = _each(sigmoid), _each(elu), _each(gelu)
 
 
 @strict
-def _activation(step: Step, memory: Floats) -> None:
-    if step.operation == Operation.RELU:
+def _carry_out(step: Step, memory: Floats, start: int, weights: int) -> None:  # noqa: C901
+    if step.operation == Operation.DENSE:
+        _dense(step, start, weights)
+    elif step.operation == Operation.PRODUCT:
+        _product(step, memory, start)
+    elif step.operation == Operation.COPY:
+        _copy(step, memory)
+    elif step.operation == Operation.SOFTMAX:
+        _softmax(step, memory)
+    elif step.operation == Operation.NORMALISE:
+        _normalise(step, memory)
+    elif step.operation <= Operation.DIV:
+        _arithmetic(step, memory)
+    elif step.operation == Operation.RELU:
         _relu(step, memory)
-    elif step.operation == Operation.LEAKY_RELU:
+    elif step.operation == Operation.LEAKYRELU:
         _leaky_relu(step, memory)
     elif step.operation == Operation.CLIP:
         _clip(step, memory)
@@ -187,24 +199,6 @@ def _activation(step: Step, memory: Floats) -> None:
         _elu(step, memory)
     else:
         _gelu(step, memory)
-
-
-@strict
-def _carry_out(step: Step, memory: Floats, start: int, weights: int) -> None:
-    if step.operation == Operation.DENSE:
-        _dense(step, start, weights)
-    elif step.operation == Operation.PRODUCT:
-        _product(step, memory, start)
-    elif step.operation == Operation.COPY:
-        _copy(step, memory)
-    elif step.operation == Operation.SOFTMAX:
-        _softmax(step, memory)
-    elif step.operation == Operation.NORMALISE:
-        _normalise(step, memory)
-    elif step.operation <= Operation.DIVIDE:
-        _arithmetic(step, memory)
-    else:
-        _activation(step, memory)
 
 
 @compiled

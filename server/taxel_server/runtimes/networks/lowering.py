@@ -50,7 +50,7 @@ class _Lowering:
         if left.shape[len(left.shape) - len(row) :] != row or result.size != left.size:
             raise Unsupported(f"{node.operation} of {left.shape} and {right.shape}")
         sizes = {"rows": left.size // right.size, "columns": right.size}
-        self._builder.add(_ARITHMETIC[node.operation], result, left, right=right.place, **sizes)
+        self._builder.add(Operation[node.operation.upper()], result, left, right=right.place, **sizes)
 
     def activation(self, node: Node) -> None:
         if node.attributes.get("approximate", b"none") != b"none":
@@ -61,7 +61,9 @@ class _Lowering:
             parameters = [self._constant(name).item() if name else unbounded for name, unbounded in bounds]
         values, right = self._operand(node.inputs[0]), self._builder.constant(np.array(parameters)).place
         result = self._result(node)
-        self._builder.add(_ACTIVATIONS[node.operation], result, values, right=right, columns=values.size)
+        self._builder.add(
+            Operation[node.operation.upper()], result, values, right=right, columns=values.size
+        )
 
     def gemm(self, node: Node) -> None:
         chosen = {"alpha": 1.0, "beta": 1.0, "transA": 0, "transB": 0, **node.attributes}
@@ -226,26 +228,9 @@ def _is_last(node: Node, values: Tensor) -> bool:
     return node.attributes.get("axis", -1) in (-1, len(values.shape) - 1)
 
 
-_ARITHMETIC: Final = {
-    "Add": Operation.ADD,
-    "Sub": Operation.SUBTRACT,
-    "Mul": Operation.MULTIPLY,
-    "Div": Operation.DIVIDE,
-}
-
-_ACTIVATIONS: Final = {
-    "Relu": Operation.RELU,
-    "LeakyRelu": Operation.LEAKY_RELU,
-    "Clip": Operation.CLIP,
-    "Tanh": Operation.TANH,
-    "Sigmoid": Operation.SIGMOID,
-    "Elu": Operation.ELU,
-    "Gelu": Operation.GELU,
-}
-
 _RULES: Final[dict[str, Callable[[_Lowering, Node], None]]] = {
-    **dict.fromkeys(_ARITHMETIC, _Lowering.arithmetic),
-    **dict.fromkeys(_ACTIVATIONS, _Lowering.activation),
+    **dict.fromkeys(("Add", "Sub", "Mul", "Div"), _Lowering.arithmetic),
+    **dict.fromkeys(("Relu", "LeakyRelu", "Clip", "Tanh", "Sigmoid", "Elu", "Gelu"), _Lowering.activation),
     **dict.fromkeys(("Reshape", "Flatten", "Squeeze", "Unsqueeze"), _Lowering.reshape),
     "Gemm": _Lowering.gemm,
     "MatMul": _Lowering.matmul,

@@ -14,25 +14,11 @@ _CACHE_LINE: Final = 16
 """In floats: each tensor starts at one."""
 
 
-class Operation(IntEnum):
-    """What a step computes."""
-
-    DENSE = 0
-    PRODUCT = 1
-    COPY = 2
-    SOFTMAX = 3
-    NORMALISE = 4
-    ADD = 5
-    SUBTRACT = 6
-    MULTIPLY = 7
-    DIVIDE = 8
-    RELU = 9
-    LEAKY_RELU = 10
-    CLIP = 11
-    TANH = 12
-    SIGMOID = 13
-    ELU = 14
-    GELU = 15
+Operation = IntEnum(
+    "Operation",
+    "DENSE PRODUCT COPY SOFTMAX NORMALISE ADD SUB MUL DIV RELU LEAKYRELU CLIP TANH SIGMOID ELU GELU",
+)
+"""What a step computes. From `ADD` on, these are ONNX's operations of the same name."""
 
 
 class Step(NamedTuple):
