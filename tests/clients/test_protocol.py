@@ -23,7 +23,6 @@ from taxel.protocol import (
     unpack_infer_response,
 )
 
-FEATURES = ("x", "y", "z", "fx", "fy", "fz")
 floats32 = hnp.arrays(
     np.float32,
     st.tuples(st.integers(1, 20), st.integers(1, 80)),
