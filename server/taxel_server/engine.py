@@ -44,7 +44,7 @@ class LoadedModel:
 
     @property
     def evaluators(self) -> dict[str, str]:
-        """What computes one window and many, and with which instructions, as `ModelInfo` names it."""
+        """What evaluates one window and many, and with which instructions, as in `ModelInfo`."""
         one, many = self.runtime.evaluator(1), self.runtime.evaluator(_MANY_ROWS)
         return {"one_row": one.name, "many_rows": many.name, "instruction_set": one.instruction_set}
 
@@ -88,8 +88,8 @@ class Engine:
     def models(self) -> list[ModelInfo]:
         """Every version of every model, sorted.
 
-        `READY` says of a model not asked for so far that its artifact is sound and that the libraries
-        of its runtime can be imported here.
+        For a model that was not loaded yet, `READY` means that its artifact is sound and that the
+        libraries of its runtime can be imported.
         """
         return [
             self._info(name, version) for name, versions in self._versions.items() for version in versions

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
 from taxel.errors import DeadlineExceeded, InvalidArgument, RequestError
-from taxel.protocol import InferRequest, InferResponse, check_finite
+from taxel.protocol import InferRequest, InferResponse
+from taxel.windows.checks import check_finite
 from taxel_server.engine import LoadedModel
 
 

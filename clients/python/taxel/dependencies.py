@@ -7,19 +7,19 @@ from typing import Final
 from taxel.errors import MissingDependency
 
 SERVING: Final = ("msgspec", "numba", "onnx", "onnxruntime", "pydantic_settings")
-"""What the extra `server` brings: predictions in this process, and a server."""
+"""The packages of the extra `server`: for predictions in this process, and for a server."""
 
 
 def require(purpose: str, extra: str, *packages: str) -> None:
-    """Refuse to begin what needs packages that are not installed. Imports none of them.
+    """Check that packages are installed, without importing them.
 
     Args:
         purpose: what needs them.
-        extra: of Taxel, which brings all of them.
-        packages: by the names that they are imported by.
+        extra: the extra of Taxel that installs them.
+        packages: their import names.
 
     Raises:
-        MissingDependency: names those that are missing.
+        MissingDependency: a package is missing; the text names it.
     """
     missing = [name for name in packages if not _installed(name)]
     if missing:

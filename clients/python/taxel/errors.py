@@ -93,8 +93,8 @@ class MissingDependency(TaxelError):
 
     Args:
         purpose: what needs it.
-        package: what is missing; several with commas between.
-        extra: of Taxel, which brings it.
+        package: the missing package, or several with commas between them.
+        extra: the extra of Taxel that installs it.
     """
 
     def __init__(self, purpose: str, package: str, extra: str) -> None:

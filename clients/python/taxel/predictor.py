@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from taxel.errors import InvalidArgument
 from taxel.manifest import Manifest, WindowLayout
-from taxel.protocol import check_windows
 from taxel.windows import WindowSpec, WindowStream
+from taxel.windows.checks import check_windows
 
 
 @dataclass(frozen=True)

@@ -50,11 +50,11 @@ _Command = TypeVar("_Command", bound=Callable[..., None])
 
 
 def needs(extra: str, *packages: str) -> Callable[[_Command], _Command]:
-    """Say which extra a command needs: checked before it begins, and told where a package is missing.
+    """Name the extra that a command needs. Its packages are checked before the command starts.
 
     Args:
-        extra: of Taxel, which brings all that the command may import.
-        packages: without which it does not begin, by the names that they are imported by.
+        extra: the extra of Taxel that installs everything the command may import.
+        packages: import names of the packages that it cannot start without.
     """
 
     def mark(command: _Command) -> _Command:
@@ -65,7 +65,7 @@ def needs(extra: str, *packages: str) -> Callable[[_Command], _Command]:
 
 
 _NEEDS: Final[dict[Callable[..., None], tuple[str, tuple[str, ...]]]] = {}
-"""The extra and the packages that commands need."""
+"""The extra and the packages of each command."""
 
 
 def failing_clearly(command: Callable[..., None]) -> Callable[..., None]:
