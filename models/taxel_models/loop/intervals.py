@@ -20,13 +20,13 @@ def parameters(named: Named, scale: Floats) -> list[Parameter]:
     Args:
         scale: (21,) what an error of each channel counted.
     """
-    candidate, moments = named.score.candidate, named.score.moments
+    candidate, statistics = named.score.candidate, named.score.statistics
     found = [
         Parameter(name=name, value=value, unit=unit) for name, (value, unit) in candidate.settled.items()
     ]
     if candidate.fitting.fixed:
         return found
-    folds = np.stack([moments.weights(scale, left_out=fold) for fold in range(moments.folds)])
+    folds = np.stack([statistics.weights(scale, left_out=fold) for fold in range(statistics.folds)])
     spread = np.sqrt((len(folds) - 1) * folds.var(axis=0)) * NORMAL_95
     for place, name in enumerate(candidate.weight_names):
         channels = [("", 2)] if candidate.fitting.pooled else _changed(named)

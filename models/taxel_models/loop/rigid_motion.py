@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from taxel.corrections import Frame
 from taxel.schema import Matrix, Vector
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.effects.effect import Left
-from taxel_models.loop.evidence import Evidence, predict_all
+from taxel_models.loop.effects.effect import Remaining
+from taxel_models.loop.observations import Observations, predict_all
 
 STEP_RAD: Final = np.radians(2.0)
 STEP_M: Final = 3e-4
@@ -29,18 +29,18 @@ SCANNED: Final = 12
 """Of the rows every twelfth tells from which turn a fit begins."""
 
 
-def fit_motion(evidence: Evidence, left: Left, kind: str) -> Floats:
+def fit_motion(observations: Observations, remaining: Remaining, kind: str) -> Floats:
     """(3,) the rotation vector, rad, or shift, m, that explains most of what is left in the fit part.
 
     Args:
         kind: what moves; see `turn_of`.
     """
-    fit = np.flatnonzero(left.fit)
+    fit = np.flatnonzero(remaining.fit)
     rows = fit[np.linspace(0, len(fit) - 1, min(len(fit), FIT_ROWS)).astype(np.int64)]
-    every = _Misfit(evidence, left, kind, rows)
+    every = _Misfit(observations, remaining, kind, rows)
     if kind == "shift":
         return _gauss_newton(every, np.zeros(3), STEP_M)[0]
-    few = _Misfit(evidence, left, kind, rows[::SCANNED])
+    few = _Misfit(observations, remaining, kind, rows[::SCANNED])
     order = np.argsort([few.of(few.change(turn)) for turn in TURNS])
     near = [_gauss_newton(few, TURNS[place], STEP_RAD) for place in order[:BEST_STARTS]]
     return _gauss_newton(every, min(near, key=lambda one: one[1])[0], STEP_RAD)[0]
@@ -61,17 +61,21 @@ TURNS: Final = _great_turns()
 class _Misfit:
     """How much of a residual a motion leaves at some rows, trusted rows and small channels first."""
 
-    def __init__(self, evidence: Evidence, left: Left, kind: str, rows: NDArray[np.int64]) -> None:
-        self._evidence, self._kind = evidence, kind
-        self._windows, self._still = evidence.windows[rows], evidence.predicted[rows]
-        target = left.residual[rows]
-        self._counted = np.sqrt(left.trust[rows, None] / np.maximum((target**2).mean(axis=0), 1e-9))
+    def __init__(
+        self, observations: Observations, remaining: Remaining, kind: str, rows: NDArray[np.int64]
+    ) -> None:
+        self._evidence, self._kind = observations, kind
+        self._windows, self._still = observations.windows[rows], observations.predicted[rows]
+        target = remaining.residual[rows]
+        self._counted = np.sqrt(
+            remaining.row_weights[rows, None] / np.maximum((target**2).mean(axis=0), 1e-9)
+        )
         self.target = target * self._counted
 
     def change(self, vector: Floats) -> Floats:
         """(n, 21) what a motion changes, as the target is counted."""
         turned = turn_of(self._kind, vector).turn(self._windows, self._evidence.manifest.spec)
-        changed = predict_all(self._evidence.predict, turned) - self._still
+        changed = predict_all(self._evidence.model.predict, turned) - self._still
         return np.asarray(changed * self._counted)
 
     def of(self, change: Floats) -> float:

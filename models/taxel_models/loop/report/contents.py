@@ -27,7 +27,7 @@ class Pictures:
 
     waterfall: Picture
     channels: Picture
-    remainder: Picture
+    residual: Picture
     effects: dict[str, Picture]
 
 
@@ -44,7 +44,7 @@ def contents(findings: Findings, extras: Sequence[ExtraFeature], pictures: Pictu
         *_rejected(findings),
         Heading("What is left"),
         Paragraph(_left(findings)),
-        pictures.remainder,
+        pictures.residual,
     ]
     blocks += [Heading("Errors before and after"), pictures.channels, _errors(findings)]
     blocks += [Heading("Data and split"), *_data(findings)]

@@ -176,5 +176,5 @@ def _next(findings: Findings) -> str:
     if not any(effect.served for effect in findings.effects):
         return "There is nothing to add to the model."
     if findings.test.p_value > SIGNIFICANT:
-        return "Adding this to the model is not worth it on this evidence."
+        return "Adding this to the model is not worth it on this observations."
     return "Nothing was exported yet."

@@ -10,11 +10,11 @@ from scipy import signal
 
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.closing import Closed
-from taxel_models.loop.evidence import Evidence
 from taxel_models.loop.noise import NoiseFloor
-from taxel_models.loop.remainder import autocorrelation
+from taxel_models.loop.observations import Observations
+from taxel_models.loop.pipeline import LoopResult
 from taxel_models.loop.report.colours import AFTER, BEFORE, NOISE
+from taxel_models.loop.residual_diagnostics import autocorrelation
 
 _LONGEST: Final = 1024
 """Rows of a piece: 10 s."""
@@ -22,30 +22,30 @@ _LONGEST: Final = 1024
 _LAGS: Final = 18
 
 
-def draw_remainder(closed: Closed, path: Path) -> str:
+def draw_residual(result: LoopResult, path: Path) -> str:
     """Draw both, each a mean over the channels.
 
     Returns:
         A caption.
     """
-    evidence, rows = closed.evidence, closed.blocks.evaluation
-    first = evidence.measured - evidence.predicted
+    observations, rows = result.observations, result.blocks.evaluation
+    first = observations.measured - observations.predicted
     energy = np.maximum((first[rows] ** 2).mean(axis=0), 1e-9)
-    stretches = _stretches(evidence, rows)
+    stretches = _stretches(observations, rows)
     longest = max(stretch.stop - stretch.start for stretch in stretches)
     lags = np.unique(np.geomspace(1, max(2, min(_LONGEST, longest) // 2), _LAGS).astype(int))
     figure = Figure(figsize=(10, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2)
     for residual, colour, label in (
         (first, BEFORE, "before"),
-        (evidence.measured - closed.after, AFTER, "after"),
+        (observations.measured - result.after, AFTER, "after"),
     ):
         frequencies, density = _density(residual, stretches)
         power = (density / energy).mean(axis=1)
         left.loglog(frequencies[1:-1], power[1:-1], color=colour, label=label)
-        at_lags = [autocorrelation(evidence, residual, rows, int(lag)) for lag in lags]
+        at_lags = [autocorrelation(observations, residual, rows, int(lag)) for lag in lags]
         right.semilogx(lags * TICK_S, at_lags, "o-", ms=3, color=colour, label=label)
-    level = float((NoiseFloor.of(evidence).differences ** 2 / energy).mean()) * 2 * TICK_S
+    level = float((NoiseFloor.of(observations).differences ** 2 / energy).mean()) * 2 * TICK_S
     left.axhline(level, color=NOISE, ls="--", lw=1, label="the channels' noise")
     right.axhline(0, color="black", lw=0.7)
     left.set(xlabel="frequency, Hz", ylabel="power over the first residual's, 1/Hz", title="spectrum")
@@ -62,9 +62,9 @@ def draw_remainder(closed: Closed, path: Path) -> str:
     )
 
 
-def _stretches(evidence: Evidence, rows: NDArray[np.bool_]) -> list[slice]:
+def _stretches(observations: Observations, rows: NDArray[np.bool_]) -> list[slice]:
     """Runs of the wanted rows inside segments."""
-    starts = np.flatnonzero(np.diff(evidence.segment * 2 + rows, prepend=-1))
+    starts = np.flatnonzero(np.diff(observations.segment * 2 + rows, prepend=-1))
     return [
         slice(int(start), int(stop))
         for start, stop in zip(starts, [*starts[1:], len(rows)], strict=True)

@@ -1,4 +1,4 @@
-"""The trial: the loop plays blind against effects that were planted, and is marked."""
+"""The recovery benchmark: effects are injected, and the loop has to find them without knowing."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import COUNTS_MAX
-from taxel.manifest import Manifest
 from taxel.schema import Schema
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import cut
-from taxel_models.loop.choice import LEAST_SHARE
-from taxel_models.loop.closing import Closed, Plan, close_loop
-from taxel_models.loop.effects.registry import NAMES, candidates, effect_named
-from taxel_models.loop.evidence import Evidence, Predict, gather
-from taxel_models.loop.planting import Planting
-from taxel_models.loop.search import Search
-from taxel_models.loop.unknown import UNKNOWN
+from taxel_models.loop.effects.registry import NAMES, candidates
+from taxel_models.loop.model_selection import LEAST_SHARE
+from taxel_models.loop.observations import Model, Observations, gather
+from taxel_models.loop.pipeline import LoopResult, LoopSettings, run_loop
+from taxel_models.loop.stepwise import StepwiseSelection
 from taxel_models.recordings import Recording
+from taxel_models.recovery.injection import Injection
+from taxel_models.recovery.injectors import inject
+from taxel_models.recovery.unknown import UNKNOWN
 from taxel_models.twin import simulate
 
 NONE: Final = "none"
@@ -43,14 +43,14 @@ class Round(Schema):
     """One round.
 
     Attributes:
-        truth: the planted effect, `none`, or `unknown:NAME`.
+        truth: the injected effect, `none`, or `unknown:NAME`.
         strength: over the residual before.
         found: the effect that explains most, `none` where nothing was named, `unexplained` where
             nothing was named and what is left is structured.
         named: all that were named.
         right: whether the first is the truth, nothing was named where there was nothing, or what no
             class describes was left unexplained.
-        clean: normalised MAE on the evaluation blocks without the planted effect.
+        clean: normalised MAE on the evaluation blocks without the injected effect.
         before: with it.
         after: with the correction.
         removed: share of the removable error that was removed; None where there was none to speak of.
@@ -77,7 +77,7 @@ class Summary(Schema):
 
     Attributes:
         confusion: for each truth, how often each effect was found first.
-        right_first: share of the rounds with a planted effect in which it was found first.
+        right_first: share of the rounds with an injected effect in which it was found first.
         right_or_confounded: likewise, or was reported as one that cannot be told from it.
         false_alarms: share of the clean rounds in which anything was named.
         unknown_left: share of the rounds with a cause of no class in which nothing was named.
@@ -98,15 +98,15 @@ class Summary(Schema):
 
 
 @dataclass(frozen=True)
-class Game:
-    """How to play.
+class RecoverySettings:
+    """What is injected, and how often.
 
     Attributes:
         rounds: how many.
         seed: of recordings, effects and strengths.
         rows: of each recording.
         recordings: different ones, taken in turn.
-        effects: that may be planted.
+        effects: that may be injected.
         strengths: least and greatest.
     """
 
@@ -118,68 +118,67 @@ class Game:
     strengths: tuple[float, float] = STRENGTHS
 
 
-def play(
-    manifest: Manifest, predict: Predict, game: Game, note: Callable[[str], None] | None = None
+def run_rounds(
+    model: Model, settings: RecoverySettings, note: Callable[[str], None] | None = None
 ) -> Iterator[Round]:
-    """Play round after round: the loop sees a recording and nothing else."""
+    """Round after round: the loop sees a recording and nothing else."""
     settled_already: dict[int, Recording] = {}
-    for number in range(game.rounds):
-        random = np.random.default_rng([game.seed, number])
-        which = number % game.recordings
+    for number in range(settings.rounds):
+        random = np.random.default_rng([settings.seed, number])
+        which = number % settings.recordings
         if which not in settled_already:
-            fresh = simulate(game.rows, 1000 * (game.seed + 1) + which)
-            settled_already[which] = settled(manifest, predict, fresh, which)
+            fresh = simulate(settings.rows, 1000 * (settings.seed + 1) + which)
+            settled_already[which] = settled(model, fresh, which)
         recording = settled_already[which]
-        yield play_round(manifest, predict, recording, _draw(random, game), number, random, note)
+        yield run_round(model, recording, _draw(random, settings), number, random, note)
 
 
-def settled(manifest: Manifest, predict: Predict, recording: Recording, seed: int) -> Recording:
-    """A recording without what the loop finds in it by itself: what the model lacks before the game.
+def settled(model: Model, recording: Recording, seed: int) -> Recording:
+    """A recording without what the loop finds in it by itself: what the model lacks anyway.
 
     A quarter of what would be named is taken out, too, so that another split does not name it.
     """
     recording = recording.ticks()
     for _ in range(CLEANINGS):
-        evidence = gather(manifest, predict, [recording], measured_temperature=True)
-        blocks = cut(evidence, seed=seed)
-        search = Search(evidence, blocks, candidates(evidence), seed=seed, least_share=LEAST_SHARE / 4)
+        observations = gather(model, [recording], measured_temperature=True)
+        blocks = cut(observations, seed=seed)
+        search = StepwiseSelection(
+            observations, blocks, candidates(observations), seed=seed, least_share=LEAST_SHARE / 4
+        )
         named = search.run().named
         if not named:
             break
         channels = recording.channels.copy()
-        channels[evidence.rows[0]] -= sum(one.contribution for one in named)
+        channels[observations.rows[0]] -= sum(one.contribution for one in named)
         recording = replace(recording, channels=np.clip(np.rint(channels), 0, COUNTS_MAX))
     return recording
 
 
-def play_round(
-    manifest: Manifest,
-    predict: Predict,
+def run_round(
+    model: Model,
     recording: Recording,
     drawn: tuple[str, float],
     number: int,
     random: np.random.Generator,
     note: Callable[[str], None] | None = None,
 ) -> Round:
-    """Plant, close the loop, and mark."""
+    """Inject, run the loop, and mark."""
     truth, strength = drawn
-    base = gather(manifest, predict, [recording], measured_temperature=True)
+    base = gather(model, [recording], measured_temperature=True)
     residual = np.sqrt(((base.measured - base.predicted) ** 2).mean(axis=0))
-    planting = Planting.into(recording, int(random.integers(1 << 30)), residual)
-    planting.respond = _responding(manifest, predict, recording)
-    plant(planting, truth, strength)
-    closed = close_loop(manifest, predict, [planting.recording], Plan(seed=number), note)
-    return _marked(number, truth, strength, planting, base, closed)
+    injection = Injection.into(recording, int(random.integers(1 << 30)), residual)
+    injection.respond = _responding(model, recording)
+    inject_truth(injection, truth, strength)
+    result = run_loop(model, [injection.recording], LoopSettings(seed=number), note)
+    return _marked(number, truth, strength, injection, base, result)
 
 
-def _responding(
-    manifest: Manifest, predict: Predict, recording: Recording
-) -> Callable[[Floats, Floats], Floats]:
+def _responding(model: Model, recording: Recording) -> Callable[[Floats, Floats], Floats]:
     """What the model gives for other inputs, at every tick; 0 where a tick has no whole window."""
 
     def respond(position: Floats, force: Floats) -> Floats:
         samples = replace(recording.samples, position=position, force=force)
-        moved = gather(manifest, predict, [replace(recording, samples=samples)], measured_temperature=True)
+        moved = gather(model, [replace(recording, samples=samples)], measured_temperature=True)
         counts = np.zeros((len(recording), moved.predicted.shape[1]))
         counts[moved.rows[0]] = moved.predicted
         return counts
@@ -187,16 +186,14 @@ def _responding(
     return respond
 
 
-def plant(planting: Planting, truth: str, strength: float) -> None:
-    """Put an effect, or a cause of no class, into a recording."""
-    if truth == NONE:
-        return
-    planting.begin(truth, strength)
+def inject_truth(injection: Injection, truth: str, strength: float) -> None:
+    """Put an effect, or a cause that no effect describes, into a recording."""
     kind, _, name = truth.partition(":")
     if kind == "unknown":
-        UNKNOWN[name](planting)
-    else:
-        effect_named(truth).plant(planting)
+        injection.begin(truth, strength)
+        UNKNOWN[name](injection)
+    elif truth != NONE:
+        inject(injection, truth, strength)
 
 
 def summarise(rounds: Sequence[Round]) -> Summary:
@@ -204,15 +201,15 @@ def summarise(rounds: Sequence[Round]) -> Summary:
     confusion: dict[str, Counter[str]] = {}
     for one in rounds:
         confusion.setdefault(one.truth, Counter())[one.found] += 1
-    planted = [one for one in rounds if one.truth in NAMES]
-    right = [one for one in planted if one.right]
+    injected = [one for one in rounds if one.truth in NAMES]
+    right = [one for one in injected if one.right]
     marked = [one for one in right if one.removed is not None]
     weight = sum(one.before - one.clean for one in marked)
     return Summary(
         rounds=len(rounds),
         confusion={truth: dict(counts) for truth, counts in sorted(confusion.items())},
-        right_first=_share([one.right for one in planted]),
-        right_or_confounded=_share([one.right or one.confounded for one in planted]),
+        right_first=_share([one.right for one in injected]),
+        right_or_confounded=_share([one.right or one.confounded for one in injected]),
         false_alarms=_share([bool(one.named) for one in rounds if one.truth == NONE]),
         unknown_left=_share([one.right for one in rounds if one.truth.startswith("unknown:")]),
         removed=float(np.median([one.removed for one in marked])) if marked else None,
@@ -223,26 +220,26 @@ def summarise(rounds: Sequence[Round]) -> Summary:
     )
 
 
-def _draw(random: np.random.Generator, game: Game) -> tuple[str, float]:
-    least, greatest = np.log(game.strengths)
+def _draw(random: np.random.Generator, settings: RecoverySettings) -> tuple[str, float]:
+    least, greatest = np.log(settings.strengths)
     strength = float(np.exp(random.uniform(least, greatest)))
     dice = float(random.random())
     if dice < CLEAN_SHARE:
         return NONE, 0.0
     if dice < CLEAN_SHARE + UNKNOWN_SHARE:
         return f"unknown:{random.choice(sorted(UNKNOWN))}", strength
-    return str(random.choice(game.effects)), strength
+    return str(random.choice(settings.effects)), strength
 
 
 def _marked(
-    number: int, truth: str, strength: float, planting: Planting, base: Evidence, closed: Closed
+    number: int, truth: str, strength: float, injection: Injection, base: Observations, result: LoopResult
 ) -> Round:
-    findings = closed.findings
+    findings = result.findings
     named = tuple(effect.name for effect in findings.effects)
     left = UNEXPLAINED if findings.unexplained.structured else NONE
     found = named[0] if named else left
     spread = np.array(base.manifest.normalisation.output_std)
-    rows = closed.blocks.evaluation
+    rows = result.blocks.evaluation
     clean = _norm_mae(base.measured, base.predicted, rows, spread)
     before, after = findings.before["norm_mae"], findings.after["norm_mae"]
     removable = before - clean
@@ -252,7 +249,7 @@ def _marked(
         number=number,
         truth=truth,
         strength=strength,
-        planted=planting.truth[0].get("parameters", {}) if planting.truth else {},
+        planted=injection.truth[0].get("parameters", {}) if injection.truth else {},
         found=found,
         named=named,
         right=not named if truth == NONE or unknown else found == truth,
@@ -261,7 +258,7 @@ def _marked(
         before=before,
         after=after,
         removed=(before - after) / removable if removable > WORTH_REMOVING * before and served else None,
-        parameter_error=_parameter_error(truth, planting, closed),
+        parameter_error=_parameter_error(truth, injection, result),
     )
 
 
@@ -269,15 +266,15 @@ def _norm_mae(measured: Floats, predicted: Floats, rows: NDArray[np.bool_], spre
     return float((np.abs(measured - predicted)[rows].mean(axis=0) / spread).mean())
 
 
-def _parameter_error(truth: str, planting: Planting, closed: Closed) -> float | None:
+def _parameter_error(truth: str, injection: Injection, result: LoopResult) -> float | None:
     if truth not in FIGURES:
         return None
-    planted = float(planting.truth[0]["parameters"][FIGURES[truth]])
-    for effect in closed.findings.effects:
+    injected = float(injection.truth[0]["parameters"][FIGURES[truth]])
+    for effect in result.findings.effects:
         if effect.name == truth:
             for figure in effect.parameters:
                 if figure.name == FIGURES[truth]:
-                    return abs(figure.value - planted) / abs(planted)
+                    return abs(figure.value - injected) / abs(injected)
     return None
 
 

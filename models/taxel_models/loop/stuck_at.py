@@ -37,7 +37,7 @@ Kind = Literal["stuck", "intermittent"]
 
 
 @dataclass(frozen=True)
-class Frozen:
+class StuckChannel:
     """A channel that repeats one value.
 
     Attributes:
@@ -53,7 +53,7 @@ class Frozen:
     kind: Kind
 
 
-def frozen_channels(measured: Floats, predicted: Floats, segment: NDArray[np.int64]) -> list[Frozen]:
+def stuck_channels(measured: Floats, predicted: Floats, segment: NDArray[np.int64]) -> list[StuckChannel]:
     """Channels that repeat a value while it ought to change, or for longer than chance explains.
 
     Args:
@@ -80,7 +80,7 @@ def frozen_channels(measured: Floats, predicted: Floats, segment: NDArray[np.int
         value = float(values[counts.argmax()])
         since = int(np.argmax(rows))
         stuck = rows[since:].mean() > WHOLE and (measured[since:, channel] == value).mean() > WHOLE
-        found.append(Frozen(channel, rows, value, "stuck" if stuck else "intermittent"))
+        found.append(StuckChannel(channel, rows, value, "stuck" if stuck else "intermittent"))
     return found
 
 

@@ -15,7 +15,7 @@ _POSITION: Final = ("x", "y", "z")
 _FORCE: Final = ("fx", "fy", "fz")
 
 
-class Places(BaseTerm):
+class Location(BaseTerm):
     """delta_c = g Σ_k weights[k][c] exp(-|pos - centres[k]|² / (2 width²)), g = |F| / (|F| + half_force).
 
     Without a contact there is no place, so g is 0 at no force.
@@ -27,7 +27,7 @@ class Places(BaseTerm):
         weights: per centre, counts a channel.
     """
 
-    kind: Literal["places"] = "places"
+    kind: Literal["location"] = "location"
     centres: Annotated[tuple[Vector, ...], Field(min_length=1)]
     width: Positive
     half_force: Positive
@@ -46,13 +46,10 @@ class Places(BaseTerm):
 
     @override
     def delta(self, p: NDArray[np.float64], columns: Columns) -> NDArray[np.float64]:
+        position = np.array([columns[name] for name in _POSITION]).T
         force = np.sqrt(sum(columns[name] ** 2 for name in _FORCE))
-        squared = sum(
-            (columns[name][:, None] - self._centres[:, axis]) ** 2 for axis, name in enumerate(_POSITION)
-        )
-        bumps = np.exp(squared / (-2 * self.width**2))
-        load = force / (force + self.half_force)
-        return load[:, None] * (bumps @ self._weights)
+        design = location_design(position, force, self._centres, self.width, self.half_force)
+        return design @ self._weights
 
     @cached_property
     def _centres(self) -> NDArray[np.float64]:
@@ -61,3 +58,27 @@ class Places(BaseTerm):
     @cached_property
     def _weights(self) -> NDArray[np.float64]:
         return np.array(self.weights)
+
+
+def location_design(
+    position: NDArray[np.float64],
+    force: NDArray[np.float64],
+    centres: NDArray[np.float64],
+    width: float,
+    half_force: float,
+) -> NDArray[np.float64]:
+    """The Gaussians that the weights of a `Location` multiply.
+
+    Args:
+        position: (n, 3), m.
+        force: (n,), the force's magnitude, N.
+        centres: (k, 3), m.
+        width: of each Gaussian, m.
+        half_force: at which the force's factor is a half, N.
+
+    Returns:
+        (n, k), without unit: |F| / (|F| + half_force) exp(-|pos - centre|² / (2 width²)).
+    """
+    squared = sum((position[:, [axis]] - centres[:, axis]) ** 2 for axis in range(3))
+    load = force / (force + half_force)
+    return np.asarray(load[:, None] * np.exp(squared / (-2 * width**2)))

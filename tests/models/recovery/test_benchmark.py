@@ -8,8 +8,8 @@ import pytest
 
 from taxel.manifest import Manifest
 from taxel_models.loop.effects.registry import NAMES
-from taxel_models.loop.trial import Game, Round, _draw, play_round, summarise
 from taxel_models.recordings import Recording
+from taxel_models.recovery.benchmark import RecoverySettings, Round, _draw, run_round, summarise
 
 Make = Callable[..., Recording]
 
@@ -78,8 +78,8 @@ def test_nothing_to_count_is_none() -> None:
     assert summarise([]).confusion == {}
 
 
-def test_a_game_draws_what_the_rules_say() -> None:
-    draws = [_draw(np.random.default_rng([0, number]), Game(4000)) for number in range(4000)]
+def test_rounds_are_drawn_as_the_rules_say() -> None:
+    draws = [_draw(np.random.default_rng([0, number]), RecoverySettings(4000)) for number in range(4000)]
     truths = [truth for truth, _ in draws]
     strengths = [strength for truth, strength in draws if truth != "none"]
     assert np.mean([truth == "none" for truth in truths]) == pytest.approx(0.2, abs=0.02)
@@ -91,7 +91,7 @@ def test_a_game_draws_what_the_rules_say() -> None:
 
 def test_a_round_is_marked_by_what_was_planted(smooth: Any, make: Make, manifest: Manifest) -> None:
     drawn, random = ("lag", 2.0), np.random.default_rng(0)
-    one = play_round(manifest, smooth.predict, make(noise=4.0), drawn, 7, random)
+    one = run_round(smooth, make(noise=4.0), drawn, 7, random)
     assert (one.number, one.truth, one.found, one.named, one.right) == (7, "lag", "lag", ("lag",), True)
     assert one.parameter_error == pytest.approx(0.0, abs=0.01)
     assert one.clean < one.after * 1.01 < one.before

@@ -6,7 +6,7 @@ from typing import Final
 
 from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.scoring import Score, difference_test
+from taxel_models.loop.cross_validation import Score, difference_test
 
 FOLD_LEVEL: Final = 0.025
 """Of the t-test over folds: what a few blocks bring about may stand out and still not repeat."""
@@ -76,7 +76,7 @@ def likeliest(scores: Sequence[Score], scale: Floats) -> Score:
     """Of different causes the one that explains most; of those that do as well, the simplest.
 
     As well means nearly as much, and not less in every fold; of a much simpler one less is asked.
-    Between two with as many weights stands their evidence: what the data say for the better one, t²/2,
+    Between two with as many weights stands their observations: what the data say for the better one, t²/2,
     and how alike the electrodes' weights are, since a common cause draws them from one distribution,
     and a narrow one leaves less to choose.
 

@@ -9,37 +9,37 @@ from scipy import stats
 
 from taxel_models.loop.basis import Shared
 from taxel_models.loop.blocks import Blocks
-from taxel_models.loop.effects.effect import Candidate
-from taxel_models.loop.moments import Fitting, Moments
-from taxel_models.loop.scoring import (
-    MOST_TRUST,
+from taxel_models.loop.cross_validation import (
+    MOST_ROW_WEIGHT,
     Score,
     absolute_of,
     random_signs,
+    row_weights_of,
     scale_of,
     score,
     stands_out,
-    trust_of,
     worth,
 )
+from taxel_models.loop.effects.effect import Candidate
+from taxel_models.loop.statistics import Fitting, SufficientStatistics
 
 BLOCKS: Final = 30
 LENGTH: Final = 50
 ROWS: Final = BLOCKS * LENGTH
 
 
-def moments_of(seed: int, strength: float) -> Moments:
+def moments_of(seed: int, strength: float) -> SufficientStatistics:
     """One regressor, and a residual that it explains a part of in one channel of 21."""
     random = np.random.default_rng(seed)
     feature, residual = random.normal(size=(ROWS, 1)), random.normal(size=(ROWS, 21))
     residual[:, 3] += strength * feature[:, 0]
     blocks = Blocks(np.repeat(np.arange(BLOCKS), LENGTH), np.arange(BLOCKS) % 5)
-    return Moments.of(Shared(feature), residual, np.ones(ROWS), blocks, Fitting())
+    return SufficientStatistics.of(Shared(feature), residual, np.ones(ROWS), blocks, Fitting())
 
 
-def scored(moments: Moments, **fitting: bool) -> Score:
+def scored(statistics: SufficientStatistics, **fitting: bool) -> Score:
     candidate = Candidate("one", "a form", Shared(np.zeros((ROWS, 1))), fitting=Fitting(**fitting))
-    return score(candidate, moments, np.ones(21))
+    return score(candidate, statistics, np.ones(21))
 
 
 def test_the_resampled_t_test_is_the_plain_one_with_a_wider_spread() -> None:
@@ -97,12 +97,12 @@ def test_what_explains_nothing_has_no_share() -> None:
 
 
 def test_freedom_counts_what_is_fitted_and_what_is_settled() -> None:
-    moments = moments_of(0, 0.0)
-    assert scored(moments).freedom == 21
-    assert scored(moments, pooled=True).freedom == 1
-    assert scored(moments, fixed=True).freedom == 0
+    statistics = moments_of(0, 0.0)
+    assert scored(statistics).freedom == 21
+    assert scored(statistics, pooled=True).freedom == 1
+    assert scored(statistics, fixed=True).freedom == 0
     settled = Candidate("one", "a form", Shared(np.zeros((ROWS, 2))), settled={"tau": (1.0, "s")})
-    assert score(settled, moments, np.ones(21)).freedom == 43
+    assert score(settled, statistics, np.ones(21)).freedom == 43
 
 
 def test_scale_makes_every_channel_count_alike() -> None:
@@ -119,19 +119,19 @@ def test_rows_count_less_where_the_residual_scatters_more() -> None:
     fit = random.random(20_000) < 0.7
     residual[~fit] *= 1000.0
     residual[~fit, 0] = 0.0
-    trust = trust_of(residual, pressed, fit)
-    assert trust[fit].mean() == pytest.approx(1.0)
-    assert trust.min() > 0.0
-    light, hard = (trust[fit & (abs(pressed - force) < 0.5)].mean() for force in (0.5, 7.5))
-    assert 5.0 < light / hard <= MOST_TRUST**2
+    row_weights = row_weights_of(residual, pressed, fit)
+    assert row_weights[fit].mean() == pytest.approx(1.0)
+    assert row_weights.min() > 0.0
+    light, hard = (row_weights[fit & (abs(pressed - force) < 0.5)].mean() for force in (0.5, 7.5))
+    assert 5.0 < light / hard <= MOST_ROW_WEIGHT**2
 
 
 def test_a_row_far_outside_its_bin_counts_less() -> None:
     random = np.random.default_rng(0)
     residual = random.normal(size=(4000, 21))
     residual[17] *= 30.0
-    trust = trust_of(residual, np.ones(4000), np.ones(4000, bool))
-    assert trust[17] < 0.3 * np.median(trust)
+    row_weights = row_weights_of(residual, np.ones(4000), np.ones(4000, bool))
+    assert row_weights[17] < 0.3 * np.median(row_weights)
 
 
 def test_absolute_weights_turn_squares_into_sizes() -> None:
@@ -146,11 +146,11 @@ def test_absolute_weights_turn_squares_into_sizes() -> None:
 
 
 def test_worth_is_the_share_of_each_channels_first_error() -> None:
-    moments = moments_of(0, 1.0)
-    one = scored(moments)
-    first = moments.energy.sum(axis=0)
-    found = worth(one, moments, np.ones(21), first)
-    np.testing.assert_allclose(found, moments.gains(np.ones(21)).sum(axis=0) / first)
+    statistics = moments_of(0, 1.0)
+    one = scored(statistics)
+    first = statistics.energy.sum(axis=0)
+    found = worth(one, statistics, np.ones(21), first)
+    np.testing.assert_allclose(found, statistics.gains(np.ones(21)).sum(axis=0) / first)
     assert found[3] == pytest.approx(0.5, abs=0.05)
 
 

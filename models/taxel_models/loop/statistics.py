@@ -1,7 +1,7 @@
-"""Least squares on blocks: second moments of a candidate's regressors with the residual.
+"""Least squares on blocks: second statistics of a candidate's regressors with the residual.
 
 Everything that attribution asks of a candidate (weights, cross-validated gains, what chance gives)
-follows from the moments of its blocks, so that the rows are read once.
+follows from the statistics of its blocks, so that the rows are read once.
 """
 
 from dataclasses import dataclass
@@ -37,8 +37,8 @@ class Fitting:
 
 
 @dataclass(frozen=True)
-class Moments:
-    """Moments of every fit block, counts².
+class SufficientStatistics:
+    """SufficientStatistics of every fit block, counts².
 
     Attributes:
         regressors: (blocks, 1 or 21, k, k).
@@ -55,11 +55,13 @@ class Moments:
     fitting: Fitting
 
     @classmethod
-    def of(cls, basis: Basis, residual: Floats, trust: Floats, blocks: Blocks, fitting: Fitting) -> Self:
-        """Moments of a basis with a residual (n, 21), each row counted by its trust (n,)."""
+    def of(
+        cls, basis: Basis, residual: Floats, row_weights: Floats, blocks: Blocks, fitting: Fitting
+    ) -> Self:
+        """Of a basis with a residual (n, 21), each row counted by its row_weights (n,)."""
         of_row = blocks.of_row if basis.rows is None else blocks.of_row[basis.rows]
         known = residual if basis.rows is None else residual[basis.rows]
-        counted = trust if basis.rows is None else trust[basis.rows]
+        counted = row_weights if basis.rows is None else row_weights[basis.rows]
         wanted = np.flatnonzero(blocks.fold >= 0)
         order = np.argsort(of_row, kind="stable")
         starts = np.searchsorted(of_row[order], np.arange(len(blocks) + 1))
@@ -94,12 +96,12 @@ class Moments:
         strength = self.strength(scale, kept)
         return np.asarray(weights * np.maximum(0.0, 1.0 - 1.0 / np.maximum(strength, 1e-9))[:, None])
 
-    def gains(self, scale: Floats, tested: "Moments | None" = None) -> Floats:
+    def gains(self, scale: Floats, tested: "SufficientStatistics | None" = None) -> Floats:
         """(folds, 21) error that weights fitted without a fold take away in it, scaled.
 
         Args:
             scale: (21,) what an error of each channel counts, 1/counts².
-            tested: the same candidate's moments with rows counted otherwise, to test on.
+            tested: the same candidate's statistics with rows counted otherwise, to test on.
         """
         tested = tested or self
         gains = np.empty((self.folds, len(CHANNELS)))
@@ -146,7 +148,7 @@ class Moments:
         return np.asarray(np.maximum(blocks - size, 1) / size * squared / room)
 
     def _solved(self, gram: Floats, cross: Floats, scale: Floats) -> Floats:
-        """(21, k) weights of moments (1 or 21, k, k) and (21, k)."""
+        """(21, k) weights of statistics (1 or 21, k, k) and (21, k)."""
         size = gram.shape[-1]
         fitting = self.fitting
         allowed = np.ones((len(CHANNELS), size), bool) if fitting.allowed is None else fitting.allowed

@@ -8,15 +8,13 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from taxel.corrections import Parameter
-from taxel.manifest import Manifest
 from taxel_models.evaluation.metrics import ErrorMetrics
 from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import FOLDS, Blocks, cut
-from taxel_models.loop.choice import LEAST_SHARE
 from taxel_models.loop.correction import NewEffects, corrected, served_windows
+from taxel_models.loop.cross_validation import scale_of
 from taxel_models.loop.effects.registry import candidates
-from taxel_models.loop.evidence import Evidence, Predict, gather
 from taxel_models.loop.findings import (
     Findings,
     FoundEffect,
@@ -24,15 +22,16 @@ from taxel_models.loop.findings import (
     RejectedEffect,
 )
 from taxel_models.loop.intervals import parameters
+from taxel_models.loop.model_selection import LEAST_SHARE
 from taxel_models.loop.noise import NoiseFloor
-from taxel_models.loop.remainder import remainder
-from taxel_models.loop.scoring import scale_of
-from taxel_models.loop.search import Search
+from taxel_models.loop.observations import Model, Observations, gather
+from taxel_models.loop.residual_diagnostics import diagnose_residual
+from taxel_models.loop.stepwise import StepwiseSelection
 from taxel_models.recordings import Recording
 
 
 @dataclass(frozen=True)
-class Plan:
+class LoopSettings:
     """How to look.
 
     Attributes:
@@ -55,12 +54,12 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Closed:
+class LoopResult:
     """Everything that came of it.
 
     Attributes:
         findings: for people and programs.
-        evidence: as it was gathered.
+        observations: as it was gathered.
         blocks: what was fitted to and what was evaluated on.
         attribution: what was named, with its contributions row by row.
         new: what a corrected model consists of.
@@ -68,7 +67,7 @@ class Closed:
     """
 
     findings: Findings
-    evidence: Evidence
+    observations: Observations
     blocks: Blocks
     attribution: Attribution
     new: NewEffects
@@ -76,20 +75,19 @@ class Closed:
 
     def served_windows(self, rows: int) -> NDArray[np.float32]:
         """(m, f) windows as the corrected model takes them, m up to `rows`."""
-        return served_windows(self.evidence, self.attribution, self.new, rows)
+        return served_windows(self.observations, self.attribution, self.new, rows)
 
-    def exported(self, version: str) -> "Closed":
+    def exported(self, version: str) -> "LoopResult":
         """The same, exported as a version such as `xgb/2`."""
         return replace(self, findings=self.findings.model_copy(update={"exported": version}))
 
 
-def close_loop(
-    manifest: Manifest,
-    predict: Predict,
+def run_loop(
+    model: Model,
     recordings: Sequence[Recording],
-    plan: Plan,
+    settings: LoopSettings,
     progress: Callable[[str], None] | None = None,
-) -> Closed:
+) -> LoopResult:
     """Find what a model lacks and what adding it brings, on blocks that nothing was fitted to.
 
     Raises:
@@ -97,42 +95,42 @@ def close_loop(
     """
     if progress is not None:
         progress("predicting")
-    evidence = gather(manifest, predict, recordings, measured_temperature=plan.measured_temperature)
-    if plan.calibration_s:
-        evidence = evidence.calibrated(plan.calibration_s)
-    blocks = cut(evidence, seed=plan.seed, held_out=plan.held_out, group=plan.hold_out_by)
-    effects = [one for one in candidates(evidence) if one.label not in plan.exclude]
-    attribution = Search(
-        evidence,
+    observations = gather(model, recordings, measured_temperature=settings.measured_temperature)
+    if settings.calibration_s:
+        observations = observations.calibrated(settings.calibration_s)
+    blocks = cut(observations, seed=settings.seed, held_out=settings.held_out, group=settings.hold_out_by)
+    effects = [one for one in candidates(observations) if one.label not in settings.exclude]
+    attribution = StepwiseSelection(
+        observations,
         blocks,
         effects,
-        seed=plan.seed + 1,
-        least_share=plan.least_share,
+        seed=settings.seed + 1,
+        least_share=settings.least_share,
         progress=progress,
     ).run()
-    scale = scale_of((evidence.measured - evidence.predicted)[blocks.fit])
+    scale = scale_of((observations.measured - observations.predicted)[blocks.fit])
     figures = {one.name: parameters(one, scale) for one in attribution.named}
     new = NewEffects.of(attribution, figures)
-    after = corrected(evidence, attribution, new)
-    findings = _findings(evidence, recordings, blocks, plan, attribution, figures, new, after)
-    return Closed(findings, evidence, blocks, attribution, new, after)
+    after = corrected(observations, attribution, new)
+    findings = _findings(observations, recordings, blocks, settings, attribution, figures, new, after)
+    return LoopResult(findings, observations, blocks, attribution, new, after)
 
 
 def _findings(
-    evidence: Evidence,
+    observations: Observations,
     recordings: Sequence[Recording],
     blocks: Blocks,
-    plan: Plan,
+    settings: LoopSettings,
     attribution: Attribution,
     figures: Mapping[str, list[Parameter]],
     new: NewEffects,
     after: Floats,
 ) -> Findings:
-    manifest = evidence.manifest
+    manifest = observations.manifest
     rows, spread = blocks.evaluation, np.array(manifest.normalisation.output_std)
-    noise = NoiseFloor.of(evidence)
-    energy = ((evidence.measured - evidence.predicted)[rows] ** 2).mean(axis=0)
-    measured = evidence.measured[rows]
+    noise = NoiseFloor.of(observations)
+    energy = ((observations.measured - observations.predicted)[rows] ** 2).mean(axis=0)
+    measured = observations.measured[rows]
     return Findings(
         model=f"{manifest.name}/{manifest.version}",
         data=tuple(
@@ -140,19 +138,19 @@ def _findings(
             for one in recordings
         ),
         split={
-            "unit": plan.hold_out_by or "blocks",
+            "unit": settings.hold_out_by or "blocks",
             "blocks": len(blocks),
             "evaluation_blocks": int((blocks.fold < 0).sum()),
             "folds": min(FOLDS, int(blocks.fold.max()) + 1),
-            "rows": len(evidence),
+            "rows": len(observations),
             "evaluation_rows": int(rows.sum()),
-            "seed": plan.seed,
-            "measured_temperature": plan.measured_temperature,
-            "calibration_s": plan.calibration_s,
-            "least_share": plan.least_share,
+            "seed": settings.seed,
+            "measured_temperature": settings.measured_temperature,
+            "calibration_s": settings.calibration_s,
+            "least_share": settings.least_share,
         },
         noise_floor=noise.report(energy, spread),
-        effects=_found(evidence, attribution, figures, new, rows),
+        effects=_found(observations, attribution, figures, new, rows),
         rejected=tuple(
             RejectedEffect(
                 name=one.name,
@@ -164,22 +162,22 @@ def _findings(
             )
             for one in attribution.rejected
         ),
-        before=ErrorMetrics.of(measured, evidence.predicted[rows], spread).report(),
+        before=ErrorMetrics.of(measured, observations.predicted[rows], spread).report(),
         after=ErrorMetrics.of(measured, after[rows], spread).report(),
-        test=_paired(evidence, blocks, after, spread),
-        unexplained=remainder(evidence, evidence.measured - after, noise.differences, rows),
+        test=_paired(observations, blocks, after, spread),
+        unexplained=diagnose_residual(observations, observations.measured - after, noise.differences, rows),
     )
 
 
 def _found(
-    evidence: Evidence,
+    observations: Observations,
     attribution: Attribution,
     figures: Mapping[str, list[Parameter]],
     new: NewEffects,
     rows: NDArray[np.bool_],
 ) -> tuple[FoundEffect, ...]:
     """Named effects by what each adds to those before it on the evaluation part."""
-    left = (evidence.measured - evidence.predicted)[rows]
+    left = (observations.measured - observations.predicted)[rows]
     first = np.maximum((left**2).mean(axis=0), 1e-9)
     served = {effect.name: effect for effect in new.effects}
     found = []
@@ -214,9 +212,9 @@ def _one(
     )
 
 
-def _paired(evidence: Evidence, blocks: Blocks, after: Floats, spread: Floats) -> PairedTest:
+def _paired(observations: Observations, blocks: Blocks, after: Floats, spread: Floats) -> PairedTest:
     rows = blocks.evaluation
-    fall = np.abs(evidence.measured - evidence.predicted) - np.abs(evidence.measured - after)
+    fall = np.abs(observations.measured - observations.predicted) - np.abs(observations.measured - after)
     by_row = (fall / spread).mean(axis=1)
     numbers = np.unique(blocks.of_row[rows])
     falls = np.array([by_row[blocks.of_row == number].mean() for number in numbers])

@@ -1,4 +1,4 @@
-"""Planting: an undeclared effect is put into a recording's measured channels at a given strength."""
+"""Injection: an effect is put into a recording's measured channels at a given strength."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -11,7 +11,7 @@ from taxel.channels import COUNTS_MAX
 from taxel.errors import SettingsError
 from taxel.windows import HistoryFeature, history_columns
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.evidence import resting
+from taxel_models.loop.observations import resting
 from taxel_models.recordings import Recording
 
 USUAL_RESIDUAL: Final = 0.1
@@ -19,7 +19,7 @@ USUAL_RESIDUAL: Final = 0.1
 
 
 @dataclass
-class Planting:
+class Injection:
     """A recording that effects are put into, one after another.
 
     Strength is the root mean square of what an effect changes over the residual that was there
@@ -29,8 +29,8 @@ class Planting:
         recording: of ticks; replaced as effects are added.
         random: draws the parameters.
         residual: (21,) root mean square of the residual without the effect, counts.
-        strength: of the effect that is planted next.
-        truth: what was planted so far.
+        strength: of the effect that is injected next.
+        truth: what was injected so far.
         respond: what a model gives for other positions (n, 3), m, and forces (n, 3), N: (n, 21) counts; to
             scale effects of the inputs, which else keep to their usual size.
     """
@@ -43,7 +43,7 @@ class Planting:
     respond: Callable[[Floats, Floats], Floats] | None = None
 
     @classmethod
-    def into(cls, recording: Recording, seed: int, residual: Floats | None = None) -> "Planting":
+    def into(cls, recording: Recording, seed: int, residual: Floats | None = None) -> "Injection":
         """Plant into a recording; the residual is a tenth of each channel's spread if none is given."""
         ticks = recording.ticks()
         usual = USUAL_RESIDUAL * ticks.channels.std(axis=0)
@@ -93,7 +93,7 @@ class Planting:
         scaled = {name: (np.asarray(values) * scale).tolist() for name, values in weights.items()}
         self.truth[-1].update({"parameters": {**settled, **scaled}})
 
-    def search(
+    def add_nearest(
         self, changes: Iterable[tuple[float, Callable[[], Recording]]], name: str, unit: str
     ) -> None:
         """Take of several changes the one nearest to the strength, for effects that do not scale."""

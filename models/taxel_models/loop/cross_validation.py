@@ -11,10 +11,10 @@ from taxel.channels import ELECTRODE_COLUMNS
 from taxel_models.evaluation.standard_error import corrected_standard_error
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Candidate
-from taxel_models.loop.moments import Moments
+from taxel_models.loop.statistics import SufficientStatistics
 
 FORCE_BINS: Final = 8
-MOST_TRUST: Final = 4.0
+MOST_ROW_WEIGHT: Final = 4.0
 """A bin of rows counts at most so much more, or less, than the mean."""
 
 LEANS: Final = 4.0
@@ -30,7 +30,7 @@ class Score:
 
     Attributes:
         candidate: which form of which effect.
-        moments: of its regressors with what is left.
+        statistics: of its regressors with what is left.
         strength: (21,) F of each channel's weights.
         share: of the residual's energy, trusted rows first, that it explains over all channels.
         fold_share: (folds,) share explained in each fold.
@@ -38,7 +38,7 @@ class Score:
     """
 
     candidate: Candidate
-    moments: Moments
+    statistics: SufficientStatistics
     strength: Floats
     share: float
     fold_share: Floats
@@ -84,7 +84,7 @@ class Score:
         Args:
             scale: (21,) what an error of each channel counts, 1/counts².
         """
-        weights = self.moments.weights(scale)[ELECTRODE_COLUMNS]
+        weights = self.statistics.weights(scale)[ELECTRODE_COLUMNS]
         mean = weights.mean(axis=0)
         spread = np.sqrt(((weights - mean) ** 2).sum(axis=1).mean())
         return float(spread / max(float(np.linalg.norm(mean)), 1e-12))
@@ -121,7 +121,7 @@ def scale_of(residual: Floats) -> Floats:
     return np.asarray(1.0 / np.maximum((residual**2).mean(axis=0), 1e-9))
 
 
-def trust_of(residual: Floats, pressed: Floats, fit: NDArray[np.bool_]) -> Floats:
+def row_weights_of(residual: Floats, pressed: Floats, fit: NDArray[np.bool_]) -> Floats:
     """(n,) how much each row counts: less where the residual scatters more.
 
     A model errs most where it is pressed hardest, and a few contacts would drown the rest. Rows are
@@ -132,9 +132,9 @@ def trust_of(residual: Floats, pressed: Floats, fit: NDArray[np.bool_]) -> Float
     edges = np.unique(np.quantile(pressed[fit], np.linspace(0, 1, FORCE_BINS + 1)[1:-1]))
     bins = np.searchsorted(edges, pressed)
     spread = np.array([_mean(size[fit & (bins == number)]) for number in range(len(edges) + 1)])
-    spread = np.clip(spread, MOST_TRUST**-1, MOST_TRUST)[bins]
-    trust = np.minimum(1.0, HUBER * np.sqrt(spread / np.maximum(size, 1e-12))) / spread
-    return np.asarray(trust / trust[fit].mean())
+    spread = np.clip(spread, MOST_ROW_WEIGHT**-1, MOST_ROW_WEIGHT)[bins]
+    row_weights = np.minimum(1.0, HUBER * np.sqrt(spread / np.maximum(size, 1e-12))) / spread
+    return np.asarray(row_weights / row_weights[fit].mean())
 
 
 def absolute_of(residual: Floats, fit: NDArray[np.bool_]) -> Floats:
@@ -151,22 +151,22 @@ def _mean(values: Floats) -> float:
     return float(values.mean()) if len(values) else 1.0
 
 
-def score(candidate: Candidate, moments: Moments, scale: Floats) -> Score:
+def score(candidate: Candidate, statistics: SufficientStatistics, scale: Floats) -> Score:
     """Cross-validate one candidate."""
-    gains = moments.gains(scale)
-    energy = moments.energy * scale
-    by_fold = np.array([energy[moments.fold == fold].sum(axis=0) for fold in range(moments.folds)])
+    gains = statistics.gains(scale)
+    energy = statistics.energy * scale
+    by_fold = np.array([energy[statistics.fold == fold].sum(axis=0) for fold in range(statistics.folds)])
     return Score(
         candidate,
-        moments,
-        moments.strength(scale),
+        statistics,
+        statistics.strength(scale),
         float(gains.sum() / by_fold.sum()),
         gains.sum(axis=1) / by_fold.sum(axis=1),
         gains / np.maximum(by_fold, 1e-12),
     )
 
 
-def stands_out(moments: Moments, scale: Floats, signs: Floats) -> Floats:
+def stands_out(statistics: SufficientStatistics, scale: Floats, signs: Floats) -> Floats:
     """(1 + draws,) how far a candidate stands out from chance, first as it is, then by chance alone.
 
     Two figures do: the channels' strengths together, and the strongest channel's; each in standard
@@ -174,21 +174,21 @@ def stands_out(moments: Moments, scale: Floats, signs: Floats) -> Floats:
     rows of a block share (wild cluster bootstrap; Cameron, Gelbach and Miller 2008).
     """
     every = np.vstack([np.ones((1, signs.shape[1])), signs])
-    strengths = np.log1p(moments.strengths(scale, every))
+    strengths = np.log1p(statistics.strengths(scale, every))
     both = np.stack([strengths.sum(axis=1), strengths.max(axis=1)])
     usual, spread = both[:, 1:].mean(axis=1), both[:, 1:].std(axis=1) + 1e-9
     return np.asarray(((both - usual[:, None]) / spread[:, None]).max(axis=0))
 
 
-def worth(one: Score, alike: Moments, scale: Floats, first: Floats) -> Floats:
+def worth(one: Score, alike: SufficientStatistics, scale: Floats, first: Floats) -> Floats:
     """(21,) share of each channel's first error that it takes away, about as absolute errors count.
 
     Args:
-        alike: the candidate's moments with rows counted by `absolute_of`.
+        alike: the candidate's statistics with rows counted by `absolute_of`.
         first: (21,) the channels' residual energy before anything was explained, counted so, and
             summed over the same rows.
     """
-    gains = one.moments.gains(scale, tested=alike).sum(axis=0) / scale
+    gains = one.statistics.gains(scale, tested=alike).sum(axis=0) / scale
     return np.asarray(gains / np.maximum(first, 1e-9))
 
 

@@ -11,7 +11,7 @@ from taxel.corrections.term import BaseTerm, Columns
 from taxel.schema import PerChannel
 
 
-class Limit(BaseTerm):
+class Saturation(BaseTerm):
     """delta_c = -slope_c sign(s) max(|s| - level_c, 0), with s = p_c - rest_c.
 
     Attributes:
@@ -20,7 +20,7 @@ class Limit(BaseTerm):
         rest: resting value of each channel, counts.
     """
 
-    kind: Literal["limit"] = "limit"
+    kind: Literal["saturation"] = "saturation"
     slope: PerChannel
     level: PerChannel
     rest: PerChannel
@@ -33,10 +33,21 @@ class Limit(BaseTerm):
     @override
     def delta(self, p: NDArray[np.float64], columns: Columns) -> NDArray[np.float64]:
         slope, level, rest = self._arrays
-        signal = p - rest
-        beyond = np.maximum(np.abs(signal) - level, 0)
-        return -slope * np.sign(signal) * beyond
+        return slope * saturation_design(p - rest, level)
 
     @cached_property
     def _arrays(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         return np.array(self.slope), np.array(self.level), np.array(self.rest)
+
+
+def saturation_design(signal: NDArray[np.float64], level: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What a saturation with slope 1 adds.
+
+    Args:
+        signal: (n, 21), counts from rest.
+        level: (21,), counts from rest.
+
+    Returns:
+        (n, 21), counts: -sign(s) max(|s| - level, 0).
+    """
+    return np.asarray(-np.sign(signal) * np.maximum(np.abs(signal) - level, 0.0))

@@ -15,7 +15,18 @@ from threadpoolctl import threadpool_limits
 from taxel_models.loop.attribution import Attribution, Named, Rejected
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks, thinned
-from taxel_models.loop.choice import (
+from taxel_models.loop.cross_validation import (
+    Score,
+    absolute_of,
+    random_signs,
+    row_weights_of,
+    scale_of,
+    score,
+    stands_out,
+    worth,
+)
+from taxel_models.loop.effects.effect import Candidate, Effect, Remaining
+from taxel_models.loop.model_selection import (
     FOLD_LEVEL,
     LEAST_CHANNEL_SHARE,
     LEAST_SHARE,
@@ -26,19 +37,8 @@ from taxel_models.loop.choice import (
     steadiest,
     worth_most,
 )
-from taxel_models.loop.effects.effect import Candidate, Effect, Left
-from taxel_models.loop.evidence import Evidence
-from taxel_models.loop.moments import Moments
-from taxel_models.loop.scoring import (
-    Score,
-    absolute_of,
-    random_signs,
-    scale_of,
-    score,
-    stands_out,
-    trust_of,
-    worth,
-)
+from taxel_models.loop.observations import Observations
+from taxel_models.loop.statistics import SufficientStatistics
 
 LEVEL: Final = 0.01
 """Family-wise: how often a step may name an effect where there is none."""
@@ -58,11 +58,11 @@ REFITS: Final = 3
 Progress = Callable[[str], None]
 
 
-class Search:
+class StepwiseSelection:
     """One attribution.
 
     Args:
-        evidence: the recordings beside the model's predictions.
+        observations: the recordings beside the model's predictions.
         blocks: what is fitted to and what is kept for the final comparison, which is not looked at.
         effects: the candidates.
         seed: of the blocks that are turned round.
@@ -73,7 +73,7 @@ class Search:
 
     def __init__(
         self,
-        evidence: Evidence,
+        observations: Observations,
         blocks: Blocks,
         effects: Sequence[Effect],
         *,
@@ -81,23 +81,25 @@ class Search:
         least_share: float = LEAST_SHARE,
         progress: Progress | None = None,
     ) -> None:
-        self._evidence = evidence
-        self._first = evidence
+        self._evidence = observations
+        self._first = observations
         self._blocks = thinned(blocks, MOST_ROWS)
         self._effects = effects
         self._progress = progress or _silent
         self._least_share = least_share
         self._signs = random_signs(DRAWS, int((blocks.fold >= 0).sum()), seed)
-        self._scale = scale_of((evidence.measured - evidence.predicted)[blocks.fit])
-        self._trust = trust_of(evidence.measured - evidence.predicted, evidence.pressed, blocks.fit)
-        self._absolute = absolute_of(evidence.measured - evidence.predicted, blocks.fit)
+        self._scale = scale_of((observations.measured - observations.predicted)[blocks.fit])
+        self._row_weights = row_weights_of(
+            observations.measured - observations.predicted, observations.pressed, blocks.fit
+        )
+        self._absolute = absolute_of(observations.measured - observations.predicted, blocks.fit)
         self._named: list[Named] = []
         self._alone: list[Score] = []
         """On the first residual, before anything was named."""
         self._tried: set[tuple[str, str]] = set()
         """Forms that were named once: none is named again, so that the search ends."""
         self._forms: dict[str, tuple[Candidate, ...]] = {}
-        """Forms on the present evidence, of effects that do not look at the residual."""
+        """Forms on the present observations, of effects that do not look at the residual."""
 
     def run(self) -> Attribution:
         """Name effects until nothing is left that chance does not explain as well."""
@@ -132,7 +134,7 @@ class Search:
     def scores(self, residual: Floats) -> list[Score]:
         """The best form of each effect on a residual."""
         found = []
-        left = Left(residual, self._blocks.fit, self._trust)
+        left = Remaining(residual, self._blocks.fit, self._row_weights)
         for effect in self._effects:
             self._progress(effect.label)
             forms = [self._score(one, residual) for one in self._forms_of(effect, left)]
@@ -143,7 +145,7 @@ class Search:
             found.append(simplest([best, *finer]) if finer else steadiest(forms))
         return found
 
-    def _forms_of(self, effect: Effect, left: Left) -> Sequence[Candidate]:
+    def _forms_of(self, effect: Effect, left: Remaining) -> Sequence[Candidate]:
         if effect.looks_at_residual:
             return tuple(effect.forms(self._evidence, left))
         if effect.label not in self._forms:
@@ -151,12 +153,14 @@ class Search:
         return self._forms[effect.label]
 
     def _score(self, candidate: Candidate, residual: Floats) -> Score:
-        moments = Moments.of(candidate.basis, residual, self._trust, self._blocks, candidate.fitting)
-        return score(candidate, moments, self._scale)
+        statistics = SufficientStatistics.of(
+            candidate.basis, residual, self._row_weights, self._blocks, candidate.fitting
+        )
+        return score(candidate, statistics, self._scale)
 
     def _p_values(self, scores: Sequence[Score]) -> dict[str, float]:
         """For each effect how often chance lets any candidate stand out as much."""
-        found = np.stack([stands_out(one.moments, self._scale, self._signs) for one in scores])
+        found = np.stack([stands_out(one.statistics, self._scale, self._signs) for one in scores])
         most = found[:, 1:].max(axis=0)
         return {
             one.candidate.effect: float((1 + (most >= found[place, 0]).sum()) / (1 + len(most)))
@@ -198,7 +202,9 @@ class Search:
     def _worth(self, one: Score) -> Floats:
         """(21,) share of each channel's first error that it takes away in cross-validation."""
         candidate = one.candidate
-        alike = Moments.of(candidate.basis, self._left(), self._absolute, self._blocks, candidate.fitting)
+        alike = SufficientStatistics.of(
+            candidate.basis, self._left(), self._absolute, self._blocks, candidate.fitting
+        )
         basis_rows = candidate.basis.rows
         first = (self._first.measured - self._first.predicted) ** 2 * self._absolute[:, None]
         kept = self._blocks.fit
@@ -208,7 +214,7 @@ class Search:
     def _name(self, chosen: Score, p_value: float) -> None:
         effect = next(one for one in self._effects if one.label == chosen.candidate.effect)
         self._tried.add((chosen.candidate.effect, chosen.candidate.form))
-        weights = chosen.moments.weights(self._scale)
+        weights = chosen.statistics.weights(self._scale)
         if chosen.candidate.moved is None:
             contribution = chosen.candidate.basis.times(weights)
         else:
@@ -230,7 +236,7 @@ class Search:
         if candidate.again is None:
             return one
         fresh = self._score(candidate.again(self._evidence), self._left(without=one))
-        weights = fresh.moments.weights(self._scale)
+        weights = fresh.statistics.weights(self._scale)
         contribution = fresh.candidate.basis.times(weights)
         return replace(one, score=fresh, weights=weights, contribution=contribution)
 

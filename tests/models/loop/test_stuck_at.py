@@ -8,7 +8,7 @@ import pytest
 
 from taxel.channels import CHANNELS
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.frozen import Frozen, frozen_channels
+from taxel_models.loop.stuck_at import StuckChannel, stuck_channels
 
 ROWS: Final = 7_000
 E5: Final = CHANNELS.index("e5")
@@ -28,9 +28,9 @@ def tared(noise: float = 0.5) -> Pair:
     return np.maximum(np.rint(predicted + moving), 0.0), predicted
 
 
-def found(pair: Pair) -> list[Frozen]:
+def found(pair: Pair) -> list[StuckChannel]:
     measured, predicted = pair
-    return frozen_channels(measured, predicted, SEGMENT)
+    return stuck_channels(measured, predicted, SEGMENT)
 
 
 def test_channels_that_rest_at_zero_are_not_broken() -> None:

@@ -4,13 +4,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
-from taxel.corrections import Frame, Substitute
+from taxel.corrections import Frame
 from taxel.errors import RecordingError
 from taxel.manifest import Manifest
 from taxel.windows import HistoryFeature, Samples, build_windows, extra_columns, history_columns
@@ -26,9 +26,21 @@ _REST_ROWS: Final = 50
 _RAW_COUNTS: Final = 500.0
 """Electrodes of a finger at rest read 2300 to 3500."""
 
-_ITERATIONS: Final = 6
-
 Predict = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+
+
+class Model(Protocol):
+    """What the loop asks of a model: a predictor of `taxel.load` does it."""
+
+    @property
+    def manifest(self) -> Manifest:
+        """Everything known of the model."""
+
+    def predict(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(n, 21) counts of windows (n, f)."""
+
+    def predict_base(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(n, 21) counts of the same windows without the effects of the manifest."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +61,11 @@ class TakenCalibration:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class Observations:
     """Rows of recordings, each a window's time T, in order.
 
     Attributes:
-        manifest: of the model.
-        predict: the model, (n, f) float32 to (n, 21) counts.
+        model: that is compared with the measurements.
         windows: (n, f) float32, with the model's own extra features.
         predicted: (n, 21) counts.
         base: (n, 21) what the model file itself gives, from which all terms are computed; differs from
@@ -73,8 +84,7 @@ class Evidence:
         calibration: taken at the start of each segment; None where none was.
     """
 
-    manifest: Manifest
-    predict: Predict
+    model: Model
     windows: NDArray[np.float32]
     predicted: Floats
     base: Floats
@@ -94,6 +104,11 @@ class Evidence:
 
     def __len__(self) -> int:
         return len(self.predicted)
+
+    @property
+    def manifest(self) -> Manifest:
+        """The model's."""
+        return self.model.manifest
 
     @cached_property
     def pressed(self) -> Floats:
@@ -115,7 +130,7 @@ class Evidence:
         """Whether electrodes read impedance: tared magnitudes rest near 0 and stand for none."""
         return are_raw(self.rest)
 
-    def calibrated(self, seconds: float) -> "Evidence":
+    def calibrated(self, seconds: float) -> "Observations":
         """The rows after the first seconds of each segment, with the offsets found in those.
 
         Raises:
@@ -132,7 +147,7 @@ class Evidence:
             raise RecordingError(f"no segment is longer than the {seconds:g} s of its calibration")
         return replace(self, calibration=TakenCalibration(offsets, since - seconds)).kept(~early)
 
-    def kept(self, keep: NDArray[np.bool_]) -> "Evidence":
+    def kept(self, keep: NDArray[np.bool_]) -> "Observations":
         """Some of the rows."""
         counts = np.cumsum([0, *map(len, self.rows)])
         parts = [keep[start:stop] for start, stop in pairwise(counts)]
@@ -159,14 +174,14 @@ class Evidence:
 
     def with_windows(
         self, windows: NDArray[np.float32], *, turn: Frame | None, shift_ticks: int
-    ) -> "Evidence":
+    ) -> "Observations":
         """The same rows, their inputs turned or shifted and predicted anew."""
-        predicted = predict_all(self.predict, windows)
+        predicted, base = _predictions(self.model, windows)
         return replace(
             self,
             windows=windows,
             predicted=predicted,
-            base=base_counts(self.manifest, windows, predicted),
+            base=base,
             turn=turn,
             shift_ticks=shift_ticks,
         )
@@ -200,19 +215,18 @@ def are_raw(rest: Floats) -> bool:
     return bool(np.median(rest[ELECTRODE_COLUMNS]) > _RAW_COUNTS)
 
 
-def gather(
-    manifest: Manifest, predict: Predict, recordings: Sequence[Recording], *, measured_temperature: bool
-) -> Evidence:
+def gather(model: Model, recordings: Sequence[Recording], *, measured_temperature: bool) -> Observations:
     """Windows, predictions and measurements of recordings, aligned.
 
     Args:
-        predict: called with up to 4096 windows at a time.
+        model: called with up to 4096 windows at a time.
         measured_temperature: a model that takes `tdc` gets the recording's; else its default, and the
             temperature is not looked at.
 
     Raises:
         RecordingError: no recording has a whole window.
     """
+    manifest = model.manifest
     ticks = [recording.ticks() for recording in recordings]
     built = [build_windows(recording.samples, manifest.spec) for recording in ticks]
     if not sum(map(len, built)):
@@ -228,17 +242,16 @@ def gather(
             for one, extra in zip(built, extras, strict=True)
         ]
     )
-    predicted = predict_all(predict, windows)
+    predicted, base = _predictions(model, windows)
     names = set.intersection(*({*one.auxiliary, *one.covariates} for one in ticks)) - {"pac1"}
     names -= set() if measured_temperature else {"tdc", "tac"}
     columns = [{**one.auxiliary, **one.covariates} for one in ticks]
     starts = [one.samples.time_ns[0] for one in ticks]
-    return Evidence(
-        manifest=manifest,
-        predict=predict,
+    return Observations(
+        model=model,
         windows=windows,
         predicted=predicted,
-        base=base_counts(manifest, windows, predicted),
+        base=base,
         measured=np.concatenate([one.channels[kept] for one, kept in zip(ticks, rows, strict=True)]),
         session=np.repeat(np.arange(len(ticks)), [len(kept) for kept in rows]),
         segment=_segments(ticks, rows),
@@ -267,20 +280,10 @@ def predict_all(predict: Predict, windows: NDArray[np.float32]) -> Floats:
     return np.concatenate(parts).astype(np.float64)[:, : len(CHANNELS)]
 
 
-def base_counts(manifest: Manifest, windows: NDArray[np.float32], predicted: Floats) -> Floats:
-    """(n, 21) what the model file gives, from what the corrected model does.
-
-    Solves p + sum of terms(p) = predicted for p by iteration; terms are small beside p.
-    """
-    terms = [
-        term for effect in manifest.effects for term in effect.terms if not isinstance(term, Substitute)
-    ]
-    names = [*manifest.spec.unshifted.features, *(extra.name for extra in manifest.window.extras)]
-    columns = {name: windows[:, place].astype(np.float64) for place, name in enumerate(names)}
-    base = predicted
-    for _ in range(_ITERATIONS if terms else 0):
-        base = predicted - sum(term.delta(base, columns) for term in terms)
-    return base
+def _predictions(model: Model, windows: NDArray[np.float32]) -> tuple[Floats, Floats]:
+    """What the model gives and what it gives without its effects, (n, 21) counts each."""
+    predicted = predict_all(model.predict, windows)
+    return predicted, predict_all(model.predict_base, windows) if model.manifest.effects else predicted
 
 
 def _extras(

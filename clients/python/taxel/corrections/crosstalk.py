@@ -21,14 +21,14 @@ class Leak(NamedTuple):
     weight: FiniteFloat
 
 
-class Mix(BaseTerm):
+class Crosstalk(BaseTerm):
     """delta_to = Σ weight (p_source - rest_source), over the leaks into a channel.
 
     Attributes:
         rest: resting value of each channel, counts.
     """
 
-    kind: Literal["mix"] = "mix"
+    kind: Literal["crosstalk"] = "crosstalk"
     leaks: Annotated[tuple[Leak, ...], Field(min_length=1)]
     rest: PerChannel
 

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from taxel_models.loop.basis import Shared
 from taxel_models.loop.blocks import Blocks
-from taxel_models.loop.choice import (
+from taxel_models.loop.cross_validation import Score, score
+from taxel_models.loop.effects.effect import Candidate
+from taxel_models.loop.model_selection import (
     CLEARLY_LESS,
     CONFOUNDED,
     CONTAINED,
@@ -20,9 +22,7 @@ from taxel_models.loop.choice import (
     steadiest,
     worth_most,
 )
-from taxel_models.loop.effects.effect import Candidate
-from taxel_models.loop.moments import Fitting, Moments
-from taxel_models.loop.scoring import Score, score
+from taxel_models.loop.statistics import Fitting, SufficientStatistics
 
 ROWS: Final = 2000
 SCALE: Final = np.ones(21)
@@ -42,9 +42,9 @@ def cause(
     features = random.normal(size=(ROWS, figures))
     residual = features[:, :1] * np.broadcast_to(weights, 21) + 0.01 * random.normal(size=(ROWS, 21))
     blocks = Blocks(np.repeat(np.arange(40), ROWS // 40), np.arange(40) % 8)
-    moments = Moments.of(Shared(features), residual, np.ones(ROWS), blocks, Fitting())
+    statistics = SufficientStatistics.of(Shared(features), residual, np.ones(ROWS), blocks, Fitting())
     candidate = Candidate(name, "a form", Shared(features))
-    found = score(candidate, moments, SCALE)
+    found = score(candidate, statistics, SCALE)
     channel_share = np.repeat(fold_share[:, None], 21, axis=1)
     return replace(
         found, share=float(fold_share.mean()), fold_share=fold_share, channel_share=channel_share

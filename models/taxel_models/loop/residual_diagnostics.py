@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.evidence import TOUCH_N, Evidence
 from taxel_models.loop.findings import Unexplained
+from taxel_models.loop.observations import TOUCH_N, Observations
 
 MORE_THAN_NOISE: Final = 0.1
 """Share of what is left that noise cannot account for, from which on it counts as structured."""
@@ -25,8 +25,8 @@ _PEAK: Final = 8.0
 """Power of a spectral line over the median within a band around it, from which on it is told."""
 
 
-def remainder(
-    evidence: Evidence, left: Floats, noise: NDArray[np.float64], rows: NDArray[np.bool_]
+def diagnose_residual(
+    observations: Observations, left: Floats, noise: NDArray[np.float64], rows: NDArray[np.bool_]
 ) -> Unexplained:
     """Judge what is left at some rows.
 
@@ -36,25 +36,25 @@ def remainder(
     """
     energy = (left[rows] ** 2).mean(axis=0)
     shares = 1.0 - np.minimum(1.0, noise**2 / np.maximum(energy, 1e-9))
-    tick = _correlations(evidence, left, rows, 1)
+    tick = _correlations(observations, left, rows, 1)
     share = float(shares.mean())
-    lags = {"10 ms": float(tick.mean()), "1 s": autocorrelation(evidence, left, rows, _SECOND)}
+    lags = {"10 ms": float(tick.mean()), "1 s": autocorrelation(observations, left, rows, _SECOND)}
     structured = share > MORE_THAN_NOISE and lags["10 ms"] > AUTOCORRELATION
     structured |= bool((np.minimum(shares, tick) > IN_A_CHANNEL).any())
     hint = "indistinguishable from the channels' noise"
     if structured:
-        hint = _hint(evidence, left, rows, energy * shares)
+        hint = _hint(observations, left, rows, energy * shares)
     return Unexplained(structured=structured, hint=hint, share=share, autocorrelation=lags)
 
 
-def autocorrelation(evidence: Evidence, left: Floats, rows: NDArray[np.bool_], lag: int) -> float:
+def autocorrelation(observations: Observations, left: Floats, rows: NDArray[np.bool_], lag: int) -> float:
     """Mean over the channels at a lag in ticks, inside segments."""
-    return float(_correlations(evidence, left, rows, lag).mean())
+    return float(_correlations(observations, left, rows, lag).mean())
 
 
-def _correlations(evidence: Evidence, left: Floats, rows: NDArray[np.bool_], lag: int) -> Floats:
+def _correlations(observations: Observations, left: Floats, rows: NDArray[np.bool_], lag: int) -> Floats:
     """(21,) autocorrelation at a lag in ticks; 0 where no rows are so far apart."""
-    both = rows[lag:] & rows[:-lag] & (evidence.segment[lag:] == evidence.segment[:-lag])
+    both = rows[lag:] & rows[:-lag] & (observations.segment[lag:] == observations.segment[:-lag])
     if not both.any():
         return np.zeros(len(CHANNELS))
     centred = left - left[rows].mean(axis=0)
@@ -62,11 +62,11 @@ def _correlations(evidence: Evidence, left: Floats, rows: NDArray[np.bool_], lag
     return np.asarray(products / np.maximum((centred[rows] ** 2).mean(axis=0), 1e-9))
 
 
-def spectrum(evidence: Evidence, left: Floats, rows: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+def spectrum(observations: Observations, left: Floats, rows: NDArray[np.bool_]) -> tuple[Floats, Floats]:
     """Frequencies, Hz, and power (m, 21) of what is left over stretches of 2.56 s; empty without any."""
     window = np.hanning(_SPECTRUM_ROWS)[:, None]
     powers = []
-    starts = np.flatnonzero(np.diff(evidence.segment * 2 + rows, prepend=-1))
+    starts = np.flatnonzero(np.diff(observations.segment * 2 + rows, prepend=-1))
     for start, stop in zip(starts, [*starts[1:], len(rows)], strict=True):
         if rows[start]:
             for first in range(start, stop - _SPECTRUM_ROWS + 1, _SPECTRUM_ROWS):
@@ -78,15 +78,15 @@ def spectrum(evidence: Evidence, left: Floats, rows: NDArray[np.bool_]) -> tuple
     return frequencies, np.asarray(np.mean(powers, axis=0))
 
 
-def _hint(evidence: Evidence, left: Floats, rows: NDArray[np.bool_], beyond: Floats) -> str:
+def _hint(observations: Observations, left: Floats, rows: NDArray[np.bool_], beyond: Floats) -> str:
     """In words; `beyond` (21,) is each channel's energy that noise cannot account for, counts²."""
-    relative = beyond / np.maximum(evidence.measured[rows].var(axis=0), 1e-9)
+    relative = beyond / np.maximum(observations.measured[rows].var(axis=0), 1e-9)
     worst = [CHANNELS[channel] for channel in np.argsort(-relative)[:3]]
     hints = [f"most in {', '.join(worst)}"]
-    line = _line(evidence, left)
+    line = _line(observations, left)
     if line is not None:
         hints.append(f"periodic at {line:.2f} Hz")
-    free = rows & (evidence.pressed < TOUCH_N)
+    free = rows & (observations.pressed < TOUCH_N)
     if free.sum() > _SECOND:
         quiet, all_rows = (left[free] ** 2).mean(), (left[rows] ** 2).mean()
         hints.append(
@@ -95,9 +95,9 @@ def _hint(evidence: Evidence, left: Floats, rows: NDArray[np.bool_], beyond: Flo
     return "; ".join(hints)
 
 
-def _line(evidence: Evidence, left: Floats) -> float | None:
+def _line(observations: Observations, left: Floats) -> float | None:
     """The frequency of a spectral line that stands out, Hz, in all rows: a hum is in each of them."""
-    frequencies, power = spectrum(evidence, left, np.ones(len(left), bool))
+    frequencies, power = spectrum(observations, left, np.ones(len(left), bool))
     if not len(power):
         return None
     total = (power / np.maximum(power.sum(axis=0), 1e-9)).mean(axis=1)
