@@ -22,9 +22,8 @@ from taxel_models.loop.report.contents import Pictures, contents
 from taxel_models.loop.report.document import Picture
 from taxel_models.loop.report.effect_pictures import draw_effect
 from taxel_models.loop.report.error_pictures import draw_channels, draw_waterfall
-from taxel_models.loop.report.html import html
-from taxel_models.loop.report.markdown import markdown
 from taxel_models.loop.report.partial import Partial
+from taxel_models.loop.report.rendering import html, markdown
 from taxel_models.loop.report.residual_picture import draw_residual
 
 REPORT: Final = "report.json"
