@@ -36,20 +36,20 @@ class NewEffects:
             parameters: of each effect, for people.
         """
         effects, extras = [], {}
-        for one in attribution.named:
-            online = one.score.candidate.online(one.weights)
+        for named in attribution.named:
+            online = named.score.candidate.online(named.weights)
             if not online.changes_something:
                 continue
-            effects.append(_applied(one, online, parameters.get(one.name, [])))
+            effects.append(_applied(named, online, parameters.get(named.name, [])))
             extras.update({extra.name: extra for extra in online.extras})
         return cls(tuple(effects), tuple(extras.values()))
 
 
-def _applied(one: Named, online: Online, parameters: Iterable[Parameter]) -> AppliedEffect:
+def _applied(named: Named, online: Online, parameters: Iterable[Parameter]) -> AppliedEffect:
     return AppliedEffect(
-        name=one.name,
-        about=f"{one.effect.equation}; {one.score.candidate.form}",
-        channels=one.channels,
+        name=named.name,
+        about=f"{named.effect.equation}; {named.score.candidate.form}",
+        channels=named.channels,
         parameters=tuple(parameters),
         frame=online.frame,
         shift_ticks=online.shift_ticks,

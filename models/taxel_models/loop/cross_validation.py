@@ -86,8 +86,8 @@ class Score:
         """
         weights = self.statistics.weights(scale)[ELECTRODE_COLUMNS]
         mean = weights.mean(axis=0)
-        spread = np.sqrt(((weights - mean) ** 2).sum(axis=1).mean())
-        return float(spread / max(float(np.linalg.norm(mean)), 1e-12))
+        deviation = np.sqrt(((weights - mean) ** 2).sum(axis=1).mean())
+        return float(deviation / max(float(np.linalg.norm(mean)), 1e-12))
 
     def contradicts(self, scale: Floats) -> bool:
         """Whether its weights are not as its cause would have them: too unlike.
@@ -126,14 +126,14 @@ def row_weights_of(residual: Floats, pressed: Floats, fit: NDArray[np.bool_]) ->
 
     A model errs most where it is pressed hardest, and a few contacts would drown the rest. Rows are
     binned by force; a bin counts by its inverse mean squared residual, within limits, and a row far
-    outside its bin's spread less (Huber 1964).
+    outside its bin counts less (Huber 1964).
     """
     size = (residual**2 * scale_of(residual[fit])).mean(axis=1)
     edges = np.unique(np.quantile(pressed[fit], np.linspace(0, 1, FORCE_BINS + 1)[1:-1]))
     bins = np.searchsorted(edges, pressed)
-    spread = np.array([_mean(size[fit & (bins == number)]) for number in range(len(edges) + 1)])
-    spread = np.clip(spread, MOST_ROW_WEIGHT**-1, MOST_ROW_WEIGHT)[bins]
-    row_weights = np.minimum(1.0, HUBER * np.sqrt(spread / np.maximum(size, 1e-12))) / spread
+    mean_squares = np.array([_mean(size[fit & (bins == number)]) for number in range(len(edges) + 1)])
+    mean_squares = np.clip(mean_squares, MOST_ROW_WEIGHT**-1, MOST_ROW_WEIGHT)[bins]
+    row_weights = np.minimum(1.0, HUBER * np.sqrt(mean_squares / np.maximum(size, 1e-12))) / mean_squares
     return np.asarray(row_weights / row_weights[fit].mean())
 
 
@@ -151,7 +151,7 @@ def _mean(values: Floats) -> float:
     return float(values.mean()) if len(values) else 1.0
 
 
-def score(candidate: Candidate, statistics: SufficientStatistics, scale: Floats) -> Score:
+def cross_validate(candidate: Candidate, statistics: SufficientStatistics, scale: Floats) -> Score:
     """Cross-validate one candidate."""
     gains = statistics.gains(scale)
     energy = statistics.energy * scale
@@ -176,11 +176,11 @@ def stands_out(statistics: SufficientStatistics, scale: Floats, signs: Floats) -
     every = np.vstack([np.ones((1, signs.shape[1])), signs])
     strengths = np.log1p(statistics.strengths(scale, every))
     both = np.stack([strengths.sum(axis=1), strengths.max(axis=1)])
-    usual, spread = both[:, 1:].mean(axis=1), both[:, 1:].std(axis=1) + 1e-9
-    return np.asarray(((both - usual[:, None]) / spread[:, None]).max(axis=0))
+    usual, deviation = both[:, 1:].mean(axis=1), both[:, 1:].std(axis=1) + 1e-9
+    return np.asarray(((both - usual[:, None]) / deviation[:, None]).max(axis=0))
 
 
-def worth(one: Score, alike: SufficientStatistics, scale: Floats, first: Floats) -> Floats:
+def worth(score: Score, alike: SufficientStatistics, scale: Floats, first: Floats) -> Floats:
     """(21,) share of each channel's first error that it takes away, about as absolute errors count.
 
     Args:
@@ -188,7 +188,7 @@ def worth(one: Score, alike: SufficientStatistics, scale: Floats, first: Floats)
         first: (21,) the channels' residual energy before anything was explained, counted so, and
             summed over the same rows.
     """
-    gains = one.statistics.gains(scale, tested=alike).sum(axis=0) / scale
+    gains = score.statistics.gains(scale, tested=alike).sum(axis=0) / scale
     return np.asarray(gains / np.maximum(first, 1e-9))
 
 

@@ -43,9 +43,9 @@ CONTAINED: Final = 0.5
 
 def simplest(scores: Sequence[Score]) -> Score:
     """The best score, or one with fewer fitted figures that explains nearly as much."""
-    best = max(scores, key=lambda one: one.share)
-    near = [one for one in scores if one is best or one.share >= AS_GOOD * best.share > 0]
-    return min(near, key=lambda one: (one.freedom, -one.share))
+    best = max(scores, key=lambda score: score.share)
+    near = [score for score in scores if score is best or score.share >= AS_GOOD * best.share > 0]
+    return min(near, key=lambda score: (score.freedom, -score.share))
 
 
 def steadiest(scores: Sequence[Score]) -> Score:
@@ -54,7 +54,7 @@ def steadiest(scores: Sequence[Score]) -> Score:
     A form with many figures may explain most on the whole and yet not everywhere.
     """
     best = simplest(scores)
-    plain = [one for one in scores if one.repeats <= FOLD_LEVEL and _much_simpler(one, best)]
+    plain = [score for score in scores if score.repeats <= FOLD_LEVEL and _much_simpler(score, best)]
     return best if best.repeats <= FOLD_LEVEL or not plain else simplest(plain)
 
 
@@ -64,11 +64,11 @@ def worth_most(able: Sequence[tuple[float, Score]]) -> list[Score]:
     And much simpler ones that explain more than the one that is: what bumps all over the skin, say,
     make of a turned frame is worth a little more in mean absolute error, and is no better explained.
     """
-    most, top = max(able, key=lambda one: one[0])
+    most, top = max(able, key=lambda pair: pair[0])
     return [
-        one
-        for value, one in able
-        if value >= NEARLY * most or (one.share > top.share and _much_simpler(one, top))
+        score
+        for value, score in able
+        if value >= NEARLY * most or (score.share > top.share and _much_simpler(score, top))
     ]
 
 
@@ -83,17 +83,17 @@ def likeliest(scores: Sequence[Score], scale: Floats) -> Score:
     Args:
         scale: (21,) what an error of each channel counts, 1/counts².
     """
-    best = max(scores, key=lambda one: one.share)
-    level = [one for one in scores if one is best or _does_as_well(one, best)]
+    best = max(scores, key=lambda score: score.share)
+    level = [score for score in scores if score is best or _does_as_well(score, best)]
 
-    def doubt(one: Score) -> float:
-        t = 0.0 if one is best else one.against(best)[0]
+    def doubt(score: Score) -> float:
+        t = 0.0 if score is best else score.against(best)[0]
         electrodes = len(CHANNELS[ELECTRODE_COLUMNS])
         # How unlike they are is one figure more where the cause does not say it (Schwarz 1978).
-        open_ended = math.log(electrodes) / 2 if one.candidate.alike is None else 0.0
-        return t**2 / 2 + electrodes * math.log(max(one.unlikeness(scale), 1e-3)) + open_ended
+        open_ended = math.log(electrodes) / 2 if score.candidate.alike is None else 0.0
+        return t**2 / 2 + electrodes * math.log(max(score.unlikeness(scale), 1e-3)) + open_ended
 
-    return min(level, key=lambda one: (one.freedom, doubt(one)))
+    return min(level, key=lambda score: (score.freedom, doubt(score)))
 
 
 def more_specific(chosen: Score, others: Sequence[tuple[Score, Floats]]) -> Score:
@@ -106,41 +106,41 @@ def more_specific(chosen: Score, others: Sequence[tuple[Score, Floats]]) -> Scor
         others: with what each is worth by channel, (21,).
     """
     specific = []
-    for one, worth in others:
+    for score, worth in others:
         few = worth >= LEAST_CHANNEL_SHARE
-        if one is chosen or one.freedom > chosen.freedom or not 0 < few.mean() <= FEW:
+        if score is chosen or score.freedom > chosen.freedom or not 0 < few.mean() <= FEW:
             continue
-        own, its = (each.channel_share[:, few].mean(axis=1) for each in (one, chosen))
+        own, its = (each.channel_share[:, few].mean(axis=1) for each in (score, chosen))
         if own.mean() >= MUCH_BETTER * its.mean() and difference_test(own - its)[1] <= FOLD_LEVEL:
-            specific.append((float(worth[few].sum()), one))
+            specific.append((float(worth[few].sum()), score))
     return max(specific, key=lambda found: found[0])[1] if specific else chosen
 
 
-def could_stand_for(one: Score, other: Score) -> bool:
+def could_stand_for(score: Score, other: Score) -> bool:
     """Whether another effect explains so much in a named one's place that the data do not tell them apart.
 
     A constant of each material, say, holds a drift in itself if materials were recorded in turn: it
     explains more, since materials differ as well, and the drift is no less likely for that.
     """
     # Where an effect explains nothing by itself, nothing can be said to explain as much.
-    if one.candidate.certain or one.share <= 0:
+    if score.candidate.certain or score.share <= 0:
         return False
-    contained = _much_simpler(other, one) and other.repeats <= FOLD_LEVEL
-    return other.share >= (CONTAINED if contained else CONFOUNDED) * one.share
+    contained = _much_simpler(other, score) and other.repeats <= FOLD_LEVEL
+    return other.share >= (CONTAINED if contained else CONFOUNDED) * score.share
 
 
-def _does_as_well(one: Score, best: Score) -> bool:
+def _does_as_well(score: Score, best: Score) -> bool:
     """Whether a cause explains nearly as much as the best, or is much simpler and leaves too little.
 
     Bumps all over the skin, say, hold a constant in themselves, and whatever else the recording has:
     where that is not worth naming, the constant is the cause.
     """
-    less = one.against(best)[1]
-    if one.share >= AS_GOOD * best.share and less > FOLD_LEVEL:
+    less = score.against(best)[1]
+    if score.share >= AS_GOOD * best.share and less > FOLD_LEVEL:
         return True
-    too_little = best.share - one.share < LEAST_SHARE and less > CLEARLY_LESS
-    return _much_simpler(one, best) and too_little
+    too_little = best.share - score.share < LEAST_SHARE and less > CLEARLY_LESS
+    return _much_simpler(score, best) and too_little
 
 
-def _much_simpler(one: Score, other: Score) -> bool:
-    return one.freedom <= MUCH_SIMPLER * other.freedom
+def _much_simpler(score: Score, other: Score) -> bool:
+    return score.freedom <= MUCH_SIMPLER * other.freedom

@@ -35,10 +35,10 @@ class NoiseFloor:
         """Both readings of a recording."""
         inside = observations.segment[2:] == observations.segment[:-2]
         residual = observations.measured - observations.predicted
-        found = _spread(_second(residual)[inside])
+        found = _robust_sd(_second(residual)[inside])
         free = observations.pressed < TOUCH_N
         quiet = inside & free[2:] & free[1:-1] & free[:-2]
-        resting = _spread(_second(observations.measured)[quiet]) if quiet.sum() >= 200 else None
+        resting = _robust_sd(_second(observations.measured)[quiet]) if quiet.sum() >= 200 else None
         return cls(found, resting)
 
     def share(self, energy: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -69,7 +69,7 @@ def _second(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(values[2:] - 2 * values[1:-1] + values[:-2])
 
 
-def _spread(differences: NDArray[np.float64]) -> NDArray[np.float64]:
+def _robust_sd(differences: NDArray[np.float64]) -> NDArray[np.float64]:
     """Robust SD of the noise under second differences; at least that of rounding to whole counts."""
     if not len(differences):
         return np.zeros(len(CHANNELS))

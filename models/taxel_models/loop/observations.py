@@ -238,38 +238,44 @@ def gather(model: Model, recordings: Sequence[Recording], *, measured_temperatur
     ]
     windows = np.concatenate(
         [
-            np.column_stack([one.values, extra]).astype(np.float32)
-            for one, extra in zip(built, extras, strict=True)
+            np.column_stack([own.values, extra]).astype(np.float32)
+            for own, extra in zip(built, extras, strict=True)
         ]
     )
     predicted, base = _predictions(model, windows)
-    names = set.intersection(*({*one.auxiliary, *one.covariates} for one in ticks)) - {"pac1"}
+    names = set.intersection(*({*recording.auxiliary, *recording.covariates} for recording in ticks)) - {
+        "pac1"
+    }
     names -= set() if measured_temperature else {"tdc", "tac"}
-    columns = [{**one.auxiliary, **one.covariates} for one in ticks]
-    starts = [one.samples.time_ns[0] for one in ticks]
+    columns = [{**recording.auxiliary, **recording.covariates} for recording in ticks]
+    starts = [recording.samples.time_ns[0] for recording in ticks]
     return Observations(
         model=model,
         windows=windows,
         predicted=predicted,
         base=base,
-        measured=np.concatenate([one.channels[kept] for one, kept in zip(ticks, rows, strict=True)]),
+        measured=np.concatenate(
+            [recording.channels[kept] for recording, kept in zip(ticks, rows, strict=True)]
+        ),
         session=np.repeat(np.arange(len(ticks)), [len(kept) for kept in rows]),
         segment=_segments(ticks, rows),
         time_s=np.concatenate(
             [
-                (one.samples.time_ns[kept] - start) / 1e9
-                for one, kept, start in zip(ticks, rows, starts, strict=True)
+                (recording.samples.time_ns[kept] - start) / 1e9
+                for recording, kept, start in zip(ticks, rows, starts, strict=True)
             ]
         ),
         position=np.concatenate(
-            [one.samples.position[kept] for one, kept in zip(ticks, rows, strict=True)]
+            [recording.samples.position[kept] for recording, kept in zip(ticks, rows, strict=True)]
         ),
-        force=np.concatenate([one.samples.force[kept] for one, kept in zip(ticks, rows, strict=True)]),
+        force=np.concatenate(
+            [recording.samples.force[kept] for recording, kept in zip(ticks, rows, strict=True)]
+        ),
         covariates={
-            name: np.concatenate([one[name][kept] for one, kept in zip(columns, rows, strict=True)])
+            name: np.concatenate([own[name][kept] for own, kept in zip(columns, rows, strict=True)])
             for name in sorted(names)
         },
-        samples=tuple(one.samples for one in ticks),
+        samples=tuple(recording.samples for recording in ticks),
         rows=rows,
     )
 

@@ -99,7 +99,7 @@ def run_loop(
     if settings.calibration_s:
         observations = observations.calibrated(settings.calibration_s)
     blocks = cut(observations, seed=settings.seed, held_out=settings.held_out, group=settings.hold_out_by)
-    effects = [one for one in candidates(observations) if one.label not in settings.exclude]
+    effects = [effect for effect in candidates(observations) if effect.label not in settings.exclude]
     attribution = StepwiseSelection(
         observations,
         blocks,
@@ -109,7 +109,7 @@ def run_loop(
         progress=progress,
     ).run()
     scale = scale_of((observations.measured - observations.predicted)[blocks.fit])
-    figures = {one.name: parameters(one, scale) for one in attribution.named}
+    figures = {named.name: parameters(named, scale) for named in attribution.named}
     new = NewEffects.of(attribution, figures)
     after = corrected(observations, attribution, new)
     findings = _findings(observations, recordings, blocks, settings, attribution, figures, new, after)
@@ -127,15 +127,20 @@ def _findings(
     after: Floats,
 ) -> Findings:
     manifest = observations.manifest
-    rows, spread = blocks.evaluation, np.array(manifest.normalisation.output_std)
+    rows, output_std = blocks.evaluation, np.array(manifest.normalisation.output_std)
     noise = NoiseFloor.of(observations)
     energy = ((observations.measured - observations.predicted)[rows] ** 2).mean(axis=0)
     measured = observations.measured[rows]
     return Findings(
         model=f"{manifest.name}/{manifest.version}",
         data=tuple(
-            {"name": one.name, "format": one.format, "rows": len(one), "sha256": one.fingerprint}
-            for one in recordings
+            {
+                "name": source.name,
+                "format": source.format,
+                "rows": len(source),
+                "sha256": source.fingerprint,
+            }
+            for source in recordings
         ),
         split={
             "unit": settings.hold_out_by or "blocks",
@@ -149,22 +154,22 @@ def _findings(
             "calibration_s": settings.calibration_s,
             "least_share": settings.least_share,
         },
-        noise_floor=noise.report(energy, spread),
+        noise_floor=noise.report(energy, output_std),
         effects=_found(observations, attribution, figures, new, rows),
         rejected=tuple(
             RejectedEffect(
-                name=one.name,
-                form=one.form,
-                alone=one.alone,
-                left=one.share,
-                p_value=one.p_value,
-                reason=one.reason,
+                name=rejected.name,
+                form=rejected.form,
+                alone=rejected.alone,
+                left=rejected.share,
+                p_value=rejected.p_value,
+                reason=rejected.reason,
             )
-            for one in attribution.rejected
+            for rejected in attribution.rejected
         ),
-        before=ErrorMetrics.of(measured, observations.predicted[rows], spread).report(),
-        after=ErrorMetrics.of(measured, after[rows], spread).report(),
-        test=_paired(observations, blocks, after, spread),
+        before=ErrorMetrics.of(measured, observations.predicted[rows], output_std).report(),
+        after=ErrorMetrics.of(measured, after[rows], output_std).report(),
+        test=_paired(observations, blocks, after, output_std),
         unexplained=diagnose_residual(observations, observations.measured - after, noise.differences, rows),
     )
 
@@ -181,51 +186,54 @@ def _found(
     first = np.maximum((left**2).mean(axis=0), 1e-9)
     served = {effect.name: effect for effect in new.effects}
     found = []
-    for one in attribution.named:
-        rest = left - one.contribution[rows]
-        explained = float((((left**2).mean(axis=0) - (rest**2).mean(axis=0)) / first).mean())
-        left = rest
-        applied = served.get(one.name)
+    for named in attribution.named:
+        left_after = left - named.contribution[rows]
+        explained = float((((left**2).mean(axis=0) - (left_after**2).mean(axis=0)) / first).mean())
+        left = left_after
+        applied = served.get(named.name)
         needs = (
             [] if applied is None else [extra.name for extra in new.extras if extra.name in applied.takes]
         )
-        found.append(_one(one, explained, figures[one.name], needs, applied is not None))
+        found.append(_found_effect(named, explained, figures[named.name], needs, applied is not None))
     return tuple(sorted(found, key=lambda effect: -effect.explained))
 
 
-def _one(
-    one: Named, explained: float, figures: Sequence[Parameter], needs: Sequence[str], served: bool
+def _found_effect(
+    named: Named, explained: float, figures: Sequence[Parameter], needs: Sequence[str], served: bool
 ) -> FoundEffect:
     return FoundEffect(
-        name=one.name,
-        form=one.score.candidate.form,
-        equation=one.effect.equation,
-        channels=one.channels,
+        name=named.name,
+        form=named.score.candidate.form,
+        equation=named.effect.equation,
+        channels=named.channels,
         explained=explained,
-        conditional=one.conditional,
-        p_value=one.p_value,
-        t_test=one.score.repeats,
+        conditional=named.conditional,
+        p_value=named.p_value,
+        t_test=named.score.repeats,
         parameters=tuple(figures),
-        confounded_with=one.confounded_with,
+        confounded_with=named.confounded_with,
         needs=tuple(needs),
         served=served,
     )
 
 
-def _paired(observations: Observations, blocks: Blocks, after: Floats, spread: Floats) -> PairedTest:
+def _paired(observations: Observations, blocks: Blocks, after: Floats, output_std: Floats) -> PairedTest:
     rows = blocks.evaluation
     fall = np.abs(observations.measured - observations.predicted) - np.abs(observations.measured - after)
-    by_row = (fall / spread).mean(axis=1)
+    by_row = (fall / output_std).mean(axis=1)
     numbers = np.unique(blocks.of_row[rows])
     falls = np.array([by_row[blocks.of_row == number].mean() for number in numbers])
-    mean, error = float(falls.mean()), float(falls.std(ddof=1) / np.sqrt(len(falls)))
-    t = mean / error if error > 0 else 0.0
-    reach = float(stats.t.ppf(0.975, len(falls) - 1)) * error
+    if not falls.std() > 0:
+        # All blocks fall by the same amount: the test is not defined, and says nothing.
+        mean = float(falls.mean())
+        return PairedTest(blocks=len(falls), difference=mean, low=mean, high=mean, t=0.0, p_value=0.5)
+    interval = stats.ttest_1samp(falls, 0.0).confidence_interval(0.95)
+    test = stats.ttest_1samp(falls, 0.0, alternative="greater")
     return PairedTest(
         blocks=len(falls),
-        difference=mean,
-        low=mean - reach,
-        high=mean + reach,
-        t=t,
-        p_value=float(stats.t.sf(t, len(falls) - 1)),
+        difference=float(falls.mean()),
+        low=float(interval.low),
+        high=float(interval.high),
+        t=float(test.statistic),
+        p_value=float(test.pvalue),
     )

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
-from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.findings import Unexplained
 from taxel_models.loop.observations import TOUCH_N, Observations
+from taxel_models.loop.spectrum import power_density, stretches
 
 MORE_THAN_NOISE: Final = 0.1
 """Share of what is left that noise cannot account for, from which on it counts as structured."""
@@ -20,7 +20,9 @@ IN_A_CHANNEL: Final = 0.3
 """Likewise of one channel's share and autocorrelation: a cause of few channels is lost in the mean."""
 
 _SECOND: Final = 100
-_SPECTRUM_ROWS: Final = 256
+PIECE_ROWS: Final = 256
+"""Of the spectrum: 2.56 s."""
+
 _PEAK: Final = 8.0
 """Power of a spectral line over the median within a band around it, from which on it is told."""
 
@@ -62,22 +64,6 @@ def _correlations(observations: Observations, left: Floats, rows: NDArray[np.boo
     return np.asarray(products / np.maximum((centred[rows] ** 2).mean(axis=0), 1e-9))
 
 
-def spectrum(observations: Observations, left: Floats, rows: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Frequencies, Hz, and power (m, 21) of what is left over stretches of 2.56 s; empty without any."""
-    window = np.hanning(_SPECTRUM_ROWS)[:, None]
-    powers = []
-    starts = np.flatnonzero(np.diff(observations.segment * 2 + rows, prepend=-1))
-    for start, stop in zip(starts, [*starts[1:], len(rows)], strict=True):
-        if rows[start]:
-            for first in range(start, stop - _SPECTRUM_ROWS + 1, _SPECTRUM_ROWS):
-                piece = left[first : first + _SPECTRUM_ROWS]
-                powers.append(np.abs(np.fft.rfft((piece - piece.mean(axis=0)) * window, axis=0)) ** 2)
-    if not powers:
-        return np.empty(0), np.empty((0, len(CHANNELS)))
-    frequencies: Floats = np.fft.rfftfreq(_SPECTRUM_ROWS, TICK_S).astype(np.float64)
-    return frequencies, np.asarray(np.mean(powers, axis=0))
-
-
 def _hint(observations: Observations, left: Floats, rows: NDArray[np.bool_], beyond: Floats) -> str:
     """In words; `beyond` (21,) is each channel's energy that noise cannot account for, counts²."""
     relative = beyond / np.maximum(observations.measured[rows].var(axis=0), 1e-9)
@@ -97,7 +83,8 @@ def _hint(observations: Observations, left: Floats, rows: NDArray[np.bool_], bey
 
 def _line(observations: Observations, left: Floats) -> float | None:
     """The frequency of a spectral line that stands out, Hz, in all rows: a hum is in each of them."""
-    frequencies, power = spectrum(observations, left, np.ones(len(left), bool))
+    wanted = stretches(observations, np.ones(len(left), bool))
+    frequencies, power = power_density(left, wanted, PIECE_ROWS)
     if not len(power):
         return None
     total = (power / np.maximum(power.sum(axis=0), 1e-9)).mean(axis=1)

@@ -43,7 +43,7 @@ def fit_motion(observations: Observations, remaining: Remaining, kind: str) -> F
     few = _Misfit(observations, remaining, kind, rows[::SCANNED])
     order = np.argsort([few.of(few.change(turn)) for turn in TURNS])
     near = [_gauss_newton(few, TURNS[place], STEP_RAD) for place in order[:BEST_STARTS]]
-    return _gauss_newton(every, min(near, key=lambda one: one[1])[0], STEP_RAD)[0]
+    return _gauss_newton(every, min(near, key=lambda fit: fit[1])[0], STEP_RAD)[0]
 
 
 def _great_turns() -> Floats:
@@ -64,7 +64,7 @@ class _Misfit:
     def __init__(
         self, observations: Observations, remaining: Remaining, kind: str, rows: NDArray[np.int64]
     ) -> None:
-        self._evidence, self._kind = observations, kind
+        self._observations, self._kind = observations, kind
         self._windows, self._still = observations.windows[rows], observations.predicted[rows]
         target = remaining.residual[rows]
         self._counted = np.sqrt(
@@ -74,8 +74,8 @@ class _Misfit:
 
     def change(self, vector: Floats) -> Floats:
         """(n, 21) what a motion changes, as the target is counted."""
-        turned = turn_of(self._kind, vector).turn(self._windows, self._evidence.manifest.spec)
-        changed = predict_all(self._evidence.model.predict, turned) - self._still
+        turned = turn_of(self._kind, vector).turn(self._windows, self._observations.manifest.spec)
+        changed = predict_all(self._observations.model.predict, turned) - self._still
         return np.asarray(changed * self._counted)
 
     def of(self, change: Floats) -> float:

@@ -140,8 +140,8 @@ class SufficientStatistics:
                 weighed = np.broadcast_to(weighed.sum(axis=1, keepdims=True), cross.shape)
             cross = weighed
         blocks, _, size = cross.shape
-        spread = np.einsum("bck,bcl->ckl", cross, cross, optimize=True)
-        inverse = np.linalg.inv(_steadied(spread, 1e-6))
+        covariance = np.einsum("bck,bcl->ckl", cross, cross, optimize=True)
+        inverse = np.linalg.inv(_steadied(covariance, 1e-6))
         total = np.einsum("db,bck->dck", signs, cross, optimize=True)
         squared = np.einsum("dck,ckl,dcl->dc", total, inverse, total, optimize=True)
         room = np.maximum(blocks - squared, 1e-3 * blocks)

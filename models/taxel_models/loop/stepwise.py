@@ -18,10 +18,10 @@ from taxel_models.loop.blocks import Blocks, thinned
 from taxel_models.loop.cross_validation import (
     Score,
     absolute_of,
+    cross_validate,
     random_signs,
     row_weights_of,
     scale_of,
-    score,
     stands_out,
     worth,
 )
@@ -81,7 +81,7 @@ class StepwiseSelection:
         least_share: float = LEAST_SHARE,
         progress: Progress | None = None,
     ) -> None:
-        self._evidence = observations
+        self._observations = observations
         self._first = observations
         self._blocks = thinned(blocks, MOST_ROWS)
         self._effects = effects
@@ -120,15 +120,15 @@ class StepwiseSelection:
             self._drop_superfluous()
         self._confound()
         return Attribution(
-            self._evidence, tuple(self._named), self._rejected(scores, p_values), self._left()
+            self._observations, tuple(self._named), self._rejected(scores, p_values), self._left()
         )
 
     def _left(self, without: Named | None = None) -> Floats:
         """(n, 21) what is left when the named effects, or all but one, are taken out."""
-        left = self._evidence.measured - self._evidence.predicted
-        for one in self._named:
-            if not one.score.candidate.moves:
-                left = left - one.contribution
+        left = self._observations.measured - self._observations.predicted
+        for named in self._named:
+            if not named.score.candidate.moves:
+                left = left - named.contribution
         return left if without is None else left + without.contribution
 
     def scores(self, residual: Floats) -> list[Score]:
@@ -137,34 +137,37 @@ class StepwiseSelection:
         left = Remaining(residual, self._blocks.fit, self._row_weights)
         for effect in self._effects:
             self._progress(effect.label)
-            forms = [self._score(one, residual) for one in self._forms_of(effect, left)]
+            forms = [self._score(candidate, residual) for candidate in self._forms_of(effect, left)]
             if not forms:
                 continue
             best = simplest(forms)
-            finer = [self._score(one, residual) for one in effect.finer(self._evidence, best.candidate)]
+            finer = [
+                self._score(candidate, residual)
+                for candidate in effect.finer(self._observations, best.candidate)
+            ]
             found.append(simplest([best, *finer]) if finer else steadiest(forms))
         return found
 
     def _forms_of(self, effect: Effect, left: Remaining) -> Sequence[Candidate]:
         if effect.looks_at_residual:
-            return tuple(effect.forms(self._evidence, left))
+            return tuple(effect.forms(self._observations, left))
         if effect.label not in self._forms:
-            self._forms[effect.label] = tuple(effect.forms(self._evidence, left))
+            self._forms[effect.label] = tuple(effect.forms(self._observations, left))
         return self._forms[effect.label]
 
     def _score(self, candidate: Candidate, residual: Floats) -> Score:
         statistics = SufficientStatistics.of(
             candidate.basis, residual, self._row_weights, self._blocks, candidate.fitting
         )
-        return score(candidate, statistics, self._scale)
+        return cross_validate(candidate, statistics, self._scale)
 
     def _p_values(self, scores: Sequence[Score]) -> dict[str, float]:
         """For each effect how often chance lets any candidate stand out as much."""
-        found = np.stack([stands_out(one.statistics, self._scale, self._signs) for one in scores])
+        found = np.stack([stands_out(score.statistics, self._scale, self._signs) for score in scores])
         most = found[:, 1:].max(axis=0)
         return {
-            one.candidate.effect: float((1 + (most >= found[place, 0]).sum()) / (1 + len(most)))
-            for place, one in enumerate(scores)
+            score.candidate.effect: float((1 + (most >= found[place, 0]).sum()) / (1 + len(most)))
+            for place, score in enumerate(scores)
         }
 
     def best(self, scores: Sequence[Score], p_values: dict[str, float]) -> Score | None:
@@ -175,33 +178,33 @@ class StepwiseSelection:
         better explanation passes less clearly is no reason to prefer the worse. Nothing else stands in
         the way of a certain one.
         """
-        moved = {one.name for one in self._named if one.score.candidate.moves}
+        moved = {named.name for named in self._named if named.score.candidate.moves}
         able: list[tuple[float, Score]] = []
         clear: list[tuple[Score, Floats]] = []
-        for one in scores:
-            p_value, candidate = p_values[one.candidate.effect], one.candidate
+        for score in scores:
+            p_value, candidate = p_values[score.candidate.effect], score.candidate
             tried = (candidate.effect, candidate.form) in self._tried
-            if tried or candidate.effect in moved or one.contradicts(self._scale):
+            if tried or candidate.effect in moved or score.contradicts(self._scale):
                 continue
-            if not (candidate.certain or _contends(one, p_value)):
+            if not (candidate.certain or _contends(score, p_value)):
                 continue
-            worths = self._worth(one)
+            worths = self._worth(score)
             total, most = float(worths.mean()), float(worths.max())
             least = max(LEAST_CHANNEL_SHARE, self._least_share)
             enough = CERTAIN_CHANNEL_SHARE if candidate.certain else least
             if total >= self._least_share or (most >= enough and total > 0):
                 if candidate.certain:
-                    return one
-                able.append((total, one))
-                if p_value <= LEVEL and one.repeats <= FOLD_LEVEL:
-                    clear.append((one, worths))
+                    return score
+                able.append((total, score))
+                if p_value <= LEVEL and score.repeats <= FOLD_LEVEL:
+                    clear.append((score, worths))
         if not clear:
             return None
         return more_specific(likeliest(worth_most(able), self._scale), clear)
 
-    def _worth(self, one: Score) -> Floats:
+    def _worth(self, score: Score) -> Floats:
         """(21,) share of each channel's first error that it takes away in cross-validation."""
-        candidate = one.candidate
+        candidate = score.candidate
         alike = SufficientStatistics.of(
             candidate.basis, self._left(), self._absolute, self._blocks, candidate.fitting
         )
@@ -209,41 +212,41 @@ class StepwiseSelection:
         first = (self._first.measured - self._first.predicted) ** 2 * self._absolute[:, None]
         kept = self._blocks.fit
         rows = np.flatnonzero(kept) if basis_rows is None else basis_rows[kept[basis_rows]]
-        return worth(one, alike, self._scale, first[rows].sum(axis=0))
+        return worth(score, alike, self._scale, first[rows].sum(axis=0))
 
     def _name(self, chosen: Score, p_value: float) -> None:
-        effect = next(one for one in self._effects if one.label == chosen.candidate.effect)
+        effect = next(effect for effect in self._effects if effect.label == chosen.candidate.effect)
         self._tried.add((chosen.candidate.effect, chosen.candidate.form))
         weights = chosen.statistics.weights(self._scale)
         if chosen.candidate.moved is None:
             contribution = chosen.candidate.basis.times(weights)
         else:
             # What the model predicts changes, and with it all forms.
-            before, self._evidence = self._evidence, chosen.candidate.moved(self._evidence)
-            contribution = self._evidence.predicted - before.predicted
+            before, self._observations = self._observations, chosen.candidate.moved(self._observations)
+            contribution = self._observations.predicted - before.predicted
             self._forms.clear()
         named = Named(effect, chosen, weights, contribution, p_value)
-        self._named = [one for one in self._named if one.name != named.name] + [named]
+        self._named = [other for other in self._named if other.name != named.name] + [named]
 
     def _refit(self) -> None:
         """Fit all named effects again, each to what the others leave, until they agree."""
         for _ in range(REFITS if len(self._named) > 1 else 1):
-            for place, one in enumerate(self._named):
-                self._named[place] = self._fitted_again(one)
+            for place, named in enumerate(self._named):
+                self._named[place] = self._fitted_again(named)
 
-    def _fitted_again(self, one: Named) -> Named:
-        candidate = one.score.candidate
+    def _fitted_again(self, named: Named) -> Named:
+        candidate = named.score.candidate
         if candidate.again is None:
-            return one
-        fresh = self._score(candidate.again(self._evidence), self._left(without=one))
-        weights = fresh.statistics.weights(self._scale)
-        contribution = fresh.candidate.basis.times(weights)
-        return replace(one, score=fresh, weights=weights, contribution=contribution)
+            return named
+        refitted = self._score(candidate.again(self._observations), self._left(without=named))
+        weights = refitted.statistics.weights(self._scale)
+        contribution = refitted.candidate.basis.times(weights)
+        return replace(named, score=refitted, weights=weights, contribution=contribution)
 
     def _drop_superfluous(self) -> None:
         """Take back what no longer explains anything beside the others."""
         while len(self._named) > 1:
-            conditional = [self._conditional(one) for one in self._named]
+            conditional = [self._conditional(named) for named in self._named]
             weakest = int(np.argmin([share for share, _ in conditional]))
             share, most = conditional[weakest]
             if share >= self._least_share / 2 or most >= LEAST_CHANNEL_SHARE / 2:
@@ -253,58 +256,58 @@ class StepwiseSelection:
             self._named.pop(weakest)
             self._refit()
 
-    def _conditional(self, one: Named) -> tuple[float, float]:
+    def _conditional(self, named: Named) -> tuple[float, float]:
         """Share of the energy, over all channels and in the channel where it is most, lost without it."""
         fit = self._blocks.fit
         first = (self._first.measured - self._first.predicted)[fit]
         energy = np.maximum((first**2).mean(axis=0), 1e-9)
-        gain = (self._left(without=one)[fit] ** 2).mean(axis=0) - (self._left()[fit] ** 2).mean(axis=0)
+        gain = (self._left(without=named)[fit] ** 2).mean(axis=0) - (self._left()[fit] ** 2).mean(axis=0)
         return float((gain / energy).mean()), float((gain / energy).max())
 
     def _confound(self) -> None:
         """For each named effect, which others could stand in its place."""
-        names = {one.name for one in self._named}
-        for place, one in enumerate(self._named):
-            self._progress(f"what could stand for {one.name}")
+        names = {named.name for named in self._named}
+        for place, named in enumerate(self._named):
+            self._progress(f"what could stand for {named.name}")
             # Forms of one that moves the inputs are relative to what they were before.
-            moves = one.score.candidate.moves
-            scores = self._alone if moves else self.scores(self._left(without=one))
-            own = next((other for other in scores if other.candidate.effect == one.name), None)
+            moves = named.score.candidate.moves
+            scores = self._alone if moves else self.scores(self._left(without=named))
+            own = next((other for other in scores if other.candidate.effect == named.name), None)
             able = tuple(
                 other.candidate.effect
                 for other in scores
                 if own is not None and other.candidate.effect not in names and could_stand_for(own, other)
             )
-            conditional = self._conditional(one)[0]
-            self._named[place] = replace(one, confounded_with=able, conditional=conditional)
+            conditional = self._conditional(named)[0]
+            self._named[place] = replace(named, confounded_with=able, conditional=conditional)
 
     def _rejected(self, scores: Sequence[Score], p_values: dict[str, float]) -> tuple[Rejected, ...]:
-        names = {one.name for one in self._named}
-        alone = {one.candidate.effect: one.share for one in self._alone}
+        names = {named.name for named in self._named}
+        alone = {score.candidate.effect: score.share for score in self._alone}
         rejected = []
-        for one in scores:
-            name = one.candidate.effect
+        for score in scores:
+            name = score.candidate.effect
             if name in names:
                 continue
             p_value = p_values[name]
             if p_value > LEVEL:
                 reason = "no more than chance gives"
-            elif one.repeats > FOLD_LEVEL:
+            elif score.repeats > FOLD_LEVEL:
                 reason = "stands out, but does not repeat over the folds"
-            elif one.contradicts(self._scale):
+            elif score.contradicts(self._scale):
                 reason = "stands out, but its weights differ more than its cause allows"
             else:
                 reason = "too little to matter"
             if any(name in other.confounded_with for other in self._named):
                 reason = "cannot be told apart from an effect that was named and explains more"
             rejected.append(
-                Rejected(name, one.candidate.form, one.share, alone.get(name, 0.0), p_value, reason)
+                Rejected(name, score.candidate.form, score.share, alone.get(name, 0.0), p_value, reason)
             )
         return tuple(sorted(rejected, key=lambda other: -other.alone))
 
 
-def _contends(one: Score, p_value: float) -> bool:
-    return p_value <= LEVEL or (p_value <= CONTENDER_LEVEL and one.repeats <= FOLD_LEVEL)
+def _contends(score: Score, p_value: float) -> bool:
+    return p_value <= LEVEL or (p_value <= CONTENDER_LEVEL and score.repeats <= FOLD_LEVEL)
 
 
 def _silent(note: str) -> None:

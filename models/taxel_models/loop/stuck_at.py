@@ -63,17 +63,17 @@ def stuck_channels(measured: Floats, predicted: Floats, segment: NDArray[np.int6
     """
     channels = range(measured.shape[1])
     runs = [Runs.of(measured[:, channel], segment) for channel in channels]
-    usual = float(np.median([one.patience for one in runs]))
+    usual = float(np.median([own_runs.patience for own_runs in runs]))
     still = _usual_residual(measured - predicted, predicted)
     # Where noise keeps most channels from repeating themselves for long, one that does is broken.
-    calm = np.median([one.long.any() for one in runs]) > 0
+    calm = np.median([own_runs.long.any() for own_runs in runs]) > 0
     found = []
-    for channel, one in zip(channels, runs, strict=True):
+    for channel, own_runs in zip(channels, runs, strict=True):
         if calm:
-            broken = one.suspect(predicted[:, channel], FAR * still[channel], usual)
+            broken = own_runs.suspect(predicted[:, channel], FAR * still[channel], usual)
         else:
-            broken = one.long & one.endless(usual).any()
-        rows = np.repeat(broken, one.lengths)
+            broken = own_runs.long & own_runs.endless(usual).any()
+        rows = np.repeat(broken, own_runs.lengths)
         if not rows.any():
             continue
         values, counts = np.unique(measured[rows, channel], return_counts=True)

@@ -127,8 +127,8 @@ def run_rounds(
         random = np.random.default_rng([settings.seed, number])
         which = number % settings.recordings
         if which not in settled_already:
-            fresh = simulate(settings.rows, 1000 * (settings.seed + 1) + which)
-            settled_already[which] = settled(model, fresh, which)
+            simulated = simulate(settings.rows, 1000 * (settings.seed + 1) + which)
+            settled_already[which] = settled(model, simulated, which)
         recording = settled_already[which]
         yield run_round(model, recording, _draw(random, settings), number, random, note)
 
@@ -149,7 +149,7 @@ def settled(model: Model, recording: Recording, seed: int) -> Recording:
         if not named:
             break
         channels = recording.channels.copy()
-        channels[observations.rows[0]] -= sum(one.contribution for one in named)
+        channels[observations.rows[0]] -= sum(effect.contribution for effect in named)
         recording = replace(recording, channels=np.clip(np.rint(channels), 0, COUNTS_MAX))
     return recording
 
@@ -199,23 +199,27 @@ def inject_truth(injection: Injection, truth: str, strength: float) -> None:
 def summarise(rounds: Sequence[Round]) -> Summary:
     """Count."""
     confusion: dict[str, Counter[str]] = {}
-    for one in rounds:
-        confusion.setdefault(one.truth, Counter())[one.found] += 1
-    injected = [one for one in rounds if one.truth in NAMES]
-    right = [one for one in injected if one.right]
-    marked = [one for one in right if one.removed is not None]
-    weight = sum(one.before - one.clean for one in marked)
+    for finished in rounds:
+        confusion.setdefault(finished.truth, Counter())[finished.found] += 1
+    injected = [finished for finished in rounds if finished.truth in NAMES]
+    right = [finished for finished in injected if finished.right]
+    marked = [finished for finished in right if finished.removed is not None]
+    weight = sum(finished.before - finished.clean for finished in marked)
     return Summary(
         rounds=len(rounds),
         confusion={truth: dict(counts) for truth, counts in sorted(confusion.items())},
-        right_first=_share([one.right for one in injected]),
-        right_or_confounded=_share([one.right or one.confounded for one in injected]),
-        false_alarms=_share([bool(one.named) for one in rounds if one.truth == NONE]),
-        unknown_left=_share([one.right for one in rounds if one.truth.startswith("unknown:")]),
-        removed=float(np.median([one.removed for one in marked])) if marked else None,
-        removed_mean=sum(one.before - one.after for one in marked) / weight if weight else None,
+        right_first=_share([finished.right for finished in injected]),
+        right_or_confounded=_share([finished.right or finished.confounded for finished in injected]),
+        false_alarms=_share([bool(finished.named) for finished in rounds if finished.truth == NONE]),
+        unknown_left=_share(
+            [finished.right for finished in rounds if finished.truth.startswith("unknown:")]
+        ),
+        removed=float(np.median([finished.removed for finished in marked])) if marked else None,
+        removed_mean=sum(finished.before - finished.after for finished in marked) / weight
+        if weight
+        else None,
         parameters_within=_share(
-            [one.parameter_error <= 0.2 for one in right if one.parameter_error is not None]
+            [finished.parameter_error <= 0.2 for finished in right if finished.parameter_error is not None]
         ),
     )
 
@@ -238,9 +242,9 @@ def _marked(
     named = tuple(effect.name for effect in findings.effects)
     left = UNEXPLAINED if findings.unexplained.structured else NONE
     found = named[0] if named else left
-    spread = np.array(base.manifest.normalisation.output_std)
+    output_std = np.array(base.manifest.normalisation.output_std)
     rows = result.blocks.evaluation
-    clean = _norm_mae(base.measured, base.predicted, rows, spread)
+    clean = _norm_mae(base.measured, base.predicted, rows, output_std)
     before, after = findings.before["norm_mae"], findings.after["norm_mae"]
     removable = before - clean
     unknown = truth.startswith("unknown:")
@@ -262,8 +266,8 @@ def _marked(
     )
 
 
-def _norm_mae(measured: Floats, predicted: Floats, rows: NDArray[np.bool_], spread: Floats) -> float:
-    return float((np.abs(measured - predicted)[rows].mean(axis=0) / spread).mean())
+def _norm_mae(measured: Floats, predicted: Floats, rows: NDArray[np.bool_], output_std: Floats) -> float:
+    return float((np.abs(measured - predicted)[rows].mean(axis=0) / output_std).mean())
 
 
 def _parameter_error(truth: str, injection: Injection, result: LoopResult) -> float | None:

@@ -44,7 +44,7 @@ class Injection:
 
     @classmethod
     def into(cls, recording: Recording, seed: int, residual: Floats | None = None) -> "Injection":
-        """Plant into a recording; the residual is a tenth of each channel's spread if none is given."""
+        """For a recording; if no residual is given, it is a tenth of each channel's standard deviation."""
         ticks = recording.ticks()
         usual = USUAL_RESIDUAL * ticks.channels.std(axis=0)
         found = usual if residual is None else residual

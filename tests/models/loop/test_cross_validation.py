@@ -13,10 +13,10 @@ from taxel_models.loop.cross_validation import (
     MOST_ROW_WEIGHT,
     Score,
     absolute_of,
+    cross_validate,
     random_signs,
     row_weights_of,
     scale_of,
-    score,
     stands_out,
     worth,
 )
@@ -39,7 +39,7 @@ def moments_of(seed: int, strength: float) -> SufficientStatistics:
 
 def scored(statistics: SufficientStatistics, **fitting: bool) -> Score:
     candidate = Candidate("one", "a form", Shared(np.zeros((ROWS, 1))), fitting=Fitting(**fitting))
-    return score(candidate, statistics, np.ones(21))
+    return cross_validate(candidate, statistics, np.ones(21))
 
 
 def test_the_resampled_t_test_is_the_plain_one_with_a_wider_spread() -> None:
@@ -102,7 +102,7 @@ def test_freedom_counts_what_is_fitted_and_what_is_settled() -> None:
     assert scored(statistics, pooled=True).freedom == 1
     assert scored(statistics, fixed=True).freedom == 0
     settled = Candidate("one", "a form", Shared(np.zeros((ROWS, 2))), settled={"tau": (1.0, "s")})
-    assert score(settled, statistics, np.ones(21)).freedom == 43
+    assert cross_validate(settled, statistics, np.ones(21)).freedom == 43
 
 
 def test_scale_makes_every_channel_count_alike() -> None:

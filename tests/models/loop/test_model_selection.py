@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from taxel_models.loop.basis import Shared
 from taxel_models.loop.blocks import Blocks
-from taxel_models.loop.cross_validation import Score, score
+from taxel_models.loop.cross_validation import Score, cross_validate
 from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.model_selection import (
     CLEARLY_LESS,
@@ -44,7 +44,7 @@ def cause(
     blocks = Blocks(np.repeat(np.arange(40), ROWS // 40), np.arange(40) % 8)
     statistics = SufficientStatistics.of(Shared(features), residual, np.ones(ROWS), blocks, Fitting())
     candidate = Candidate(name, "a form", Shared(features))
-    found = score(candidate, statistics, SCALE)
+    found = cross_validate(candidate, statistics, SCALE)
     channel_share = np.repeat(fold_share[:, None], 21, axis=1)
     return replace(
         found, share=float(fold_share.mean()), fold_share=fold_share, channel_share=channel_share

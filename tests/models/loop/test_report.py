@@ -13,7 +13,7 @@ from taxel.channels import CHANNELS
 from taxel.errors import SettingsError
 from taxel.manifest import Manifest
 from taxel_models.loop.attribution import Named
-from taxel_models.loop.cross_validation import score
+from taxel_models.loop.cross_validation import cross_validate
 from taxel_models.loop.effects.effect import Effect, Remaining
 from taxel_models.loop.effects.registry import NAMES, candidates
 from taxel_models.loop.findings import Findings
@@ -168,5 +168,5 @@ def _named(result: LoopResult, effect: Effect) -> Named:
     statistics = SufficientStatistics.of(candidate.basis, residual, row_weights, blocks, candidate.fitting)
     scale = np.ones(len(CHANNELS))
     weights = statistics.weights(scale)
-    fitted = score(candidate, statistics, scale)
+    fitted = cross_validate(candidate, statistics, scale)
     return Named(effect, fitted, weights, candidate.basis.times(weights), 0.005)

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from taxel.windows.history import TICK_S
 from taxel_models.loop.findings import Unexplained
 from taxel_models.loop.observations import Observations
-from taxel_models.loop.residual_diagnostics import autocorrelation, diagnose_residual, spectrum
+from taxel_models.loop.residual_diagnostics import PIECE_ROWS, autocorrelation, diagnose_residual
 
 SD = 8.0
 
@@ -54,7 +55,7 @@ def test_a_periodic_remainder_is_told_by_its_frequency(
     found = judged(observations, white + wave[:, None])
     assert found.structured
     told = float(found.hint.split("periodic at ")[1].split(" Hz")[0])
-    resolution = spectrum(observations, white, np.ones(len(observations), bool))[0][1]
+    resolution = 1.0 / (PIECE_ROWS * TICK_S)
     assert told == pytest.approx(frequency, abs=0.6 * resolution)
     assert "as large in free air" in found.hint
 
@@ -92,15 +93,3 @@ def test_autocorrelation_stays_inside_segments(observations: Observations, white
     lagged[3:] += white[:-3]
     assert autocorrelation(observations, lagged, rows, 3) == pytest.approx(0.5, abs=0.02)
     assert autocorrelation(observations, lagged, rows, 2) == pytest.approx(0.0, abs=0.02)
-
-
-def test_the_spectrum_is_of_whole_stretches(observations: Observations, white: np.ndarray) -> None:
-    rows = np.ones(len(observations), bool)
-    frequencies, power = spectrum(observations, white, rows)
-    assert power.shape == (len(frequencies), 21)
-    length = 2 * (len(frequencies) - 1)
-    assert frequencies[-1] == pytest.approx(50.0)
-    level = power[10:-10].mean()
-    assert level == pytest.approx(SD**2 * (np.hanning(length) ** 2).sum(), rel=0.05)
-    none, empty = spectrum(observations, white, np.arange(len(rows)) % (length // 2) > 0)
-    assert (len(none), empty.shape) == (0, (0, 21))

@@ -132,4 +132,4 @@ def test_places_are_those_of_the_window_that_a_lag_chose(observations: Observati
     assert form.again is not None
     weights = np.ones((len(CHANNELS), form.basis.size))
     before, after = form.basis.times(weights), form.again(late).basis.times(weights)
-    np.testing.assert_array_equal(after, before[observations.rows_before(8)])
+    np.testing.assert_allclose(after, before[observations.rows_before(8)], rtol=1e-12)

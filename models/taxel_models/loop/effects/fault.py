@@ -30,26 +30,26 @@ class Fault(Effect):
         found = stuck_channels(observations.measured, observations.predicted, observations.segment)
         kinds: tuple[Kind, ...] = ("stuck", "intermittent")
         for kind in kinds:
-            some = [one for one in found if one.kind == kind]
+            some = [stuck for stuck in found if stuck.kind == kind]
             if some:
                 yield self._with(some, kind, remaining.residual)
 
     def _with(self, found: Sequence[StuckChannel], kind: Kind, residual: Floats) -> Candidate:
         values = np.zeros((*residual.shape, 1), np.float32)
-        for one in found:
-            values[one.rows, one.channel, 0] = residual[one.rows, one.channel]
+        for stuck in found:
+            values[stuck.rows, stuck.channel, 0] = residual[stuck.rows, stuck.channel]
 
-        faults = tuple(FaultTerm(channel=CHANNELS[one.channel], value=one.value) for one in found)
+        faults = tuple(FaultTerm(channel=CHANNELS[stuck.channel], value=stuck.value) for stuck in found)
         online = Online(faults if kind == "stuck" else ())
-        names = ", ".join(CHANNELS[one.channel] for one in found)
+        names = ", ".join(CHANNELS[stuck.channel] for stuck in found)
         return Candidate(
             self.name,
             f"{kind}: {names}",
             Own(values),
             fitting=Fitting(fixed=True),
             settled={
-                f"rows affected, {CHANNELS[one.channel]}": (float(one.rows.mean()), "share")
-                for one in found
+                f"rows affected, {CHANNELS[stuck.channel]}": (float(stuck.rows.mean()), "share")
+                for stuck in found
             },
             online=lambda _: online,
             certain=True,

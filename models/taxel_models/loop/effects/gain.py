@@ -25,14 +25,14 @@ class Gain(Effect):
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
-        one = Driver(ONE, np.ones(len(observations)))
+        constant = Driver(ONE, np.ones(len(observations)))
         for form, fitting in (("all channels alike", Fitting(pooled=True)), ("by channel", Fitting())):
             yield weighted(
                 observations,
                 self.name,
                 form,
                 "signal",
-                [one],
+                [constant],
                 centred=False,
                 fitting=fitting,
                 weight_names=("gain",),
@@ -46,7 +46,7 @@ class Gain(Effect):
                 self.name,
                 "ageing, all channels alike",
                 "signal",
-                [one, ageing],
+                [constant, ageing],
                 centred=False,
                 fitting=Fitting(pooled=True),
                 weight_names=("gain", "ageing"),

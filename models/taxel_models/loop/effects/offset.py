@@ -45,13 +45,13 @@ class Offset(Effect):
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
-        one = Driver(ONE, np.ones(len(observations)))
+        constant = Driver(ONE, np.ones(len(observations)))
         yield weighted(
             observations,
             self.name,
             "constant",
             "unit",
-            [one],
+            [constant],
             centred=False,
             weight_names=("offset",),
             weight_unit="counts",

@@ -22,7 +22,7 @@ ALIKE: Final = 0.35
 24 % on all of them."""
 
 LEAST_COUNTS: Final = 2.0
-"""Less spread of tdc than this is its own noise."""
+"""Less standard deviation of tdc than this is its own noise."""
 
 
 class Temperature(Effect):

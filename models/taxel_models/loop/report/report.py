@@ -47,7 +47,7 @@ def write_report(folder: Path, result: LoopResult) -> None:
 def _draw(result: LoopResult, place: Path) -> Pictures:
     findings = result.findings
     waterfall, channels, remainder = "waterfall.png", "channels.png", "residual.png"
-    named = {one.name: one for one in result.attribution.named}
+    named = {effect.name: effect for effect in result.attribution.named}
     effects = {}
     for number, effect in enumerate(findings.effects, 1):
         file = f"effect-{number}-{re.sub('[^A-Za-z0-9]+', '-', effect.name)}.png"
@@ -67,8 +67,8 @@ def _draw(result: LoopResult, place: Path) -> Pictures:
 def _noise(result: LoopResult) -> tuple[float, ...]:
     """(21,) normalised MAE of each channel's noise, taken as normal."""
     channels = result.findings.noise_floor["per_channel"]
-    spread = result.observations.manifest.normalisation.output_std
+    output_std = result.observations.manifest.normalisation.output_std
     return tuple(
         float(np.sqrt(2 / np.pi) * channels[name]["sd"] / std)
-        for name, std in zip(CHANNELS, spread, strict=True)
+        for name, std in zip(CHANNELS, output_std, strict=True)
     )

@@ -5,16 +5,13 @@ from typing import Final
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
-from scipy import signal
 
 from taxel.windows.history import TICK_S
-from taxel_models.loop.basis import Floats
 from taxel_models.loop.noise import NoiseFloor
-from taxel_models.loop.observations import Observations
 from taxel_models.loop.pipeline import LoopResult
 from taxel_models.loop.report.colours import AFTER, BEFORE, NOISE
 from taxel_models.loop.residual_diagnostics import autocorrelation
+from taxel_models.loop.spectrum import power_density, stretches
 
 _LONGEST: Final = 1024
 """Rows of a piece: 10 s."""
@@ -31,8 +28,9 @@ def draw_residual(result: LoopResult, path: Path) -> str:
     observations, rows = result.observations, result.blocks.evaluation
     first = observations.measured - observations.predicted
     energy = np.maximum((first[rows] ** 2).mean(axis=0), 1e-9)
-    stretches = _stretches(observations, rows)
-    longest = max(stretch.stop - stretch.start for stretch in stretches)
+    wanted = stretches(observations, rows)
+    longest = max(stretch.stop - stretch.start for stretch in wanted)
+    piece = min(_LONGEST, int(np.median([stretch.stop - stretch.start for stretch in wanted])))
     lags = np.unique(np.geomspace(1, max(2, min(_LONGEST, longest) // 2), _LAGS).astype(int))
     figure = Figure(figsize=(10, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -40,7 +38,7 @@ def draw_residual(result: LoopResult, path: Path) -> str:
         (first, BEFORE, "before"),
         (observations.measured - result.after, AFTER, "after"),
     ):
-        frequencies, density = _density(residual, stretches)
+        frequencies, density = power_density(residual, wanted, piece)
         power = (density / energy).mean(axis=1)
         left.loglog(frequencies[1:-1], power[1:-1], color=colour, label=label)
         at_lags = [autocorrelation(observations, residual, rows, int(lag)) for lag in lags]
@@ -60,26 +58,3 @@ def draw_residual(result: LoopResult, path: Path) -> str:
         "everything explained, the spectrum would lie on the noise and the autocorrelation at 0. A "
         "constant offset shows in neither."
     )
-
-
-def _stretches(observations: Observations, rows: NDArray[np.bool_]) -> list[slice]:
-    """Runs of the wanted rows inside segments."""
-    starts = np.flatnonzero(np.diff(observations.segment * 2 + rows, prepend=-1))
-    return [
-        slice(int(start), int(stop))
-        for start, stop in zip(starts, [*starts[1:], len(rows)], strict=True)
-        if rows[start]
-    ]
-
-
-def _density(residual: Floats, stretches: list[slice]) -> tuple[Floats, Floats]:
-    """Frequencies (m,), Hz, and one-sided power density (m, 21), counts²/Hz (Welch 1967)."""
-    lengths = [stretch.stop - stretch.start for stretch in stretches]
-    piece = min(_LONGEST, int(np.median(lengths)))
-    densities = [
-        signal.welch(residual[stretch], 1 / TICK_S, nperseg=piece, axis=0)[1]
-        for stretch, length in zip(stretches, lengths, strict=True)
-        if length >= piece
-    ]
-    frequencies: Floats = np.fft.rfftfreq(piece, TICK_S).astype(np.float64)
-    return frequencies, np.asarray(np.mean(densities, axis=0))
