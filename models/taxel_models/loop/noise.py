@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
-from taxel_models.loop.observations import TOUCH_N, Observations
+from taxel_models.loop.observations import Observations
+from taxel_models.loop.resting import TOUCH_N
 
 _NORMAL_MAD: Final = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
@@ -34,7 +35,7 @@ class NoiseFloor:
     def of(cls, observations: Observations) -> "NoiseFloor":
         """Both readings of a recording."""
         inside = observations.segment[2:] == observations.segment[:-2]
-        residual = observations.measured - observations.predicted
+        residual = observations.residual
         found = _robust_sd(_second(residual)[inside])
         free = observations.pressed < TOUCH_N
         quiet = inside & free[2:] & free[1:-1] & free[:-2]

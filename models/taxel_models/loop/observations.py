@@ -4,27 +4,20 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Final, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
+from taxel.channels import CHANNELS
 from taxel.corrections import Frame
 from taxel.errors import RecordingError
 from taxel.manifest import Manifest
 from taxel.windows import HistoryFeature, Samples, build_windows, extra_columns, history_columns
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats
+from taxel_models.loop.resting import are_raw, resting
 from taxel_models.recordings import Recording
-
-TOUCH_N: Final = 0.1
-"""Less force than this counts as free air: ten times the force sensor's noise of the published rig."""
-
-_REST_ROWS: Final = 50
-
-_RAW_COUNTS: Final = 500.0
-"""Electrodes of a finger at rest read 2300 to 3500."""
 
 Predict = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
@@ -111,6 +104,11 @@ class Observations:
         return self.model.manifest
 
     @cached_property
+    def residual(self) -> Floats:
+        """(n, 21) measured less predicted, counts."""
+        return self.measured - self.predicted
+
+    @cached_property
     def pressed(self) -> Floats:
         """(n,) the force's magnitude, N."""
         return np.asarray(np.linalg.norm(self.force, axis=1))
@@ -139,10 +137,9 @@ class Observations:
         starts = np.flatnonzero(np.diff(self.segment, prepend=-1))
         since = self.time_s - np.repeat(self.time_s[starts], np.diff(starts, append=len(self)))
         early = since < seconds
-        residual = self.measured - self.predicted
-        offsets = np.zeros_like(residual)
+        offsets = np.zeros_like(self.residual)
         for start, stop in zip(starts, [*starts[1:], len(self)], strict=True):
-            offsets[start:stop] = residual[start:stop][early[start:stop]].mean(axis=0)
+            offsets[start:stop] = self.residual[start:stop][early[start:stop]].mean(axis=0)
         if early.all():
             raise RecordingError(f"no segment is longer than the {seconds:g} s of its calibration")
         return replace(self, calibration=TakenCalibration(offsets, since - seconds)).kept(~early)
@@ -195,24 +192,6 @@ class Observations:
             ]
             self._history[feature] = np.concatenate(parts)
         return self._history[feature]
-
-
-def resting(pressed: Floats, counts: Floats) -> Floats:
-    """(21,) the median of counts (n, 21) in free air.
-
-    A finger that is never in free air shows its rest where it is pressed least (n,), N; but where its
-    channels are tared, they rest at 0, however hard it is pressed.
-    """
-    free = pressed < TOUCH_N
-    if free.sum() >= _REST_ROWS:
-        return np.asarray(np.median(counts[free], axis=0))
-    least = np.median(counts[pressed <= np.quantile(pressed, 0.02)], axis=0)
-    return np.asarray(least if are_raw(least) else np.zeros_like(least))
-
-
-def are_raw(rest: Floats) -> bool:
-    """Whether resting counts (21,) are the converter's, and not differences from such."""
-    return bool(np.median(rest[ELECTRODE_COLUMNS]) > _RAW_COUNTS)
 
 
 def gather(model: Model, recordings: Sequence[Recording], *, measured_temperature: bool) -> Observations:

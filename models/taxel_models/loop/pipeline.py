@@ -108,7 +108,7 @@ def run_loop(
         least_share=settings.least_share,
         progress=progress,
     ).run()
-    scale = scale_of((observations.measured - observations.predicted)[blocks.fit])
+    scale = scale_of(observations.residual[blocks.fit])
     figures = {named.name: parameters(named, scale) for named in attribution.named}
     new = NewEffects.of(attribution, figures)
     after = corrected(observations, attribution, new)
@@ -129,7 +129,7 @@ def _findings(
     manifest = observations.manifest
     rows, output_std = blocks.evaluation, np.array(manifest.normalisation.output_std)
     noise = NoiseFloor.of(observations)
-    energy = ((observations.measured - observations.predicted)[rows] ** 2).mean(axis=0)
+    energy = (observations.residual[rows] ** 2).mean(axis=0)
     measured = observations.measured[rows]
     return Findings(
         model=f"{manifest.name}/{manifest.version}",
@@ -182,7 +182,7 @@ def _found(
     rows: NDArray[np.bool_],
 ) -> tuple[FoundEffect, ...]:
     """Named effects by what each adds to those before it on the evaluation part."""
-    left = (observations.measured - observations.predicted)[rows]
+    left = observations.residual[rows]
     first = np.maximum((left**2).mean(axis=0), 1e-9)
     served = {effect.name: effect for effect in new.effects}
     found = []
@@ -219,7 +219,7 @@ def _found_effect(
 
 def _paired(observations: Observations, blocks: Blocks, after: Floats, output_std: Floats) -> PairedTest:
     rows = blocks.evaluation
-    fall = np.abs(observations.measured - observations.predicted) - np.abs(observations.measured - after)
+    fall = np.abs(observations.residual) - np.abs(observations.measured - after)
     by_row = (fall / output_std).mean(axis=1)
     numbers = np.unique(blocks.of_row[rows])
     falls = np.array([by_row[blocks.of_row == number].mean() for number in numbers])

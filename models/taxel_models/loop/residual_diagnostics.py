@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.findings import Unexplained
-from taxel_models.loop.observations import TOUCH_N, Observations
+from taxel_models.loop.observations import Observations
+from taxel_models.loop.resting import TOUCH_N
 from taxel_models.loop.spectrum import power_density, stretches
 
 MORE_THAN_NOISE: Final = 0.1

@@ -88,11 +88,9 @@ class StepwiseSelection:
         self._progress = progress or _silent
         self._least_share = least_share
         self._signs = random_signs(DRAWS, int((blocks.fold >= 0).sum()), seed)
-        self._scale = scale_of((observations.measured - observations.predicted)[blocks.fit])
-        self._row_weights = row_weights_of(
-            observations.measured - observations.predicted, observations.pressed, blocks.fit
-        )
-        self._absolute = absolute_of(observations.measured - observations.predicted, blocks.fit)
+        self._scale = scale_of(observations.residual[blocks.fit])
+        self._row_weights = row_weights_of(observations.residual, observations.pressed, blocks.fit)
+        self._absolute = absolute_of(observations.residual, blocks.fit)
         self._named: list[Named] = []
         self._alone: list[Score] = []
         """On the first residual, before anything was named."""
@@ -125,7 +123,7 @@ class StepwiseSelection:
 
     def _left(self, without: Named | None = None) -> Floats:
         """(n, 21) what is left when the named effects, or all but one, are taken out."""
-        left = self._observations.measured - self._observations.predicted
+        left = self._observations.residual
         for named in self._named:
             if not named.score.candidate.moves:
                 left = left - named.contribution
@@ -209,7 +207,7 @@ class StepwiseSelection:
             candidate.basis, self._left(), self._absolute, self._blocks, candidate.fitting
         )
         basis_rows = candidate.basis.rows
-        first = (self._first.measured - self._first.predicted) ** 2 * self._absolute[:, None]
+        first = self._first.residual**2 * self._absolute[:, None]
         kept = self._blocks.fit
         rows = np.flatnonzero(kept) if basis_rows is None else basis_rows[kept[basis_rows]]
         return worth(score, alike, self._scale, first[rows].sum(axis=0))
@@ -259,7 +257,7 @@ class StepwiseSelection:
     def _conditional(self, named: Named) -> tuple[float, float]:
         """Share of the energy, over all channels and in the channel where it is most, lost without it."""
         fit = self._blocks.fit
-        first = (self._first.measured - self._first.predicted)[fit]
+        first = self._first.residual[fit]
         energy = np.maximum((first**2).mean(axis=0), 1e-9)
         gain = (self._left(without=named)[fit] ** 2).mean(axis=0) - (self._left()[fit] ** 2).mean(axis=0)
         return float((gain / energy).mean()), float((gain / energy).max())

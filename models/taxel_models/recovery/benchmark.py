@@ -165,7 +165,7 @@ def run_round(
     """Inject, run the loop, and mark."""
     truth, strength = drawn
     base = gather(model, [recording], measured_temperature=True)
-    residual = np.sqrt(((base.measured - base.predicted) ** 2).mean(axis=0))
+    residual = np.sqrt((base.residual**2).mean(axis=0))
     injection = Injection.into(recording, int(random.integers(1 << 30)), residual)
     injection.respond = _responding(model, recording)
     inject_truth(injection, truth, strength)

@@ -11,7 +11,7 @@ from taxel.channels import COUNTS_MAX
 from taxel.errors import SettingsError
 from taxel.windows import HistoryFeature, history_columns
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.observations import resting
+from taxel_models.loop.resting import resting
 from taxel_models.recordings import Recording
 
 USUAL_RESIDUAL: Final = 0.1

@@ -15,7 +15,7 @@ from taxel.windows.history import TICK_S, Rate
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.location import farthest_points
 from taxel_models.loop.effects.registry import effect_named
-from taxel_models.loop.observations import TOUCH_N, are_raw
+from taxel_models.loop.resting import TOUCH_N, are_raw
 from taxel_models.recordings import Recording
 from taxel_models.recovery.injection import Injection
 

@@ -12,7 +12,8 @@ from taxel.corrections import AppliedEffect, Correction, Frame, Weighted
 from taxel.errors import RecordingError
 from taxel.manifest import Manifest
 from taxel.windows import Relaxation, history_columns
-from taxel_models.loop.observations import Observations, are_raw, gather, predict_all, resting
+from taxel_models.loop.observations import Observations, gather, predict_all
+from taxel_models.loop.resting import are_raw, resting
 from taxel_models.recordings import Recording
 
 

@@ -11,7 +11,8 @@ from taxel.corrections import Location as LocationTerm
 from taxel.corrections import location_design
 from taxel_models.loop.basis import Floats, Shared
 from taxel_models.loop.effects.effect import Candidate, Effect, Online, Remaining
-from taxel_models.loop.observations import TOUCH_N, Observations
+from taxel_models.loop.observations import Observations
+from taxel_models.loop.resting import TOUCH_N
 
 CENTRES: Final = 16
 HALF_FORCE_N: Final = 0.5

@@ -11,7 +11,8 @@ from taxel.corrections import Saturation as SaturationTerm
 from taxel.corrections import saturation_design
 from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.effects.effect import Candidate, Effect, Online, Remaining
-from taxel_models.loop.observations import TOUCH_N, Observations
+from taxel_models.loop.observations import Observations
+from taxel_models.loop.resting import TOUCH_N
 from taxel_models.loop.statistics import Fitting
 
 QUANTILES: Final = (0.5, 0.65, 0.8, 0.9, 0.95)

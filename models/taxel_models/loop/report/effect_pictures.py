@@ -15,11 +15,11 @@ from taxel_models.loop.basis import Floats, Shared
 from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.effects.location import Location
 from taxel_models.loop.effects.offset import Offset
-from taxel_models.loop.observations import TOUCH_N
 from taxel_models.loop.pipeline import LoopResult
 from taxel_models.loop.report.colours import AFTER, BEFORE, MEASURED
 from taxel_models.loop.report.drivers import axis_of
 from taxel_models.loop.report.partial import Partial
+from taxel_models.loop.resting import TOUCH_N
 
 _BINS: Final = 14
 _LEAST_ROWS: Final = 12

@@ -26,7 +26,7 @@ def draw_residual(result: LoopResult, path: Path) -> str:
         A caption.
     """
     observations, rows = result.observations, result.blocks.evaluation
-    first = observations.measured - observations.predicted
+    first = observations.residual
     energy = np.maximum((first[rows] ** 2).mean(axis=0), 1e-9)
     wanted = stretches(observations, rows)
     longest = max(stretch.stop - stretch.start for stretch in wanted)
