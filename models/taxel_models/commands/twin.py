@@ -22,8 +22,8 @@ Effects = Annotated[
     typer.Option(
         "--effect",
         metavar="NAME[:STRENGTH]",
-        help="Inject an effect; repeat the option for several. The file does not name them. Strength 1, the "
-        "default, changes channels by a tenth of their standard deviation, about a good model's error.",
+        help="Inject an effect; repeat the option for several. The file does not name them. Strength 1, "
+        "the default, changes channels by a tenth of their standard deviation, about a good model's error.",
     ),
 ]
 Truth = Annotated[

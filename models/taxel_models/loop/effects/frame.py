@@ -9,8 +9,8 @@ from typing_extensions import override
 
 from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.effects.effect import Candidate, Effect, Online, Remaining
+from taxel_models.loop.effects.rigid_motion import after, fit_motion, turn_of
 from taxel_models.loop.observations import Observations, predict_all
-from taxel_models.loop.rigid_motion import after, fit_motion, turn_of
 from taxel_models.loop.statistics import Fitting
 
 TEST_ROWS: Final = 8_000
