@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 _CHECKED_WINDOWS = 2048
 
 
-@needs("loop", *SERVING, "matplotlib", "scipy", "threadpoolctl")
+@needs("loop", *SERVING, "jinja2", "matplotlib", "scipy", "threadpoolctl")
 def loop(
     model: Annotated[
         str, typer.Option(metavar="NAME[/VERSION]", help="The model; newest version if none.")
