@@ -182,7 +182,7 @@ def test_a_damaged_checkpoint_is_passed_over(
     beside, _ = train([recording], settings("ffnn", checkpoint=checkpoint))
     alone, _ = train([recording], settings("ffnn"))
     assert beside.record == alone.record
-    assert "training begins anew" in caplog.text
+    assert "training starts again" in caplog.text
 
 
 def test_a_training_that_diverges_says_so(recording: Recording) -> None:
