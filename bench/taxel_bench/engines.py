@@ -1,7 +1,7 @@
 """An engine: one way of evaluating a model, in the parts that are timed and those that are not."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -54,9 +54,9 @@ def base_engine(artifact: Artifact, flops: int | None) -> Engine:
 
     It is loaded apart: in turn with the corrected model, neither finds what the other has fetched.
     """
-    manifest = artifact.manifest.model_copy(update={"effects": ()})
-    model = LoadedModel(manifest, open_runtime(replace(artifact, manifest=manifest)))
-    columns = manifest.window.model_columns
+    base = artifact.base
+    model = LoadedModel(base.manifest, open_runtime(base))
+    columns = len(base.manifest.window.features)
     return Engine(
         "base",
         f"{_runtime(model)}, without effects",

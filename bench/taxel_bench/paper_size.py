@@ -16,9 +16,9 @@ from taxel.windows import WindowSpec
 from taxel_bench.forests import SKEWED, ForestShape, paper_forest, write_forest
 from taxel_exporters import formats
 from taxel_models.families.family import History
-from taxel_models.families.networks.network import AUXILIARY_OUTPUTS, NetworkFamily, NetworkModel, Shape
+from taxel_models.families.networks.network import NetworkFamily, NetworkModel
 from taxel_models.families.registry import family, resolve
-from taxel_models.training.trained import Temperature, TrainedModel, TrainedRecord
+from taxel_models.training.trained import TrainedExtra, TrainedModel, TrainedRecord
 
 PAPER_MODELS: Final = ("xgb", "ffnn", "transformer", "network-b", "network-a")
 
@@ -68,15 +68,14 @@ def _write_network(folder: Path, model: str, combination: int, seed: int) -> Non
     assert isinstance(kind, NetworkFamily)
     spec = WindowSpec.of(combination)
     chosen = resolve(kind, combination, {})
-    outputs = len(CHANNELS) + AUXILIARY_OUTPUTS * kind.uses_temperature
-    shape = Shape(spec, kind.uses_temperature, outputs)
+    shape = kind.shape(spec, kind.extras)
     torch.manual_seed(seed)
     network = NetworkModel(kind.build(shape, chosen), shape, chosen)
     record = TrainedRecord(
         combination=combination,
         parameters=network.parameters,
         normalisation=_statistics(spec.length, seed),
-        temperature=Temperature(served=False, mean=0.0, std=1.0) if kind.uses_temperature else None,
+        extras=tuple(TrainedExtra(name=name, served=False, mean=0.0, std=1.0) for name in kind.extras),
         training=_training(model, chosen.model_dump(mode="json"), seed),
         history=History(unit="epoch", loss="none", train=(), validation=(), best=0, notes={}),
         taxel_version=__version__,

@@ -1,6 +1,5 @@
 """Export of a correction: the same model file with effects, as a new version beside the old."""
 
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
@@ -11,7 +10,6 @@ from pydantic import ValidationError
 
 import taxel
 from taxel import artifacts
-from taxel.artifacts import Artifact, manifest_json
 from taxel.corrections import AppliedEffect, Correction
 from taxel.errors import ArtifactError, InvalidArgument
 from taxel.manifest import Manifest, Parity, WindowLayout, tensors
@@ -64,7 +62,7 @@ def export_corrected(
         repository,
         manifest,
         base.model_path.read_bytes(),
-        lambda staging: _check_parity(staging, manifest, base, taken),
+        lambda staging: _check_parity(staging, manifest, taken),
     )
 
 
@@ -113,28 +111,11 @@ def _with_window(base: Manifest, layout: WindowLayout, changes: Mapping[str, obj
     )
 
 
-def _check_parity(
-    staging: Path, manifest: Manifest, base: Artifact, windows: NDArray[np.float32]
-) -> Parity:
+def _check_parity(staging: Path, manifest: Manifest, windows: NDArray[np.float32]) -> Parity:
     """Compare what is served with the model file's own prediction and the effects, added offline."""
     with taxel.load(staging) as source:
         served = source.predictor(manifest.name)
         inputs = served.checked(windows)
-        found = served.predict(inputs)
-    with tempfile.TemporaryDirectory() as folder:
-        bare = _write_bare(Path(folder), base)
-        with taxel.load(Path(folder)) as source:
-            correction = Correction(manifest.effects, manifest.spec, manifest.window.extras)
-            expected = correction.apply(source.predictor(bare.name).predict, inputs)
-    return agreement(found, expected, TOLERANCE, "base and effects")
-
-
-def _write_bare(repository: Path, base: Artifact) -> Manifest:
-    """The model file without any effect, as an artifact of its own."""
-    layout = WindowLayout.of(base.manifest.spec.unshifted, base.manifest.window.model_extras)
-    manifest = _with_window(base.manifest, layout, {"effects": ()})
-    folder = repository / manifest.name / manifest.version
-    folder.mkdir(parents=True)
-    (folder / manifest.model_file.name).write_bytes(base.model_path.read_bytes())
-    (folder / artifacts.MANIFEST).write_text(manifest_json(manifest), encoding="utf-8")
-    return manifest
+        correction = Correction(manifest.effects, manifest.spec, manifest.window.extras)
+        expected = correction.add(served.predict_base(inputs), inputs)
+        return agreement(served.predict(inputs), expected, TOLERANCE, "base and effects")

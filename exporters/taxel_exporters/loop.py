@@ -11,12 +11,12 @@ from taxel.dependencies import SERVING
 from taxel.errors import SettingsError
 
 if TYPE_CHECKING:
-    from taxel_models.loop.closing import Closed
+    from taxel_models.loop.pipeline import LoopResult
 
 _CHECKED_WINDOWS = 2048
 
 
-@needs("loop", *SERVING, "matplotlib", "scipy", "threadpoolctl")
+@needs("loop", *SERVING, "jinja2", "matplotlib", "scipy", "threadpoolctl")
 def loop(
     model: Annotated[
         str, typer.Option(metavar="NAME[/VERSION]", help="The model; newest version if none.")
@@ -65,8 +65,8 @@ def loop(
     Writes report.json, report.md, report.html and plots; `--json` prints report.json.
     """
     import taxel
-    from taxel_models.loop.closing import Plan, close_loop
     from taxel_models.loop.effects.registry import effect_named
+    from taxel_models.loop.pipeline import LoopSettings, run_loop
     from taxel_models.loop.report.report import REPORT, write_report
     from taxel_models.loop.report.table import findings_table
     from taxel_models.recordings import read_recording
@@ -76,7 +76,7 @@ def loop(
         raise SettingsError(f"--temperature {temperature}: expected measured or mean")
     for effect in exclude or ():
         effect_named(effect)
-    plan = Plan(
+    settings = LoopSettings(
         seed=seed,
         held_out=held_out,
         hold_out_by=hold_out_by,
@@ -89,41 +89,40 @@ def loop(
     with taxel.load(repository) as source, ERR.status("reading") as status:
         predictor = source.predictor(name, version or None)
         recordings = [read_recording(path) for path in data]
-        closed = close_loop(
-            predictor.manifest,
-            predictor.predict,
+        result = run_loop(
+            predictor,
             recordings,
-            plan,
+            settings,
             lambda doing: status.update(f"looking at {doing}"),
         )
     try:
-        if export and closed.new.effects:
-            closed = _exported(closed, repository)
+        if export and result.new.effects:
+            result = _exported(result, repository)
     finally:
         # What was found is not lost with an export that fails.
-        write_report(output, closed)
+        write_report(output, result)
     if as_json:
-        print_json(closed.findings.model_dump(mode="json"))
+        print_json(result.findings.model_dump(mode="json"))
     else:
-        OUT.print(findings_table(closed.findings))
+        OUT.print(findings_table(result.findings))
         OUT.print(f"Wrote {output}: report.md, report.html, report.json.", soft_wrap=True)
         if export:
-            exported = closed.findings.exported or "nothing: no effect was named that a model can have"
+            exported = result.findings.exported or "nothing: no effect was named that a model can have"
             OUT.print(f"Exported {exported}.", soft_wrap=True)
 
 
-def _exported(closed: "Closed", repository: Path) -> "Closed":
+def _exported(result: "LoopResult", repository: Path) -> "LoopResult":
     from taxel_exporters.corrected import export_corrected
 
-    manifest = closed.evidence.manifest
-    names = ", ".join(effect.name for effect in closed.new.effects)
+    manifest = result.observations.manifest
+    names = ", ".join(effect.name for effect in result.new.effects)
     written = export_corrected(
         repository,
         manifest.name,
         manifest.version,
-        closed.new.effects,
-        closed.new.extras,
-        windows=closed.served_windows(_CHECKED_WINDOWS),
+        result.new.effects,
+        result.new.extras,
+        windows=result.served_windows(_CHECKED_WINDOWS),
         description=f"{manifest.description} Corrected for: {names}.",
     )
-    return closed.exported(f"{written.name}/{written.version}")
+    return result.exported(f"{written.name}/{written.version}")

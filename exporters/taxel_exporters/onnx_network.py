@@ -24,8 +24,8 @@ from taxel_models.training.trained import TrainedModel
 class _Served(nn.Module):
     """The served network: `taxel.scaling` before and after it, and its first 21 outputs.
 
-    If the temperature is served, it is the window's last column. Otherwise it is fixed at its mean, which
-    is 0 in z-scores.
+    Served extras stand behind the window. An extra that is not served is fixed at its mean, which is 0
+    in z-scores.
     """
 
     input_mean: Tensor
@@ -36,9 +36,12 @@ class _Served(nn.Module):
     def __init__(self, trained: TrainedModel, model: NetworkModel) -> None:
         super().__init__()
         self.network = model.network
-        self.fixed_temperature = model.takes_temperature and not trained.serves_temperature
-        # Beside others in an ensemble, a network without temperature leaves that column alone.
-        self.ignored_temperature = trained.serves_temperature and not model.takes_temperature
+        served = [extra.name for extra in trained.served_extras]
+        self.length = trained.spec.length
+        self.places = [served.index(name) if name in served else None for name in model.extras]
+        """Of each extra of the network among those served; None where it is fixed."""
+        # Beside others in an ensemble, a network leaves extras alone that it does not take.
+        self.as_served = self.places == list(range(len(served)))
         normalisation = trained.served_normalisation
         for name, scaler in (
             ("input", Scaler.of(normalisation.input_mean, normalisation.input_std)),
@@ -49,10 +52,10 @@ class _Served(nn.Module):
 
     def forward(self, window: Tensor) -> Tensor:
         columns = (window - self.input_mean) / self.input_std
-        if self.ignored_temperature:
-            columns = columns[:, :-1]
-        if self.fixed_temperature:
-            columns = torch.cat([columns, torch.zeros_like(columns[:, :1])], dim=1)
+        if not self.as_served:
+            fixed, behind = torch.zeros_like(columns[:, :1]), columns[:, self.length :]
+            taken = [fixed if place is None else behind[:, place : place + 1] for place in self.places]
+            columns = torch.cat([columns[:, : self.length], *taken], dim=1)
         served: Tensor = self.network(columns)[:, : len(CHANNELS)]
         return served * self.output_std + self.output_mean
 

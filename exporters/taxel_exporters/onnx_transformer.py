@@ -38,8 +38,8 @@ def transformer_onnx(trained: TrainedModel) -> onnx.ModelProto:
     statistics = trained.record.normalisation
     graph = Graph()
     window = INPUT_NAME
-    if trained.serves_temperature:
-        # Beside others in an ensemble that take the temperature, behind the window.
+    if trained.served_extras:
+        # Others in an ensemble take extras, behind the window.
         bounds = [graph.constant([value], np.int64) for value in (0, trained.spec.length, 1)]
         window = graph.node("Slice", window, *bounds)
     columns = graph.node("Sub", window, graph.constant(statistics.input_mean))

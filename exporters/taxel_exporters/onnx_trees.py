@@ -38,8 +38,8 @@ def trees_onnx(trained: TrainedModel) -> onnx.ModelProto:
         "output_std": outputs.std,
     }
     window, before = INPUT_NAME, []
-    if trained.serves_temperature:
-        # A temperature that others in an ensemble take stands behind the window: trees leave it alone.
+    if trained.served_extras:
+        # Extras that others in an ensemble take stand behind the window: trees leave them alone.
         constants |= {
             "first": np.array([0]),
             "length": np.array([trained.spec.length]),

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 import taxel
 from taxel.manifest import Parity
 from taxel_exporters.agreement import agreement
-from taxel_models.training.dataset import Examples
+from taxel_models.training.dataset import EXTRAS, Examples
 from taxel_models.training.trained import TrainedModel
 
 MOST_WINDOWS: Final = 8192
@@ -37,9 +37,9 @@ def predict_both(
     repository: Path, name: str, trained: TrainedModel, held_out: Examples
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """The predictions of the artifact, as it will be served, and of the trained model, (n, 21) each."""
-    windows, temperature = held_out.windows, held_out.temperature.astype(np.float32)
-    served = trained.serves_temperature
-    expected = trained.predict(windows, temperature[:, 0] if served else None)
+    windows, columns = held_out.windows, held_out.extras.astype(np.float32)
+    extras = {extra.name: columns[:, EXTRAS.index(extra.name)] for extra in trained.served_extras}
+    expected = trained.predict(windows, extras)
     with taxel.load(repository) as source:
-        found = source.predictor(name).predict(np.hstack([windows, temperature]) if served else windows)
+        found = source.predictor(name).predict(np.column_stack([windows, *extras.values()]))
     return found, expected

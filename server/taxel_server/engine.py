@@ -15,6 +15,7 @@ from taxel.errors import ArtifactError, NotFound, TaxelError, Unavailable
 from taxel.manifest import Manifest
 from taxel.predictor import ModelInfo
 from taxel_server.runtimes import DEFAULTS, Runtime, RuntimeOptions, check_platform, open_runtime
+from taxel_server.runtimes.corrected import CorrectedRuntime
 
 _LOG: Final = logging.getLogger(__name__)
 
@@ -50,6 +51,12 @@ class LoadedModel:
 
     def evaluate(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
         """Counts (n, columns) float32 of windows (n, f) float32, already checked."""
+        return self.runtime.evaluate(windows)
+
+    def evaluate_base(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The same before the effects are added."""
+        if isinstance(self.runtime, CorrectedRuntime):
+            return self.runtime.evaluate_base(windows)
         return self.runtime.evaluate(windows)
 
 

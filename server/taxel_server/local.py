@@ -60,6 +60,7 @@ class LocalPredictor(Predictor):
         super().__init__(model.manifest)
         self._source = source
         self._evaluate = model.runtime.evaluate
+        self._evaluate_base = model.evaluate_base
         self._only_channels = not model.manifest.gives_spread
 
     @override
@@ -68,6 +69,11 @@ class LocalPredictor(Predictor):
             self._source.check_open()
         outputs = self._evaluate(self.checked(windows))
         return outputs if self._only_channels else outputs[:, : len(CHANNELS)]
+
+    @override
+    def predict_base(self, windows: NDArray[Any], *, timeout: float | None = None) -> NDArray[np.float32]:
+        self._source.check_open()
+        return self._evaluate_base(self.checked(windows))[:, : len(CHANNELS)]
 
     @override
     def predict_with_spread(

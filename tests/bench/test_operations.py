@@ -67,9 +67,9 @@ def test_networks_cost_what_was_published(name: str, combination: int) -> None:
     kind = family(name)
     assert isinstance(kind, NetworkFamily)
     spec = WindowSpec.of(combination)
-    shape = Shape(spec, kind.uses_temperature, 21)
+    shape = Shape(spec, kind.extras, 21)
     network = kind.build(shape, resolve(kind, combination, {}))
-    counted = count_network_operations(network, spec.length + shape.temperature)
+    counted = count_network_operations(network, shape.columns)
     assert counted / 1e6 == pytest.approx(published_mflops(name, combination), rel=0.03)
 
 

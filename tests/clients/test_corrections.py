@@ -1,6 +1,8 @@
 """What effects add to a prediction, against loops that spell their equations out."""
 
+import json
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,18 +18,22 @@ from taxel.corrections import (
     CALIBRATION_EXTRAS,
     AppliedEffect,
     Calibrated,
+    Composition,
     Correction,
+    Crosstalk,
+    Fault,
     Frame,
     Leak,
-    Limit,
-    Mix,
+    Location,
     Parameter,
-    Places,
-    Substitute,
+    Saturation,
     Term,
     Weighted,
 )
+from taxel.manifest import Manifest
 from taxel.windows import ExtraFeature, WindowSpec
+
+BY_0_1 = Path(__file__).parent / "corrected_by_0_1"
 
 SPEC = WindowSpec.of(7)
 EXTRAS = (
@@ -48,8 +54,8 @@ def rows_of(values: Rows) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(row) for row in values.tolist())
 
 
-def terms(rng: np.random.Generator) -> list[Term]:
-    """One of each kind and shape, with random numbers."""
+def terms(rng: np.random.Generator) -> list[Any]:
+    """One of each kind and shape that is added, with random numbers."""
     rest, level, slope = (tuple(rng.uniform(0, 100, 21).tolist()) for _ in range(3))
     shapes: tuple[Any, ...] = ("unit", "signal", "log_impedance")
     weighted = [
@@ -67,14 +73,14 @@ def terms(rng: np.random.Generator) -> list[Term]:
         Weighted(
             shape="unit", features=("one",), references=(0.0,), weights=rows_of(rng.normal(size=(1, 21)))
         ),
-        Places(
+        Location(
             centres=rows_of(rng.normal(size=(5, 3)) * 0.01),  # type: ignore[arg-type]
             width=0.004,
             half_force=0.7,
             weights=rows_of(rng.normal(size=(5, 21))),
         ),
-        Mix(leaks=(Leak("e1", "e2", 0.1), Leak("e1", "pdc", -0.2), Leak("e9", "e1", 0.3)), rest=rest),
-        Limit(slope=slope, level=level, rest=rest),
+        Crosstalk(leaks=(Leak("e1", "e2", 0.1), Leak("e1", "pdc", -0.2), Leak("e9", "e1", 0.3)), rest=rest),
+        Saturation(slope=slope, level=level, rest=rest),
         Calibrated(
             stays=slope,
             fades=level,
@@ -102,7 +108,7 @@ def obvious(term: Term, p: Rows, columns: dict[str, float], channel: int) -> flo
             if term.shape == "log_impedance" and name not in ("pac0", "pdc"):
                 return amount * -p[channel] * (1 - p[channel] / 4095)
             return amount
-        case Places():
+        case Location():
             position = [columns[axis] for axis in "xyz"]
             force = math.hypot(columns["fx"], columns["fy"], columns["fz"])
             bumps = sum(
@@ -110,10 +116,10 @@ def obvious(term: Term, p: Rows, columns: dict[str, float], channel: int) -> flo
                 for centre, weights in zip(term.centres, term.weights, strict=True)
             )
             return force / (force + term.half_force) * bumps
-        case Mix():
+        case Crosstalk():
             sources = [(CHANNELS.index(leak.source), leak.weight) for leak in term.leaks if leak.to == name]
             return sum(weight * (p[source] - term.rest[source]) for source, weight in sources)
-        case Limit():
+        case Saturation():
             s = p[channel] - term.rest[channel]
             return -term.slope[channel] * math.copysign(max(abs(s) - term.level[channel], 0), s)
         case Calibrated():
@@ -126,8 +132,7 @@ def obvious(term: Term, p: Rows, columns: dict[str, float], channel: int) -> flo
                 for other, weights, limit in zip(CHANNELS, term.others, term.limits, strict=True)
             )
             return share * found[name] + others
-        case Substitute():
-            return term.value - p[channel] if term.channel == name else 0.0
+    raise AssertionError(term)
 
 
 def some_windows(rng: np.random.Generator, rows: int = 4) -> NDArray[np.float32]:
@@ -143,7 +148,7 @@ def test_terms_equal_their_equations(seed: int) -> None:
     p = rng.uniform(-200, 4500, (4, 21))
     values = some_windows(rng).astype(np.float64)
     columns = dict(zip(NAMES, values.T, strict=True))
-    for term in [*terms(rng), Substitute(channel="e7", value=3.0)]:
+    for term in terms(rng):
         assert set(term.takes) <= set(NAMES)
         found = term.delta(p, {name: columns[name] for name in term.takes})
         expected = [
@@ -164,7 +169,7 @@ def test_a_correction_adds_its_terms_to_the_base_in_any_order(seed: int, spread:
         seen.append(inputs)
         return outputs
 
-    everything = [*terms(rng), Substitute(channel="e3", value=9.0), Substitute(channel="e3", value=12.0)]
+    everything = [*terms(rng), Fault(channel="e3", value=9.0), Fault(channel="e3", value=12.0)]
     effects = [effect_of(*everything[:4]), effect_of(*everything[4:])]
     found = Correction(effects, SPEC, EXTRAS).apply(base, windows)
     p = outputs[:, :21].astype(np.float64)
@@ -199,6 +204,38 @@ def test_terms_know_shifted_windows_by_the_names_of_the_model() -> None:
     term = Weighted(shape="unit", features=("fz",), references=(0.0,), weights=((1.0,) * 21,))
     found = Correction([effect_of(term, shift_ticks=4)], shifted, EXTRAS).apply(lambda _: base, windows)
     np.testing.assert_allclose(found[:, 5] - 1000, windows[:, SPEC.features.index("fz")], atol=1e-3)
+
+
+def test_terms_may_be_added_to_other_counts_than_the_base() -> None:
+    rng = np.random.default_rng(7)
+    p, start = rng.uniform(0, 4095, (2, 4, 21))
+    columns = dict(zip(NAMES, some_windows(rng).astype(np.float64).T, strict=True))
+    some = terms(rng)
+    composition = Composition([Fault(channel="e3", value=12.0), *some])
+    found = composition.counts(p, columns, start=start)
+    expected = start + sum(term.delta(p, columns) for term in some)
+    expected[:, CHANNELS.index("e3")] = 12.0
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    zero = composition.counts(p, columns, start=np.zeros_like(p))
+    np.testing.assert_allclose(composition.counts(p, columns)[:, :4] - zero[:, :4], p[:, :4], rtol=1e-9)
+
+
+def test_a_manifest_of_0_1_gives_the_same_counts() -> None:
+    """It calls terms places, mix, limit and substitute; today they are called as their effects."""
+    text = (BY_0_1 / "manifest.json").read_text("utf-8")
+    manifest = Manifest.model_validate_json(text)
+    kinds = [term.kind for effect in manifest.effects for term in effect.terms]
+    assert kinds == ["weighted", "location", "crosstalk", "saturation", "fault"]
+    former = [term["kind"] for effect in json.loads(text)["effects"] for term in effect["terms"]]
+    assert former == ["weighted", "places", "mix", "limit", "substitute"]
+    known = {
+        name: np.array(rows) for name, rows in json.loads((BY_0_1 / "counts.json").read_text()).items()
+    }
+    correction = Correction(manifest.effects, manifest.spec, manifest.window.extras)
+    base, windows = known["base"].astype(np.float32), known["windows"].astype(np.float32)
+    np.testing.assert_allclose(correction.apply(lambda _: base, windows), known["corrected"], rtol=2e-7)
+    assert '"kind":"mix"' not in manifest.model_dump_json()
+    assert Manifest.model_validate_json(manifest.model_dump_json()) == manifest
 
 
 class TestFrame:
@@ -253,7 +290,7 @@ def test_effects_survive_being_written() -> None:
     frame = Frame(position_rotation=QUARTER, position_translation=(0, 0, 0.1), force_rotation=QUARTER)
     effect = effect_of(
         *terms(np.random.default_rng(0)),
-        Substitute(channel="e1", value=0.0),
+        Fault(channel="e1", value=0.0),
         frame=frame,
         shift_ticks=-2,
         parameters=(Parameter(name="lag", value=-2.0, unit="ticks", low=-2.5, high=-1.5),),
@@ -300,12 +337,12 @@ ONES = (1.0,) * 21
             "shape",
         ),
         (
-            {"kind": "places", "centres": [[0, 0, 0]], "width": 1, "half_force": 1, "weights": []},
+            {"kind": "location", "centres": [[0, 0, 0]], "width": 1, "half_force": 1, "weights": []},
             "expected 1",
         ),
-        ({"kind": "mix", "leaks": [["e1", "e20", 1]], "rest": ONES}, "no channel 'e20'"),
-        ({"kind": "substitute", "channel": "tdc", "value": 1}, "no channel 'tdc'"),
-        ({"kind": "substitute", "channel": "e1", "value": float("nan")}, "finite"),
+        ({"kind": "crosstalk", "leaks": [["e1", "e20", 1]], "rest": ONES}, "no channel 'e20'"),
+        ({"kind": "fault", "channel": "tdc", "value": 1}, "no channel 'tdc'"),
+        ({"kind": "fault", "channel": "e1", "value": float("nan")}, "finite"),
         ({"kind": "guess"}, "guess"),
     ],
 )

@@ -86,7 +86,7 @@ def test_remote_and_local_agree_on_the_spread(repository: Path, windows: np.ndar
 
 def test_a_measured_temperature_reaches_only_the_members_that_take_it(tmp_path: Path) -> None:
     settings = TrainingSettings(
-        "ensemble", 1, SplitSettings("chunks"), overrides=OVERRIDES, temperature="measured"
+        "ensemble", 1, SplitSettings("chunks"), overrides=OVERRIDES, extras="measured"
     )
     model, held_out = train([simulate(4000, 3)], settings)
     trained_models.save(model, held_out, tmp_path / "trained")

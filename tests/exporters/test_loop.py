@@ -15,10 +15,10 @@ from taxel.commands.cli import failing_clearly
 from taxel_exporters import corrected
 from taxel_exporters.loop import loop
 from taxel_models.loop.blocks import cut
-from taxel_models.loop.evidence import Evidence, gather
-from taxel_models.loop.planting import Planting
-from taxel_models.loop.trial import plant
+from taxel_models.loop.observations import Observations, gather
 from taxel_models.recordings import read_recording, write_ruppel
+from taxel_models.recovery.injection import Injection
+from taxel_models.recovery.injectors import inject
 from taxel_models.shipped import shipped_repository
 from taxel_models.twin import simulate
 
@@ -43,9 +43,9 @@ def repository(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A minute and a half of the twin with offsets twice as large as a good model's error."""
     path = tmp_path_factory.mktemp("loop") / "offset.csv"
-    planting = Planting.into(simulate(9_000, 21), 4)
-    plant(planting, "offset", 2.0)
-    write_ruppel(planting.recording, path)
+    injection = Injection.into(simulate(9_000, 21), 4)
+    inject(injection, "offset", 2.0)
+    write_ruppel(injection.recording, path)
     return path
 
 
@@ -55,11 +55,11 @@ def run(app: typer.Typer, repository: Path, data: Path, output: Path, *arguments
     return CliRunner().invoke(app, [*options, *arguments])
 
 
-def evidence_of(repository: Path, data: Path, version: str) -> Evidence:
+def evidence_of(repository: Path, data: Path, version: str) -> Observations:
     with taxel.load(repository) as source:
         predictor = source.predictor(MODEL, version)
         recording = read_recording(data)
-        return gather(predictor.manifest, predictor.predict, [recording], measured_temperature=True)
+        return gather(predictor, [recording], measured_temperature=True)
 
 
 def test_what_is_exported_gives_what_was_reported(
@@ -77,8 +77,8 @@ def test_what_is_exported_gives_what_was_reported(
     before, after = (evidence_of(repository, data, version) for version in ("1", "2"))
     rows = cut(before, seed=0).evaluation
     assert rows.sum() == found["split"]["evaluation_rows"]
-    for evidence, errors in ((before, found["before"]), (after, found["after"])):
-        own = evidence.kept(np.isin(evidence.rows[0], before.rows[0][rows]))
+    for observations, errors in ((before, found["before"]), (after, found["after"])):
+        own = observations.kept(np.isin(observations.rows[0], before.rows[0][rows]))
         mae = np.abs(own.measured - own.predicted).mean()
         assert mae == pytest.approx(errors["mae"], rel=1e-4)
     # What the corrected model is corrected from is what the first one gives.

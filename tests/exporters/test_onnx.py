@@ -65,7 +65,7 @@ def test_a_network_predicts_the_same_when_served(name: str, combination: int, tm
 
 
 def test_a_measured_temperature_is_a_named_input_with_a_default(tmp_path: Path) -> None:
-    folder = train_network(tmp_path, "network-b", temperature="measured")
+    folder = train_network(tmp_path, "network-b", extras="measured")
     manifest = export(folder, tmp_path / "repository")
     (extra,) = manifest.window.extras
     assert (extra.name, manifest.window.features[-1]) == ("tdc", "tdc")
@@ -76,7 +76,7 @@ def test_a_measured_temperature_is_a_named_input_with_a_default(tmp_path: Path) 
         predictor = source.predictor("network-b")
         np.testing.assert_allclose(predictor.predict(windows), trained.predict(windows), atol=0.01)
         given = predictor.predict(np.column_stack([windows, hot]))
-    np.testing.assert_allclose(given, trained.predict(windows, hot), atol=0.01)
+    np.testing.assert_allclose(given, trained.predict(windows, {"tdc": hot}), atol=0.01)
     assert np.abs(given - trained.predict(windows)).max() > 0.1
 
 

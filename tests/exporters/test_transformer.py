@@ -14,7 +14,7 @@ from taxel_models.families.networks.network import NetworkModel, Shape
 from taxel_models.families.networks.transformer import TransformerFamily
 from taxel_models.families.registry import resolve
 from taxel_models.training import trained as trained_models
-from taxel_models.training.trained import Temperature, TrainedModel
+from taxel_models.training.trained import TrainedExtra, TrainedModel
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def with_transformer(trained: TrainedModel, layers: int, heads: int) -> TrainedM
     chosen = resolve(
         family, 1, {"layers": layers, "heads": heads, "embedding": 12, "hidden": 20, "dropout": 0.3}
     )
-    shape = Shape(trained.spec, temperature=False, outputs=21)
+    shape = Shape(trained.spec, extras=(), outputs=21)
     torch.manual_seed(layers * 10 + heads)
     network = family.build(shape, chosen)
     with torch.no_grad():
@@ -64,8 +64,8 @@ def test_it_predicts_what_torch_does(trained: TrainedModel, layers: int, heads: 
 
 def test_a_temperature_that_others_take_is_left_alone(trained: TrainedModel) -> None:
     model = with_transformer(trained, layers=2, heads=2)
-    temperature = Temperature(served=True, mean=2000.0, std=10.0)
-    beside = replace(model, record=model.record.model_copy(update={"temperature": temperature}))
+    temperature = TrainedExtra(name="tdc", served=True, mean=2000.0, std=10.0)
+    beside = replace(model, record=model.record.model_copy(update={"extras": (temperature,)}))
     windows = windows_of(model, 5)
     expected = evaluate(transformer_onnx(model), windows)
     with_column = np.column_stack([windows, np.full(5, 1e6, np.float32)])

@@ -1,5 +1,6 @@
 """The network families: sizes as published, training as published, deterministic and resumable."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -40,8 +41,7 @@ QUICK = {"epochs": 4, "patience": 2, "batch_size": 256, "learning_rate": 0.01}
 def network(name: str, combination: int) -> torch.nn.Module:
     kind = family(name)
     assert isinstance(kind, NetworkFamily)
-    shape = Shape(WindowSpec.of(combination), kind.uses_temperature, 21 + 2 * kind.uses_temperature)
-    return kind.build(shape, resolve(kind, combination, {}))
+    return kind.build(kind.shape(WindowSpec.of(combination), kind.extras), resolve(kind, combination, {}))
 
 
 def settings(name: str, **changes: Any) -> TrainingSettings:
@@ -99,7 +99,7 @@ def test_the_encoder_is_torchs_own_pre_norm_block() -> None:
 
 def test_network_b_is_position_times_force_plus_temperature() -> None:
     kind = family("network-b")
-    shape = Shape(WindowSpec.of(7), True, 23)
+    shape = Shape(WindowSpec.of(7), ("tdc",), 23)
     torch.manual_seed(0)
     built = kind.build(shape, resolve(kind, 7, SMALL["network-b"]))
     columns = torch.randn(5, 19, generator=torch.Generator().manual_seed(1))
@@ -182,7 +182,7 @@ def test_a_damaged_checkpoint_is_passed_over(
     beside, _ = train([recording], settings("ffnn", checkpoint=checkpoint))
     alone, _ = train([recording], settings("ffnn"))
     assert beside.record == alone.record
-    assert "training begins anew" in caplog.text
+    assert "training starts again" in caplog.text
 
 
 def test_a_training_that_diverges_says_so(recording: Recording) -> None:
@@ -201,10 +201,10 @@ def test_early_stopping_keeps_the_best_weights(recording: Recording) -> None:
 
 @pytest.mark.parametrize("use", ["measured", "mean", "none"])
 def test_what_becomes_of_the_temperature(use: Any, recording: Recording) -> None:
-    model, _ = train([recording], settings("network-b", temperature=use))
+    model, _ = train([recording], settings("network-b", extras=use))
     assert isinstance(model.fitted, NetworkModel)
-    assert model.fitted.takes_temperature == (use != "none")
-    assert model.serves_temperature == (use == "measured")
+    assert model.fitted.extras == (() if use == "none" else ("tdc",))
+    assert [extra.name for extra in model.served_extras] == (["tdc"] if use == "measured" else [])
     assert model.layout.features[-1] == ("tdc" if use == "measured" else "fz[+10]")
     metrics = model.record.training.metrics
     if use == "none":
@@ -212,6 +212,28 @@ def test_what_becomes_of_the_temperature(use: Any, recording: Recording) -> None
     else:
         assert metrics["test_measured_temperature"] != metrics["test_mean_temperature"]
         assert metrics["test"] == metrics[f"test_{use}_temperature"]
+
+
+def test_what_0_1_kept_of_the_temperature_is_read(recording: Recording, tmp_path: Path) -> None:
+    model, held_out = train([recording], settings("network-b", extras="measured"))
+    folder = tmp_path / "trained"
+    trained_models.save(model, held_out, folder)
+    record = json.loads((folder / "trained.json").read_text())
+    (extra,) = record.pop("extras")
+    assert extra.pop("name") == "tdc"
+    (folder / "trained.json").write_text(json.dumps({**record, "temperature": extra}))
+    place = folder / "weights" / "network.json"
+    kept = json.loads(place.read_text())
+    assert kept.pop("extras") == ["tdc"]
+    place.write_text(json.dumps({**kept, "temperature": True}))
+    back = trained_models.load(folder)
+    assert back.record == model.record
+    windows = np.random.default_rng(0).normal(size=(5, 12)).astype(np.float32)
+    warm = {"tdc": np.linspace(1000, 2000, 5, dtype=np.float32)}
+    np.testing.assert_array_equal(back.predict(windows, warm), model.predict(windows, warm))
+    assert (back.predict(windows, warm) != back.predict(windows)).any()
+    (folder / "trained.json").write_text(json.dumps({**record, "temperature": None}))
+    assert trained_models.load(folder).record.extras == ()
 
 
 def test_the_auxiliary_channels_are_fitted_but_not_served(recording: Recording) -> None:

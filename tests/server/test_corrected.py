@@ -10,7 +10,7 @@ import pytest
 import taxel
 from taxel import artifacts
 from taxel.channels import CHANNELS
-from taxel.corrections import AppliedEffect, Frame, Substitute, Weighted
+from taxel.corrections import AppliedEffect, Fault, Frame, Weighted
 from taxel.errors import InvalidArgument, Unavailable
 from taxel.windows import ExtraFeature, Relaxation, Samples, WindowSpec, build_windows, history_columns
 from taxel_exporters.corrected import export_corrected
@@ -49,7 +49,7 @@ EFFECTS = (
         name="fault",
         about="An electrode is dead.",
         channels=("e5",),
-        terms=(Substitute(channel="e5", value=17.0),),
+        terms=(Fault(channel="e5", value=17.0),),
     ),
 )
 
@@ -105,6 +105,39 @@ def test_a_served_corrected_model_gives_base_and_effects(
             expected[:, CHANNELS.index("e5")] = 17
             assert contact.time_ns[rows].tolist() == moments
             np.testing.assert_allclose([each[finger] for each in found], expected, atol=0.01)
+
+
+def test_a_local_predictor_gives_its_base_bit_for_bit(corrected: Path) -> None:
+    rng = np.random.default_rng(3)
+    windows = rng.normal(size=(40, 14)).astype(np.float32)
+    frame = EFFECTS[0].frame
+    assert frame is not None
+    with taxel.load(corrected) as source:
+        plain, twice = source.predictor("skin", "1"), source.predictor("skin", "2")
+        turned = frame.turn(windows[:, :12], plain.window)
+        np.testing.assert_array_equal(twice.predict_base(windows), plain.predict(turned))
+        settled = np.hstack([windows[:, :12], np.zeros((40, 2), np.float32)])
+        np.testing.assert_array_equal(twice.predict_base(windows[:, :12]), twice.predict_base(settled))
+        np.testing.assert_array_equal(plain.predict_base(windows[:, :12]), plain.predict(windows[:, :12]))
+    with pytest.raises(Unavailable, match="closed"):
+        twice.predict_base(windows)
+
+
+def test_the_base_of_a_manifest_is_that_of_the_model_file(corrected: Path) -> None:
+    plain, twice = (artifacts.read(corrected / "skin" / version) for version in ("1", "2"))
+    same = {"version": "2", "parity": twice.manifest.parity}
+    assert twice.base.manifest == plain.manifest.model_copy(update=same)
+    assert twice.base.model_path == twice.model_path
+
+
+def test_a_server_gives_no_base_of_a_corrected_model(corrected: Path, start: Callable[..., str]) -> None:
+    windows = np.zeros((3, 12), np.float32)
+    engine = Engine(corrected)
+    with taxel.connect(start(engine)) as server:
+        plain = server.predictor("skin", "1")
+        np.testing.assert_array_equal(plain.predict_base(windows), plain.predict(windows))
+        with pytest.raises(InvalidArgument, match=r"skin/2 is corrected.*expected a model of taxel\.load"):
+            server.predictor("skin", "2").predict_base(windows)
 
 
 def test_without_extras_a_corrected_model_is_settled(corrected: Path) -> None:

@@ -30,14 +30,14 @@ def pinned_threads() -> Iterator[None]:
 def eager_engine(model: NetworkModel, manifest: Manifest) -> Engine:
     """The network called on a tensor of z-scores: no `no_grad`, no compilation, as was published.
 
-    Turning windows into a tensor is not timed, as it was not then. A temperature that the artifact
+    Turning windows into a tensor is not timed, as it was not then. An extra input that the artifact
     does not take is fixed at its mean, 0 in z-scores.
     """
     statistics = manifest.normalisation
     inputs = Scaler.of(statistics.input_mean, statistics.input_std)
     outputs = Scaler.of(statistics.output_mean, statistics.output_std)
     network = model.network.cpu().eval()
-    columns = model.shape.spec.length + model.shape.temperature
+    columns = model.shape.columns
     fixed_columns = columns - len(statistics.input_mean)
 
     def prepare(windows: NDArray[np.float32]) -> Tensor:

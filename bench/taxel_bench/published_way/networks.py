@@ -7,9 +7,8 @@ import torch
 from onnx import numpy_helper
 from torch import Tensor, nn
 
-from taxel.channels import CHANNELS
 from taxel.manifest import Manifest
-from taxel_models.families.networks.network import AUXILIARY_OUTPUTS, NetworkFamily, NetworkModel, Shape
+from taxel_models.families.networks.network import NetworkFamily, NetworkModel
 from taxel_models.families.registry import FAMILIES, family, resolve
 
 _PREFIX: Final = "network."
@@ -33,11 +32,10 @@ def network_of(manifest: Manifest, graph: onnx.GraphProto) -> tuple[NetworkModel
     if not isinstance(kind, NetworkFamily):
         return None
     chosen = resolve(kind, manifest.window.combination, training.hyperparameters)
-    outputs = len(CHANNELS) + AUXILIARY_OUTPUTS * kind.uses_temperature
     networks = []
-    # With the temperature first: a network without it would fit a part of the same weights.
-    for temperature in (True, False) if kind.uses_temperature else (False,):
-        shape = Shape(manifest.spec, temperature, outputs)
+    # With the extras first: a network without them would fit a part of the same weights.
+    for extras in (kind.extras, ()) if kind.extras else ((),):
+        shape = kind.shape(manifest.spec, extras)
         torch.manual_seed(training.seed)
         network = kind.build(shape, chosen)
         networks.append(NetworkModel(network, shape, chosen))

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -23,6 +23,11 @@ class Artifact:
 
     manifest: Manifest
     model_path: Path
+
+    @property
+    def base(self) -> "Artifact":
+        """The same model file without the effects that correct it."""
+        return replace(self, manifest=self.manifest.base)
 
 
 def names(repository: Path) -> list[str]:

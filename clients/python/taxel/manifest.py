@@ -222,6 +222,14 @@ class Manifest(Schema):
         return self.window.spec
 
     @property
+    def base(self) -> "Manifest":
+        """The model file without effects: it takes unshifted windows and the file's own extras."""
+        layout = WindowLayout.of(self.spec.unshifted, self.window.model_extras)
+        inputs, outputs = tensors(layout, spread=self.gives_spread)
+        changes = {"window": layout, "inputs": inputs, "outputs": outputs, "effects": ()}
+        return self.model_copy(update=changes)
+
+    @property
     def typical_window(self) -> tuple[float, ...]:
         """A window of all features: the means that the model was trained on, and the effects' defaults."""
         defaults = tuple(extra.default for extra in self.window.effect_extras)

@@ -89,6 +89,24 @@ class Predictor(ABC):
         """
 
     @abstractmethod
+    def predict_base(self, windows: NDArray[Any], *, timeout: float | None = None) -> NDArray[np.float32]:
+        """Predict what the model file itself gives, without the effects that correct it.
+
+        Frames turn the windows as they do for `predict`. Of a model without effects this is `predict`.
+
+        Args:
+            windows: as for `predict`, of the corrected model.
+            timeout: as for `predict`.
+
+        Returns:
+            (n, 21) float32, counts: p, from which all terms are computed.
+
+        Raises:
+            InvalidArgument: as `predict`; or the model is corrected and a server evaluates it.
+            RequestError: no prediction could be had.
+        """
+
+    @abstractmethod
     def predict_with_spread(
         self, windows: NDArray[Any], *, timeout: float | None = None
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

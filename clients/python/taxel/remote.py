@@ -95,6 +95,16 @@ class RemotePredictor(Predictor):
         return self.infer(windows, timeout=timeout).outputs
 
     @override
+    def predict_base(self, windows: NDArray[Any], *, timeout: float | None = None) -> NDArray[np.float32]:
+        if self.manifest.effects:
+            label = f"{self.manifest.name}/{self.manifest.version}"
+            raise InvalidArgument(
+                f"{label} is corrected, and a server gives corrected counts only: "
+                "expected a model of taxel.load"
+            )
+        return self.predict(windows, timeout=timeout)
+
+    @override
     def predict_with_spread(
         self, windows: NDArray[Any], *, timeout: float | None = None
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -1,4 +1,4 @@
-"""`taxel loop-trial`: the loop plays blind against planted effects, and is marked."""
+"""`taxel loop-trial`: effects are injected, the loop has to find them without knowing, and is marked."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,12 +13,12 @@ from taxel.commands.models import Repository
 from taxel.dependencies import SERVING
 
 if TYPE_CHECKING:
-    from taxel_models.loop.trial import Round, Summary
+    from taxel_models.recovery.benchmark import Round, Summary
 
 
 @needs("loop", *SERVING, "scipy", "threadpoolctl")
 def loop_trial(
-    trials: Annotated[int, typer.Option(min=1, help="Rounds to play.")] = 200,
+    trials: Annotated[int, typer.Option(min=1, help="Rounds.")] = 200,
     seed: Annotated[int, typer.Option(min=0, help="Of recordings, effects and strengths.")] = 0,
     model: Annotated[str, typer.Option(help="A model of the twin.")] = "network-b",
     repository: Repository = None,
@@ -28,14 +28,14 @@ def loop_trial(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Plant effects in the twin, let the loop find them without knowing, and count.
+    """Inject effects into the twin, let the loop find them without knowing, and count.
 
     A fifth of the rounds have none, a tenth a cause that no effect describes; strengths are half to
     twice the residual that was there before. Prints the confusion matrix, false alarms, parameter
     errors, and the share of the removable error that was removed.
     """
     import taxel
-    from taxel_models.loop.trial import Game, play, summarise
+    from taxel_models.recovery.benchmark import RecoverySettings, run_rounds, summarise
     from taxel_models.shipped import shipped_repository
 
     if output is not None:
@@ -46,10 +46,10 @@ def loop_trial(
         Progress(console=ERR, disable=not ERR.is_terminal) as progress,
     ):
         predictor = source.predictor(model)
-        task = progress.add_task("playing", total=trials)
-        for finished in play(predictor.manifest, predictor.predict, Game(trials, seed, rows)):
-            rounds.append(finished)
-            progress.update(task, advance=1, description=f"{finished.truth} found as {finished.found}")
+        task = progress.add_task("rounds", total=trials)
+        for one in run_rounds(predictor, RecoverySettings(trials, seed, rows)):
+            rounds.append(one)
+            progress.update(task, advance=1, description=f"{one.truth} found as {one.found}")
             if output is not None:
                 _write(output, rounds, summarise(rounds))
     summary = summarise(rounds)
@@ -77,7 +77,7 @@ def _write(path: Path, rounds: list["Round"], summary: "Summary") -> None:
 
 def _show(summary: "Summary") -> None:
     found = sorted({name for counts in summary.confusion.values() for name in counts})
-    table = Table("planted", *found, title="Found first, by what was planted")
+    table = Table("injected", *found, title="Found first, by what was injected")
     for truth, counts in summary.confusion.items():
         table.add_row(truth, *(str(counts.get(name, "")) for name in found))
     OUT.print(table)

@@ -49,7 +49,7 @@ def predict(
 
     check_file_place(output)
     if report is not None:
-        require("--report", "plot", "matplotlib")
+        require("--report", "plot", "jinja2", "matplotlib")
         check_folder_place(report, replacing=FIGURES)
     name, _, version = model.partition("/")
     with open_source(connect, repository) as source:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from taxel_models.study.summary import Summary
 
 
-@needs("study", "dask", "distributed", "matplotlib", "scipy", "statsmodels")
+@needs("study", "dask", "distributed", "jinja2", "matplotlib", "scipy", "statsmodels")
 def study(
     data: Annotated[
         list[Path],

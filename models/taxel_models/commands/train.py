@@ -80,7 +80,7 @@ def train(
         split=SplitSettings(holdout, test, validation, split_seed),
         seed=seed,
         overrides=found | parse_settings(settings or []) | ({"members": members} if members else {}),
-        temperature=temperature,
+        extras=temperature,
         checkpoint=output.with_name(f".{output.name}.checkpoint"),
         jobs=jobs or os.cpu_count() or 1,
     )

@@ -1,4 +1,4 @@
-"""`taxel twin`: write a simulated recording, with planted effects if asked for."""
+"""`taxel twin`: write a simulated recording, with injected effects if asked for."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,8 +11,8 @@ from taxel.dependencies import require
 from taxel.errors import SettingsError
 
 if TYPE_CHECKING:
-    from taxel_models.loop.planting import Planting
     from taxel_models.recordings import Recording
+    from taxel_models.recovery.injection import Injection
 
 Rows = Annotated[int, typer.Option("--rows", min=1, help="Length: 100 rows are a second.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Same seed and rows, same recording.")]
@@ -22,17 +22,17 @@ Effects = Annotated[
     typer.Option(
         "--effect",
         metavar="NAME[:STRENGTH]",
-        help="Plant an effect; repeat the option for several. The file does not name them. Strength 1, the "
-        "default, changes channels by a tenth of their standard deviation, about a good model's error.",
+        help="Inject an effect; repeat the option for several. The file does not name them. Strength 1, "
+        "the default, changes channels by a tenth of their standard deviation, about a good model's error.",
     ),
 ]
 Truth = Annotated[
     Path | None,
-    typer.Option(metavar="JSON", help="Where to write what was planted; CSV.truth.json if not given."),
+    typer.Option(metavar="JSON", help="Where to write what was injected; CSV.truth.json if not given."),
 ]
 Into = Annotated[
     Path | None,
-    typer.Option(metavar="RECORDING", help="Plant in this recording instead of a simulated one."),
+    typer.Option(metavar="RECORDING", help="Inject into this recording instead of a simulated one."),
 ]
 
 
@@ -47,7 +47,7 @@ def twin(
 ) -> None:
     """Write a simulated recording of a BioTac 2P, in the CSV format of the published data set.
 
-    With `--effect`, effects are planted in its measured channels (a turned frame in its recorded forces).
+    With `--effect`, effects are injected into its channels (a turned frame in its recorded forces).
     The recording does not name them; a second file does.
     """
     from taxel_models.recordings import read_recording, write_ruppel
@@ -55,17 +55,17 @@ def twin(
     from taxel_models.twin.summary import summarise
 
     if into is not None and not effect:
-        raise SettingsError("--into: expected --effect to plant there")
+        raise SettingsError("--into: expected --effect, something to inject")
     if truth is not None and not effect:
         raise SettingsError("--truth: expected --effect as well")
     if effect:
         require("--effect", "loop", "scipy")
     check_file_place(output)
     recording = simulate(rows, seed) if into is None else read_recording(into)
-    planting = _planted(recording, effect, seed) if effect else None
-    if planting is not None:
-        recording = planting.recording
-        _write_truth(truth or output.with_name(output.name + ".truth.json"), planting, seed)
+    injection = _injected(recording, effect, seed) if effect else None
+    if injection is not None:
+        recording = injection.recording
+        _write_truth(truth or output.with_name(output.name + ".truth.json"), injection, seed)
     write_ruppel(recording, output)
     summary = summarise(recording)
     if as_json:
@@ -80,17 +80,15 @@ def twin(
         OUT.print(f"  {name.replace('_', ' ')}: {value:.4g}")
 
 
-def _planted(recording: "Recording", effects: list[str], seed: int) -> "Planting":
-    from taxel_models.loop.effects.registry import effect_named
-    from taxel_models.loop.planting import Planting
+def _injected(recording: "Recording", effects: list[str], seed: int) -> "Injection":
+    from taxel_models.recovery.injection import Injection
+    from taxel_models.recovery.injectors import inject
 
-    planting = Planting.into(recording, seed)
+    injection = Injection.into(recording, seed)
     for text in effects:
         name, strength = _parse(text)
-        chosen = effect_named(name)
-        planting.begin(name, strength)
-        chosen.plant(planting)
-    return planting
+        inject(injection, name, strength)
+    return injection
 
 
 def _parse(text: str) -> tuple[str, float]:
@@ -105,10 +103,10 @@ def _parse(text: str) -> tuple[str, float]:
     return name, strength
 
 
-def _write_truth(path: Path, planting: "Planting", seed: int) -> None:
+def _write_truth(path: Path, injection: "Injection", seed: int) -> None:
     import json
 
     with whole_file(path) as temporary:
         temporary.write_text(
-            json.dumps({"seed": seed, "effects": planting.truth}, indent=1) + "\n", encoding="utf-8"
+            json.dumps({"seed": seed, "effects": injection.truth}, indent=1) + "\n", encoding="utf-8"
         )

@@ -14,6 +14,9 @@ from taxel.windows.samples import GAP_NS
 from taxel_models.evaluation import FIGURES
 from taxel_models.evaluation.error_plots import draw_errors, draw_traces
 from taxel_models.evaluation.metrics import ErrorMetrics
+from taxel_models.templates import render
+
+_TEMPLATE: Final = Path(__file__).parent / "templates" / "errors.md.j2"
 
 _CHUNK: Final = 1000
 """The most windows in one stretch; each stretch is a value of the box plot."""
@@ -55,7 +58,8 @@ def write_report(
     title = ", ".join(f"{value}" for value in about.values())
     with whole_folder(folder, replacing=FIGURES) as place:
         (place / FIGURES).write_text(json.dumps(raw, indent=1) + "\n", encoding="utf-8")
-        (place / "errors.md").write_text(_markdown(about, errors, baseline), encoding="utf-8")
+        text = render(_TEMPLATE, about=about, errors=errors, baseline=baseline)
+        (place / "errors.md").write_text(text, encoding="utf-8")
         draw_errors(errors, by_stretch, title, place / "errors.png")
         draw_traces(time_ns, measured, predicted, title, place / "traces.png")
 
@@ -68,19 +72,3 @@ def _stretches(time_ns: NDArray[np.int64]) -> list[slice]:
         for start, stop in pairwise(edges)
         for first in range(start, stop, _CHUNK)
     ]
-
-
-def _markdown(about: dict[str, Any], errors: ErrorMetrics, baseline: ErrorMetrics) -> str:
-    head = "".join(f"- {name}: {value}\n" for name, value in about.items())
-    rows = [
-        ("**all 21**", errors.mae, errors.norm_mae, baseline.norm_mae),
-        ("**electrodes**", errors.mae_electrodes, errors.norm_mae_electrodes, baseline.norm_mae_electrodes),
-    ]
-    other = baseline.per_channel()
-    for channel, figures in errors.per_channel().items():
-        rows.append((channel, figures["mae"], figures["norm_mae"], other[channel]["norm_mae"]))
-    body = "".join(f"| {name} | {mae:.2f} | {norm:.3f} | {mean:.3f} |\n" for name, mae, norm, mean in rows)
-    return (
-        f"{head}- windows: {errors.rows}\n\n"
-        "| channel | MAE, counts | normalised MAE | mean predictor's |\n| --- | --- | --- | --- |\n" + body
-    )

@@ -15,7 +15,14 @@ from pydantic import Field
 from typing_extensions import override
 
 from taxel.errors import ArtifactError, SettingsError
-from taxel_models.families.family import Family, FitTask, FittedModel, History, Hyperparameters
+from taxel_models.families.family import (
+    NO_EXTRAS,
+    Family,
+    FitTask,
+    FittedModel,
+    History,
+    Hyperparameters,
+)
 from taxel_models.families.registry import family, resolve
 
 _MEMBERS: Final = "ensemble.json"
@@ -47,25 +54,20 @@ class EnsembleModel(FittedModel):
 
     @property
     @override
-    def takes_temperature(self) -> bool:
-        return any(model.takes_temperature for _, model in self.members)
+    def extras(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(name for _, model in self.members for name in model.extras))
 
     def predict_each(
-        self, windows: NDArray[np.float32], temperature: NDArray[np.float32] | None = None
+        self, windows: NDArray[np.float32], extras: Mapping[str, NDArray[np.float32]] = NO_EXTRAS
     ) -> NDArray[np.float32]:
         """Every member's prediction, (members, n, 21), z-scores."""
-        return np.stack(
-            [
-                model.predict(windows, temperature if model.takes_temperature else None)
-                for _, model in self.members
-            ]
-        )
+        return np.stack([model.predict(windows, extras) for _, model in self.members])
 
     @override
     def predict(
-        self, windows: NDArray[np.float32], temperature: NDArray[np.float32] | None = None
+        self, windows: NDArray[np.float32], extras: Mapping[str, NDArray[np.float32]] = NO_EXTRAS
     ) -> NDArray[np.float32]:
-        mean: NDArray[np.float32] = self.predict_each(windows, temperature).mean(axis=0)
+        mean: NDArray[np.float32] = self.predict_each(windows, extras).mean(axis=0)
         return mean
 
     @override
@@ -155,7 +157,7 @@ def _task_of_member(task: FitTask, number: int, members: int) -> FitTask:
         progress=lambda done, note: task.progress(
             (number + done) / members, f"member {number + 1} of {members}, {note}"
         ),
-        with_temperature=task.with_temperature,
+        extras=task.extras,
         checkpoint=checkpoint and checkpoint.with_name(f"{checkpoint.name}.{number + 1}"),
     )
 
@@ -163,7 +165,7 @@ def _task_of_member(task: FitTask, number: int, members: int) -> FitTask:
 def _history(model: EnsembleModel, task: FitTask, histories: list[History]) -> History:
     """The validation error of the first member, of the first two together, and so on."""
     part = task.validation
-    each = model.predict_each(part.windows, part.temperature)
+    each = model.predict_each(part.windows, part.extras)
     together = np.cumsum(each, axis=0) / np.arange(1, len(each) + 1)[:, None, None]
     errors = np.abs(together - part.channels).mean(axis=(1, 2))
     return History(

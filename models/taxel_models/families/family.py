@@ -4,7 +4,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from types import MappingProxyType
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,9 @@ class Hyperparameters(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+NO_EXTRAS: Final[Mapping[str, NDArray[np.float32]]] = MappingProxyType({})
+
+
 @dataclass(frozen=True)
 class FitData:
     """The training, validation or test set, as float32 z-scores.
@@ -33,13 +37,13 @@ class FitData:
     Attributes:
         windows: (n, f).
         channels: (n, 21).
-        temperature: (n,) `tdc`, for families that take it as an input.
+        extras: (n,) each, by name: `tdc`, for families that take it as an input.
         auxiliary: (n, 2) `pac1` and `tac`, for families that are fitted to them as well.
     """
 
     windows: NDArray[np.float32]
     channels: NDArray[np.float32]
-    temperature: NDArray[np.float32]
+    extras: Mapping[str, NDArray[np.float32]]
     auxiliary: NDArray[np.float32]
 
     def __len__(self) -> int:
@@ -54,7 +58,7 @@ class FitTask:
         spec: what the windows hold.
         seed: of every random choice.
         jobs: cores to use.
-        with_temperature: give the temperature to a family that can take it.
+        extras: names of the extra inputs that a family may take, if it can.
         checkpoint: a file for the progress; an interrupted fit continues from it.
     """
 
@@ -64,7 +68,7 @@ class FitTask:
     seed: int
     jobs: int
     progress: Progress = unseen
-    with_temperature: bool = False
+    extras: tuple[str, ...] = ()
     checkpoint: Path | None = None
 
 
@@ -99,19 +103,19 @@ class FittedModel(ABC):
         """Learnable parameters; for trees their nodes, as the paper counts."""
 
     @property
-    def takes_temperature(self) -> bool:
-        """Whether the temperature is one of its inputs."""
-        return False
+    def extras(self) -> tuple[str, ...]:
+        """Names of the extra inputs that it takes behind its window."""
+        return ()
 
     @abstractmethod
     def predict(
-        self, windows: NDArray[np.float32], temperature: NDArray[np.float32] | None = None
+        self, windows: NDArray[np.float32], extras: Mapping[str, NDArray[np.float32]] = NO_EXTRAS
     ) -> NDArray[np.float32]:
         """Predict the channels, z-scores in and out.
 
         Args:
             windows: (n, f).
-            temperature: (n,), for a model that takes it; its mean if not given.
+            extras: (n,) each, by name; the mean stands in for one that is not given.
 
         Returns:
             (n, 21).

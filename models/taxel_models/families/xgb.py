@@ -15,6 +15,7 @@ from typing_extensions import override
 from taxel.channels import CHANNELS
 from taxel.errors import ArtifactError
 from taxel_models.families.family import (
+    NO_EXTRAS,
     Family,
     FitTask,
     FittedModel,
@@ -61,7 +62,7 @@ class XgbModel(FittedModel):
 
     @override
     def predict(
-        self, windows: NDArray[np.float32], temperature: NDArray[np.float32] | None = None
+        self, windows: NDArray[np.float32], extras: Mapping[str, NDArray[np.float32]] = NO_EXTRAS
     ) -> NDArray[np.float32]:
         columns = [booster.inplace_predict(windows, iteration_range=(0, 0)) for booster in self.boosters]
         return np.stack(columns, axis=1).astype(np.float32, copy=False)

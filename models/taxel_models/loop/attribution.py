@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
 from taxel_models.loop.basis import Floats
+from taxel_models.loop.cross_validation import Score
 from taxel_models.loop.effects.effect import Effect
-from taxel_models.loop.evidence import Evidence
-from taxel_models.loop.scoring import Score
+from taxel_models.loop.observations import Observations
 
 
 @dataclass(frozen=True)
@@ -72,13 +72,13 @@ class Attribution:
     """What was found.
 
     Attributes:
-        evidence: with the inputs put right, where an effect moves them.
+        observations: with the inputs put right, where an effect moves them.
         named: in the order in which they were named.
         rejected: the others.
         residual: (n, 21) what is left, counts.
     """
 
-    evidence: Evidence
+    observations: Observations
     named: tuple[Named, ...]
     rejected: tuple[Rejected, ...]
     residual: Floats

@@ -94,7 +94,7 @@ class Joined:
         """(21, m, k) regressors."""
         first, second = self.first.at(rows), self.second.at(rows)
         channels = max(len(first), len(second))
-        both = [np.broadcast_to(one, (channels, *one.shape[1:])) for one in (first, second)]
+        both = [np.broadcast_to(values, (channels, *values.shape[1:])) for values in (first, second)]
         return np.concatenate(both, axis=2)
 
     def times(self, weights: Floats) -> Floats:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.errors import RecordingError
-from taxel_models.loop.evidence import Evidence
+from taxel_models.loop.observations import Observations
 
 FOLDS: Final = 8
 BLOCK_ROWS: Final = 500
@@ -49,7 +49,9 @@ class Blocks:
         return (self.of_row >= 0) & wanted[self.of_row]
 
 
-def cut(evidence: Evidence, *, seed: int, held_out: float = 0.3, group: str | None = None) -> Blocks:
+def cut(
+    observations: Observations, *, seed: int, held_out: float = 0.3, group: str | None = None
+) -> Blocks:
     """Cut rows into blocks and draw the evaluation part and the folds.
 
     A block is a whole segment, or where segments are long a stretch of one of about 5 s. With a
@@ -63,29 +65,29 @@ def cut(evidence: Evidence, *, seed: int, held_out: float = 0.3, group: str | No
     Raises:
         RecordingError: there are fewer than 16 blocks or 4 values, or there is no such covariate.
     """
-    of_row = _stretches(evidence.segment if group is None else _alike(evidence, group))
+    of_row = _stretches(observations.segment if group is None else _alike(observations, group))
     count = int(of_row.max()) + 1
     if count < FEWEST:
         raise RecordingError(
-            f"{len(evidence)} rows make {count} blocks: expected at least {FEWEST}, so about "
+            f"{len(observations)} rows make {count} blocks: expected at least {FEWEST}, so about "
             f"{FEWEST * 2} s of recording"
         )
     generator = np.random.default_rng(seed)
-    units = _units(evidence, of_row, count, group)
+    units = _units(observations, of_row, count, group)
     number = int(units.max()) + 1
     order = generator.permutation(number)
     tests = max(1, round(held_out * number))
     fold_of_unit = np.full(number, -1)
     fold_of_unit[order[tests:]] = np.arange(number - tests) % min(FOLDS, number - tests)
-    return Blocks(_guarded(evidence, of_row), fold_of_unit[units])
+    return Blocks(_guarded(observations, of_row), fold_of_unit[units])
 
 
-def _alike(evidence: Evidence, group: str) -> NDArray[np.int64]:
+def _alike(observations: Observations, group: str) -> NDArray[np.int64]:
     """(n,) number of the stretch of one value, inside a segment, that the row is in."""
-    if group not in evidence.covariates:
-        known = ", ".join(evidence.covariates) or "none"
+    if group not in observations.covariates:
+        known = ", ".join(observations.covariates) or "none"
         raise RecordingError(f"no covariate {group!r} to hold out by; the recordings have: {known}")
-    changes = (np.diff(evidence.covariates[group]) != 0) | (np.diff(evidence.segment) != 0)
+    changes = (np.diff(observations.covariates[group]) != 0) | (np.diff(observations.segment) != 0)
     numbers = np.concatenate([[0], np.cumsum(changes)])
     if numbers[-1] >= len(numbers) // (4 * GUARD_ROWS):
         raise RecordingError(
@@ -112,22 +114,22 @@ def _stretches(segment: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _units(
-    evidence: Evidence, of_row: NDArray[np.int64], count: int, group: str | None
+    observations: Observations, of_row: NDArray[np.int64], count: int, group: str | None
 ) -> NDArray[np.int64]:
     """(blocks,) what is drawn together: each block by itself, or all blocks of a group's value."""
     if group is None:
         return np.arange(count)
     first_rows = np.flatnonzero(np.diff(of_row, prepend=-1))
-    values, units = np.unique(evidence.covariates[group][first_rows], return_inverse=True)
+    values, units = np.unique(observations.covariates[group][first_rows], return_inverse=True)
     if len(values) < 4:
         raise RecordingError(f"{group} has {len(values)} values: expected at least 4 to hold some out")
     return units
 
 
-def _guarded(evidence: Evidence, of_row: NDArray[np.int64]) -> NDArray[np.int64]:
+def _guarded(observations: Observations, of_row: NDArray[np.int64]) -> NDArray[np.int64]:
     """Blocks with the rows around a cut inside a segment taken out."""
     guarded = of_row.copy()
-    cuts = np.flatnonzero((np.diff(of_row) != 0) & (np.diff(evidence.segment) == 0)) + 1
+    cuts = np.flatnonzero((np.diff(of_row) != 0) & (np.diff(observations.segment) == 0)) + 1
     for cut_at in cuts:
         guarded[max(0, cut_at - GUARD_ROWS) : cut_at + GUARD_ROWS] = -1
     return guarded

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, AppliedEffect, Parameter, Substitute
+from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, AppliedEffect, Composition, Parameter
 from taxel.windows import ExtraFeature
 from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Online
-from taxel_models.loop.evidence import Evidence
+from taxel_models.loop.observations import Observations
 
 Windows = NDArray[np.float32]
 
@@ -36,71 +36,60 @@ class NewEffects:
             parameters: of each effect, for people.
         """
         effects, extras = [], {}
-        for one in attribution.named:
-            online = one.score.candidate.online(one.weights)
-            moves = one.score.candidate.moves
-            if not moves and not online.terms:
+        for named in attribution.named:
+            online = named.score.candidate.online(named.weights)
+            if not online.changes_something:
                 continue
-            effects.append(_applied(attribution.evidence, one, online, parameters.get(one.name, [])))
+            effects.append(_applied(named, online, parameters.get(named.name, [])))
             extras.update({extra.name: extra for extra in online.extras})
         return cls(tuple(effects), tuple(extras.values()))
 
 
-def _applied(
-    evidence: Evidence, one: Named, online: Online, parameters: Iterable[Parameter]
-) -> AppliedEffect:
-    lag = one.name == "lag"
+def _applied(named: Named, online: Online, parameters: Iterable[Parameter]) -> AppliedEffect:
     return AppliedEffect(
-        name=one.name,
-        about=f"{one.effect.equation}; {one.score.candidate.form}",
-        channels=one.channels,
+        name=named.name,
+        about=f"{named.effect.equation}; {named.score.candidate.form}",
+        channels=named.channels,
         parameters=tuple(parameters),
-        frame=evidence.turn if one.score.candidate.moves and not lag else None,
-        shift_ticks=evidence.shift_ticks if lag else 0,
+        frame=online.frame,
+        shift_ticks=online.shift_ticks,
         terms=online.terms,
     )
 
 
-def corrected(first: Evidence, attribution: Attribution, new: NewEffects) -> Floats:
-    """(n, 21) what the corrected model gives at the evidence's rows, by the forms that are served.
+def corrected(first: Observations, attribution: Attribution, new: NewEffects) -> Floats:
+    """(n, 21) what the corrected model gives at the observations's rows, by the forms that are served.
 
     Args:
-        first: the evidence before any input was moved: effects take features as they are given.
+        first: the observations before any input was moved: effects take features as they are given.
     """
-    moved = attribution.evidence
+    moved = attribution.observations
     shift = moved.shift_ticks - first.shift_ticks
     windows = first.windows[first.rows_before(shift)]
     names = first.manifest.spec.unshifted.features
     columns = {name: windows[:, place].astype(np.float64) for place, name in enumerate(names)}
     columns.update({extra.name: _column(first, extra) for extra in new.extras})
-    terms = [term for effect in new.effects for term in effect.terms]
-    counts = moved.predicted.copy()
-    for term in terms:
-        if not isinstance(term, Substitute):
-            counts += term.delta(moved.base, columns)
-    for term in terms:
-        if isinstance(term, Substitute):
-            counts[:, term.column] = term.value
-    return counts
+    composition = Composition(term for effect in new.effects for term in effect.terms)
+    return composition.counts(moved.base, columns, start=moved.predicted)
 
 
-def served_windows(first: Evidence, attribution: Attribution, new: NewEffects, rows: int) -> Windows:
+def served_windows(first: Observations, attribution: Attribution, new: NewEffects, rows: int) -> Windows:
     """(m, f) windows as the corrected model takes them, m up to `rows`, evenly spaced."""
     some = np.linspace(0, len(first) - 1, min(rows, len(first))).astype(np.int64)
-    shift = attribution.evidence.shift_ticks - first.shift_ticks
+    shift = attribution.observations.shift_ticks - first.shift_ticks
     extras = [_column(first, extra)[some] for extra in new.extras]
     return np.column_stack([first.windows[first.rows_before(shift)][some], *extras]).astype(np.float32)
 
 
-def _column(evidence: Evidence, extra: ExtraFeature) -> Floats:
+def _column(observations: Observations, extra: ExtraFeature) -> Floats:
     if extra.history is not None:
-        return evidence.history(extra.history)
-    if evidence.calibration is not None:
+        return observations.history(extra.history)
+    if observations.calibration is not None:
         if extra in CALIBRATION_EXTRAS:
-            return evidence.calibration.offsets[:, CALIBRATION_EXTRAS.index(extra)]
+            return observations.calibration.offsets[:, CALIBRATION_EXTRAS.index(extra)]
         if extra == CALIBRATION_AGE:
-            return evidence.calibration.age_s
+            return observations.calibration.age_s
     name, _, kind = extra.name.partition("=")
     if kind:
-        return np.asarray(evidence.covariates[name] == float(kind), dtype=np.float64)
-    return evidence.covariates[extra.name]
+        return np.asarray(observations.covariates[name] == float(kind), dtype=np.float64)
+    return observations.covariates[extra.name]

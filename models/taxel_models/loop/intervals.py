@@ -20,26 +20,26 @@ def parameters(named: Named, scale: Floats) -> list[Parameter]:
     Args:
         scale: (21,) what an error of each channel counted.
     """
-    candidate, moments = named.score.candidate, named.score.moments
+    candidate, statistics = named.score.candidate, named.score.statistics
     found = [
         Parameter(name=name, value=value, unit=unit) for name, (value, unit) in candidate.settled.items()
     ]
     if candidate.fitting.fixed:
         return found
-    folds = np.stack([moments.weights(scale, left_out=fold) for fold in range(moments.folds)])
-    spread = np.sqrt((len(folds) - 1) * folds.var(axis=0)) * NORMAL_95
+    folds = np.stack([statistics.weights(scale, left_out=fold) for fold in range(statistics.folds)])
+    half_widths = np.sqrt((len(folds) - 1) * folds.var(axis=0)) * NORMAL_95
     for place, name in enumerate(candidate.weight_names):
         channels = [("", 2)] if candidate.fitting.pooled else _changed(named)
         for channel, column in channels:
-            value, about = named.weights[column, place], spread[column, place]
+            value, half_width = named.weights[column, place], half_widths[column, place]
             label = f"{name} {channel}".strip()
             found.append(
                 Parameter(
                     name=label,
                     value=float(value),
                     unit=candidate.weight_unit,
-                    low=float(value - about),
-                    high=float(value + about),
+                    low=float(value - half_width),
+                    high=float(value + half_width),
                 )
             )
     return found

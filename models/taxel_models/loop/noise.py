@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
-from taxel_models.loop.evidence import TOUCH_N, Evidence
+from taxel_models.loop.observations import Observations
+from taxel_models.loop.resting import TOUCH_N
 
 _NORMAL_MAD: Final = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
@@ -31,14 +32,14 @@ class NoiseFloor:
     resting: NDArray[np.float64] | None
 
     @classmethod
-    def of(cls, evidence: Evidence) -> "NoiseFloor":
+    def of(cls, observations: Observations) -> "NoiseFloor":
         """Both readings of a recording."""
-        inside = evidence.segment[2:] == evidence.segment[:-2]
-        residual = evidence.measured - evidence.predicted
-        found = _spread(_second(residual)[inside])
-        free = evidence.pressed < TOUCH_N
+        inside = observations.segment[2:] == observations.segment[:-2]
+        residual = observations.residual
+        found = _robust_sd(_second(residual)[inside])
+        free = observations.pressed < TOUCH_N
         quiet = inside & free[2:] & free[1:-1] & free[:-2]
-        resting = _spread(_second(evidence.measured)[quiet]) if quiet.sum() >= 200 else None
+        resting = _robust_sd(_second(observations.measured)[quiet]) if quiet.sum() >= 200 else None
         return cls(found, resting)
 
     def share(self, energy: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -69,7 +70,7 @@ def _second(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(values[2:] - 2 * values[1:-1] + values[:-2])
 
 
-def _spread(differences: NDArray[np.float64]) -> NDArray[np.float64]:
+def _robust_sd(differences: NDArray[np.float64]) -> NDArray[np.float64]:
     """Robust SD of the noise under second differences; at least that of rounding to whole counts."""
     if not len(differences):
         return np.zeros(len(CHANNELS))

@@ -17,6 +17,7 @@ from taxel_models.families.registry import family
 from taxel_models.study.fold_data import FoldData
 from taxel_models.study.study_settings import Cell, Protocol
 from taxel_models.study.sweep import TemperatureSweep, sweep_temperature
+from taxel_models.training.dataset import EXTRAS
 
 Metric = Literal["mae", "norm_mae", "rmse", "norm_rmse"]
 
@@ -126,7 +127,7 @@ def compute(data: FoldData, task: CellTask, progress: Progress = unseen) -> Cell
         seed=task.seed + task.cell.fold,
         jobs=task.jobs,
         progress=progress,
-        with_temperature=True,
+        extras=EXTRAS,
         checkpoint=task.checkpoint if task.checkpoint.parent.is_dir() else None,
     )
     fitted, history = kind.fit(fit, kind.hyperparameters.model_validate(task.hyperparameters))
@@ -135,8 +136,8 @@ def compute(data: FoldData, task: CellTask, progress: Progress = unseen) -> Cell
         return ChannelErrors.of(data.measured, data.scaler.restore(z_scores), data.scaler.std)
 
     measured_temperature = None
-    if fitted.takes_temperature:
-        measured_temperature = errors(fitted.predict(data.test.windows, data.test.temperature))
+    if fitted.extras:
+        measured_temperature = errors(fitted.predict(data.test.windows, data.test.extras))
     return CellResult(
         key=task.key,
         protocol=task.cell.protocol,

@@ -9,7 +9,7 @@ from taxel.scaling import Scaler
 from taxel.windows import WindowSpec, build_windows
 from taxel_models.families.family import FitData
 from taxel_models.study.folds import Numbers, Partition
-from taxel_models.training.dataset import Examples, concatenate
+from taxel_models.training.dataset import EXTRAS, Examples, concatenate
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,11 @@ def fold_data(partition: Partition, combination: int, fold: int) -> FoldData:
     scalers = {name: Scaler.fit(column[numbers.statistics]) for name, column in vars(table).items()}
 
     def scaled(chosen: Numbers) -> FitData:
-        windows, channels, temperature, auxiliary = (
+        windows, channels, extras, auxiliary = (
             scalers[name].normalise(column[chosen].astype(np.float32, copy=False))
             for name, column in vars(table).items()
         )
-        return FitData(windows, channels, temperature[:, 0], auxiliary)
+        return FitData(windows, channels, dict(zip(EXTRAS, extras.T, strict=True)), auxiliary)
 
     return FoldData(
         spec,
@@ -61,8 +61,8 @@ def fold_data(partition: Partition, combination: int, fold: int) -> FoldData:
         scaled(numbers.test),
         table.channels[numbers.test],
         scalers["channels"],
-        np.unique(np.rint(table.temperature)),
-        scalers["temperature"],
+        np.unique(np.rint(table.extras[:, EXTRAS.index("tdc")])),
+        scalers["extras"],
     )
 
 

@@ -20,11 +20,15 @@ from taxel_models.study.study_plots import (
 )
 from taxel_models.study.study_settings import Protocol
 from taxel_models.study.study_tables import Table, leak_table, models_table, results_table, windows_table
-from taxel_models.study.summary import Summary, leak
+from taxel_models.study.summary import Summary
+from taxel_models.study.summary import leak as leak_of
 from taxel_models.study.temperature import Temperature, temperature_table
+from taxel_models.templates import render
 
 FIGURES: Final = "study.json"
 RESULTS: Final = "results.md"
+
+_TEMPLATE: Final = Path(__file__).parent / "templates" / "results.md.j2"
 
 _LIBRARIES: Final = ("numpy", "scipy", "statsmodels", "torch")
 
@@ -72,21 +76,21 @@ def write_report(study: Study, cells: Sequence[CellResult], folder: Path) -> Non
     summaries = _summaries(study, cells)
     figures = json.dumps(describe(study, cells), indent=1, allow_nan=False) + "\n"
     _write(folder / FIGURES, figures)
-    sections = ["# Study", scale_statement(study)]
+    sections: list[dict[str, Any]] = []
     for protocol, summary in summaries.items():
         tables = _tables(study, summary)
         pictures = _draw(summary, folder)
-        sections.append(f"## Protocol {protocol}: {study.partitions[protocol].held_out} held out")
-        sections += [table.markdown() for table in tables]
-        sections += [f"![{caption}]({name})" for name, caption in pictures.items()]
+        held_out = study.partitions[protocol].held_out
+        sections.append(
+            {"protocol": protocol, "held_out": held_out, "tables": tables, "pictures": pictures}
+        )
         for table in tables:
             _write(folder / f"{table.name}.tex", table.latex())
     leaks = _leak(summaries)
-    if leaks:
-        table = leak_table(leaks)
-        sections += ["## What the leak was worth", table.markdown()]
-        _write(folder / f"{table.name}.tex", table.latex())
-    _write(folder / RESULTS, "\n\n".join(section.rstrip() for section in sections) + "\n")
+    leak = leak_table(leaks) if leaks else None
+    if leak is not None:
+        _write(folder / f"{leak.name}.tex", leak.latex())
+    _write(folder / RESULTS, render(_TEMPLATE, scale=scale_statement(study), sections=sections, leak=leak))
 
 
 def scale_statement(study: Study) -> str:
@@ -124,7 +128,7 @@ def _temperature(summary: Summary) -> dict[str, Any] | None:
 def _leak(summaries: dict[Protocol, Summary]) -> list[dict[str, Any]]:
     if "strict" not in summaries or "paper" not in summaries:
         return []
-    return leak(summaries["strict"], summaries["paper"])
+    return leak_of(summaries["strict"], summaries["paper"])
 
 
 def _tables(study: Study, summary: Summary) -> list[Table]:

@@ -2,10 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
 from taxel_models.study.published import published_models, published_result, published_windows
 from taxel_models.study.summary import MEAN_PREDICTOR, PairTest, Summary
+from taxel_models.templates import render
+
+_TEMPLATES: Final = Path(__file__).parent / "templates"
 
 _FIGURES = (
     ("mae", "MAE"),
@@ -36,27 +40,11 @@ class Table:
 
     def markdown(self) -> str:
         """With its caption above."""
-        lines = [_pipes(self.head), _pipes(["---", *["---:"] * (len(self.head) - 1)])]
-        return "\n".join([self.caption, "", *lines, *map(_pipes, self.rows)]) + "\n"
+        return render(_TEMPLATES / "table.md.j2", table=self)
 
     def latex(self) -> str:
         """A `table*` environment that needs no package."""
-        return "\n".join(
-            [
-                r"\begin{table*}",
-                r"\centering",
-                rf"\caption{{{_escaped(self.caption)}}}\label{{tab:{self.name}}}",
-                rf"\begin{{tabular}}{{l{'r' * (len(self.head) - 1)}}}",
-                r"\hline",
-                _ampersands(self.head),
-                r"\hline",
-                *map(_ampersands, self.rows),
-                r"\hline",
-                r"\end{tabular}",
-                r"\end{table*}",
-                "",
-            ]
-        )
+        return render(_TEMPLATES / "table.tex.j2", table=self)
 
 
 def results_table(summary: Summary, *, published: bool) -> Table:
@@ -206,17 +194,3 @@ def _published_means_and_stds(known: dict[str, Any]) -> list[str]:
         f"{known[key]:.{_DECIMALS}f} ({known['std'][key]:.{_DECIMALS}f})" if key in known else ""
         for key, _ in _FIGURES
     ]
-
-
-def _pipes(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"
-
-
-def _ampersands(cells: Sequence[str]) -> str:
-    return f"{' & '.join(map(_escaped, cells))} \\\\"
-
-
-def _escaped(text: str) -> str:
-    for sign in "%_&#":
-        text = text.replace(sign, f"\\{sign}")
-    return text

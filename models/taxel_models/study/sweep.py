@@ -55,4 +55,4 @@ def sweep_temperature(data: FoldData, fitted: FittedModel) -> TemperatureSweep:
 
 
 def _predict_at(data: FoldData, fitted: FittedModel, temperature: np.float32) -> NDArray[np.float32]:
-    return fitted.predict(data.test.windows, np.full(len(data.test), temperature, np.float32))
+    return fitted.predict(data.test.windows, {"tdc": np.full(len(data.test), temperature, np.float32)})

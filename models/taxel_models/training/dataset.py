@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,9 @@ from taxel.windows import WindowSpec, build_windows
 from taxel_models.recordings import Recording
 from taxel_models.training.split import SplitSettings, Subset, split
 
+EXTRAS: Final = ("tdc",)
+"""Recorded columns that a model may take behind its window: the temperature."""
+
 
 @dataclass(frozen=True)
 class Examples:
@@ -20,13 +23,13 @@ class Examples:
     Attributes:
         windows: (n, f) float32, m and N.
         channels: (n, 21) float64, counts.
-        temperature: (n, 1) float64, `tdc`, counts.
+        extras: (n, k) float64, columns as `EXTRAS`, counts.
         auxiliary: (n, 2) float64, `pac1` and `tac`, counts.
     """
 
     windows: NDArray[np.float32]
     channels: NDArray[np.float64]
-    temperature: NDArray[np.float64]
+    extras: NDArray[np.float64]
     auxiliary: NDArray[np.float64]
 
     @classmethod
@@ -36,7 +39,7 @@ class Examples:
         return cls(
             windows,
             recording.channels[rows],
-            measured["tdc"][rows, None],
+            np.column_stack([measured[name][rows] for name in EXTRAS]),
             np.column_stack([measured["pac1"][rows], measured["tac"][rows]]),
         )
 

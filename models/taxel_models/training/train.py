@@ -15,16 +15,16 @@ from taxel.manifest import Normalisation, Source, Training
 from taxel.scaling import Scaler
 from taxel.windows import WindowSpec
 from taxel_models.evaluation.metrics import ErrorMetrics
-from taxel_models.families.family import FitData, FitTask, FittedModel, Progress, unseen
+from taxel_models.families.family import NO_EXTRAS, FitData, FitTask, FittedModel, Progress, unseen
 from taxel_models.families.registry import family, resolve
 from taxel_models.recordings import Recording
-from taxel_models.training.dataset import Dataset, Examples
+from taxel_models.training.dataset import EXTRAS, Dataset, Examples
 from taxel_models.training.split import SplitSettings
-from taxel_models.training.trained import Temperature, TrainedModel, TrainedRecord
+from taxel_models.training.trained import TrainedExtra, TrainedModel, TrainedRecord
 
-TemperatureUse = Literal["measured", "mean", "none"]
+ExtrasUse = Literal["measured", "mean", "none"]
 
-TEMPERATURE_USES: Final[tuple[TemperatureUse, ...]] = ("measured", "mean", "none")
+EXTRAS_USES: Final[tuple[ExtrasUse, ...]] = ("measured", "mean", "none")
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,9 @@ class TrainingSettings:
         model: the family's name.
         combination: input combination 1..8.
         overrides: hyperparameters that replace the paper's.
-        temperature: for families that take one: `measured` trains with it, tests with it and
-            serves it as a named input; `mean` trains with it, then fixes it at its mean, as
-            the paper's baseline; `none` leaves it out.
+        extras: for families that take extra inputs, such as the temperature: `measured` trains
+            with them, tests with them and serves them as named inputs; `mean` trains with them,
+            then fixes each at its mean, as the paper's baseline; `none` leaves them out.
         jobs: cores to use.
         checkpoint: where to keep the progress of a long training.
     """
@@ -47,7 +47,7 @@ class TrainingSettings:
     split: SplitSettings = field(default_factory=SplitSettings)
     seed: int = 0
     overrides: dict[str, Any] = field(default_factory=dict)
-    temperature: TemperatureUse = "mean"
+    extras: ExtrasUse = "mean"
     jobs: int = 1
     checkpoint: Path | None = None
 
@@ -58,7 +58,7 @@ class Scalers:
 
     windows: Scaler
     channels: Scaler
-    temperature: Scaler
+    extras: Scaler
     auxiliary: Scaler
 
     @classmethod
@@ -68,11 +68,11 @@ class Scalers:
 
     def apply(self, examples: Examples) -> FitData:
         """Any examples as z-scores."""
-        windows, channels, temperature, auxiliary = (
+        windows, channels, extras, auxiliary = (
             scaler.normalise(column.astype(np.float32, copy=False))
             for scaler, column in zip(vars(self).values(), vars(examples).values(), strict=True)
         )
-        return FitData(windows, channels, temperature[:, 0], auxiliary)
+        return FitData(windows, channels, dict(zip(EXTRAS, extras.T, strict=True)), auxiliary)
 
 
 def train(
@@ -88,8 +88,8 @@ def train(
     Raises:
         SettingsError: the settings are not possible with these recordings.
     """
-    if settings.temperature not in TEMPERATURE_USES:
-        raise SettingsError(f"temperature {settings.temperature!r}: expected {', '.join(TEMPERATURE_USES)}")
+    if settings.extras not in EXTRAS_USES:
+        raise SettingsError(f"extras {settings.extras!r}: expected {', '.join(EXTRAS_USES)}")
     kind = family(settings.model)
     hyperparameters = resolve(kind, settings.combination, settings.overrides)
     spec = WindowSpec.of(settings.combination)
@@ -102,22 +102,24 @@ def train(
         seed=settings.seed,
         jobs=settings.jobs,
         progress=progress,
-        with_temperature=settings.temperature != "none",
+        extras=() if settings.extras == "none" else EXTRAS,
         checkpoint=settings.checkpoint,
     )
     fitted, history = kind.fit(task, hyperparameters)
-    temperature = None
-    if fitted.takes_temperature:
-        temperature = Temperature(
-            served=settings.temperature == "measured",
-            mean=float(scalers.temperature.mean[0]),
-            std=float(scalers.temperature.std[0]),
+    extras = tuple(
+        TrainedExtra(
+            name=name,
+            served=settings.extras == "measured",
+            mean=float(scalers.extras.mean[EXTRAS.index(name)]),
+            std=float(scalers.extras.std[EXTRAS.index(name)]),
         )
+        for name in fitted.extras
+    )
     record = TrainedRecord(
         combination=settings.combination,
         parameters=fitted.parameters,
         normalisation=_normalisation(scalers),
-        temperature=temperature,
+        extras=extras,
         training=Training(
             family=kind.name,
             data=tuple(_source(recording) for recording in recordings),
@@ -125,7 +127,7 @@ def train(
             split=settings.split.describe(),
             seed=settings.seed,
             hyperparameters=hyperparameters.model_dump(mode="json"),
-            metrics=_metrics(data.test, fitted, scalers, temperature),
+            metrics=_metrics(data.test, fitted, scalers, settings.extras),
         ),
         history=history,
         taxel_version=__version__,
@@ -148,26 +150,24 @@ def _source(recording: Recording) -> Source:
     )
 
 
-def _metrics(
-    test: Examples, fitted: FittedModel, scalers: Scalers, temperature: Temperature | None
-) -> dict[str, Any]:
+def _metrics(test: Examples, fitted: FittedModel, scalers: Scalers, use: ExtrasUse) -> dict[str, Any]:
     """Errors on the test set: those of the model as it will be served, and those of the mean predictor.
 
     For a model that takes the temperature, also the errors with the measured and the mean temperature.
     """
     scaled = scalers.apply(test)
 
-    def errors(measured_temperature: bool) -> dict[str, Any]:
-        z_scores = fitted.predict(scaled.windows, scaled.temperature if measured_temperature else None)
+    def errors(measured_extras: bool) -> dict[str, Any]:
+        z_scores = fitted.predict(scaled.windows, scaled.extras if measured_extras else NO_EXTRAS)
         predicted = scalers.channels.restore(z_scores)
         return ErrorMetrics.of(test.channels, predicted, scalers.channels.std).report()
 
     mean: NDArray[np.float32] = np.broadcast_to(scalers.channels.mean, (len(test), len(CHANNELS)))
     found = {
-        "test": errors(temperature is not None and temperature.served),
+        "test": errors(use == "measured"),
         "mean_predictor": ErrorMetrics.of(test.channels, mean, scalers.channels.std).report(),
     }
-    if temperature is not None:
+    if fitted.extras:
         found["test_measured_temperature"] = errors(True)
         found["test_mean_temperature"] = errors(False)
     return found

@@ -7,13 +7,14 @@ DIR/held_out/*.csv    the test rows of each recording, to evaluate any model on
 """
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from taxel.artifacts import describe
 from taxel.atomic import whole_folder
@@ -21,7 +22,7 @@ from taxel.errors import ArtifactError
 from taxel.manifest import Normalisation, Training, WindowLayout
 from taxel.scaling import Scaler
 from taxel.windows import ExtraFeature, WindowSpec
-from taxel_models.families.family import FittedModel, History
+from taxel_models.families.family import NO_EXTRAS, FittedModel, History
 from taxel_models.families.registry import family
 from taxel_models.recordings import Recording, read_ruppel, write_ruppel
 from taxel_models.training.curve import draw_history
@@ -30,17 +31,18 @@ RECORD: Final = "trained.json"
 CURVE: Final = "loss.png"
 
 
-class Temperature(BaseModel):
-    """How a model that takes the temperature gets it.
+class TrainedExtra(BaseModel):
+    """An extra input that the model was fitted with, such as the temperature `tdc`.
 
     Attributes:
         served: it is a named input of the served model; otherwise fixed at its mean.
-        mean: mean of `tdc` in the training set, counts.
-        std: standard deviation of `tdc` in the training set, counts.
+        mean: in the training set, counts.
+        std: standard deviation in the training set, counts.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
+    name: str
     served: bool
     mean: FiniteFloat
     std: Annotated[float, Field(gt=0)]
@@ -55,10 +57,20 @@ class TrainedRecord(BaseModel):
     combination: Annotated[int, Field(ge=1, le=8)]
     parameters: int
     normalisation: Normalisation
-    temperature: Temperature | None = None
+    extras: tuple[TrainedExtra, ...] = ()
     training: Training
     history: History
     taxel_version: str
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_extras(cls, fields: Any) -> Any:
+        """Taxel 0.1 kept the temperature alone, apart from other extras."""
+        if not isinstance(fields, Mapping) or "temperature" not in fields:
+            return fields
+        temperature = fields["temperature"]
+        others = {name: value for name, value in fields.items() if name != "temperature"}
+        return {**others, "extras": [] if temperature is None else [{"name": "tdc", **temperature}]}
 
 
 @dataclass(frozen=True)
@@ -74,36 +86,34 @@ class TrainedModel:
         return WindowSpec.of(self.record.combination)
 
     @property
-    def serves_temperature(self) -> bool:
-        """Whether the temperature is an input of the served model."""
-        return self.record.temperature is not None and self.record.temperature.served
+    def served_extras(self) -> tuple[TrainedExtra, ...]:
+        """The extras that are inputs of the served model."""
+        return tuple(extra for extra in self.record.extras if extra.served)
 
     @property
     def layout(self) -> WindowLayout:
-        """What the served model takes: the window, and the temperature if it is served."""
-        extras: tuple[ExtraFeature, ...] = ()
-        if self.serves_temperature and self.record.temperature is not None:
-            extras = (ExtraFeature(name="tdc", unit="counts", default=self.record.temperature.mean),)
-        return WindowLayout.of(self.spec, extras)
+        """What the served model takes: the window, and the extras that are served."""
+        extras = (
+            ExtraFeature(name=extra.name, unit="counts", default=extra.mean) for extra in self.served_extras
+        )
+        return WindowLayout.of(self.spec, tuple(extras))
 
     @property
     def served_normalisation(self) -> Normalisation:
         """The statistics of everything that the served model takes, columns as `layout`."""
-        normalisation, temperature = self.record.normalisation, self.record.temperature
-        if temperature is None or not temperature.served:
-            return normalisation
-        means = (*normalisation.input_mean, temperature.mean)
-        stds = (*normalisation.input_std, temperature.std)
+        normalisation, extras = self.record.normalisation, self.served_extras
+        means = (*normalisation.input_mean, *(extra.mean for extra in extras))
+        stds = (*normalisation.input_std, *(extra.std for extra in extras))
         return normalisation.model_copy(update={"input_mean": means, "input_std": stds})
 
     def predict(
-        self, windows: NDArray[np.float32], temperature: NDArray[np.float32] | None = None
+        self, windows: NDArray[np.float32], extras: Mapping[str, NDArray[np.float32]] = NO_EXTRAS
     ) -> NDArray[np.float32]:
         """Predict with the library that the model was trained with.
 
         Args:
             windows: (n, f), m and N.
-            temperature: (n,) `tdc` in counts, for a model that takes it; its mean if not given.
+            extras: (n,) each, counts, by name; the mean stands in for one that is not given.
 
         Returns:
             (n, 21), counts.
@@ -111,10 +121,11 @@ class TrainedModel:
         normalisation = self.record.normalisation
         inputs = Scaler.of(normalisation.input_mean, normalisation.input_std)
         outputs = Scaler.of(normalisation.output_mean, normalisation.output_std)
-        z_scores = None
-        if temperature is not None and self.record.temperature is not None:
-            scaler = Scaler.of([self.record.temperature.mean], [self.record.temperature.std])
-            z_scores = scaler.normalise(temperature)
+        z_scores = {
+            extra.name: Scaler.of([extra.mean], [extra.std]).normalise(extras[extra.name])
+            for extra in self.record.extras
+            if extra.name in extras
+        }
         return outputs.restore(self.fitted.predict(inputs.normalise(windows), z_scores))
 
 

@@ -44,3 +44,7 @@ class CorrectedRuntime:
     def evaluator(self, rows: int) -> EvaluatorInfo:
         """Which evaluator computes so many windows before they are corrected."""
         return self._evaluator(rows)
+
+    def evaluate_base(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """What the model file gives to the same windows, turned by the frames and without any term."""
+        return self._correction.base(self._evaluate, windows)

@@ -10,22 +10,22 @@ from hypothesis import strategies as st
 
 from taxel.errors import RecordingError
 from taxel_models.loop.blocks import FEWEST, FOLDS, GUARD_ROWS, Blocks, cut, thinned
-from taxel_models.loop.evidence import Evidence
+from taxel_models.loop.observations import Observations
 
 
 @pytest.fixture(scope="module")
-def of_segments(evidence: Evidence) -> Callable[[list[int]], Evidence]:
-    """Evidence with segments of these lengths."""
+def of_segments(observations: Observations) -> Callable[[list[int]], Observations]:
+    """Observations with segments of these lengths."""
 
-    def made(lengths: list[int]) -> Evidence:
-        rows = np.arange(len(evidence)) < sum(lengths)
-        return replace(evidence.kept(rows), segment=np.repeat(np.arange(len(lengths)), lengths))
+    def made(lengths: list[int]) -> Observations:
+        rows = np.arange(len(observations)) < sum(lengths)
+        return replace(observations.kept(rows), segment=np.repeat(np.arange(len(lengths)), lengths))
 
     return made
 
 
-def test_every_row_is_fitted_to_or_evaluated_on_or_a_guard(evidence: Evidence) -> None:
-    blocks = cut(evidence, seed=0)
+def test_every_row_is_fitted_to_or_evaluated_on_or_a_guard(observations: Observations) -> None:
+    blocks = cut(observations, seed=0)
     fit, evaluation, guard = blocks.fit, blocks.evaluation, blocks.of_row < 0
     np.testing.assert_array_equal(fit.astype(int) + evaluation + guard, 1)
     assert (blocks.fold < 0).sum() == round(0.3 * len(blocks))
@@ -40,44 +40,44 @@ def test_every_row_is_fitted_to_or_evaluated_on_or_a_guard(evidence: Evidence) -
     held_out=st.floats(0.1, 0.6),
 )
 def test_rows_of_two_parts_are_never_neighbours(
-    of_segments: Callable[[list[int]], Evidence], lengths: list[int], seed: int, held_out: float
+    of_segments: Callable[[list[int]], Observations], lengths: list[int], seed: int, held_out: float
 ) -> None:
-    evidence = of_segments(lengths)
+    observations = of_segments(lengths)
     try:
-        blocks = cut(evidence, seed=seed, held_out=held_out)
+        blocks = cut(observations, seed=seed, held_out=held_out)
     except RecordingError:
         assert sum(lengths) < FEWEST * 200
         return
     part = np.where(blocks.of_row < 0, -2, blocks.fold[blocks.of_row])
     for apart in range(1, 2 * GUARD_ROWS):
-        same = evidence.segment[apart:] == evidence.segment[:-apart]
+        same = observations.segment[apart:] == observations.segment[:-apart]
         first, second = part[:-apart][same], part[apart:][same]
         assert ((first == second) | (first == -2) | (second == -2)).all()
 
 
-def test_no_block_runs_across_a_gap(of_segments: Callable[[list[int]], Evidence]) -> None:
-    evidence = of_segments([700, 90, 1500, 40, 2000, 900])
-    blocks = cut(evidence, seed=1)
+def test_no_block_runs_across_a_gap(of_segments: Callable[[list[int]], Observations]) -> None:
+    observations = of_segments([700, 90, 1500, 40, 2000, 900])
+    blocks = cut(observations, seed=1)
     for number in range(len(blocks)):
-        assert len(set(evidence.segment[blocks.of_row == number])) <= 1
+        assert len(set(observations.segment[blocks.of_row == number])) <= 1
 
 
-def test_short_segments_are_whole_blocks(of_segments: Callable[[list[int]], Evidence]) -> None:
-    evidence = of_segments([200] * 40)
-    blocks = cut(evidence, seed=1)
-    np.testing.assert_array_equal(blocks.of_row, evidence.segment)
+def test_short_segments_are_whole_blocks(of_segments: Callable[[list[int]], Observations]) -> None:
+    observations = of_segments([200] * 40)
+    blocks = cut(observations, seed=1)
+    np.testing.assert_array_equal(blocks.of_row, observations.segment)
 
 
-def test_a_seed_says_everything(evidence: Evidence) -> None:
-    first, again, other = (cut(evidence, seed=seed).fold for seed in (4, 4, 5))
+def test_a_seed_says_everything(observations: Observations) -> None:
+    first, again, other = (cut(observations, seed=seed).fold for seed in (4, 4, 5))
     np.testing.assert_array_equal(first, again)
     assert (first != other).any()
 
 
-def test_values_of_a_group_stay_together(evidence: Evidence) -> None:
+def test_values_of_a_group_stay_together(observations: Observations) -> None:
     # The material changes every three seconds, inside what would else be a block.
-    material = evidence.covariates["material"]
-    blocks = cut(evidence, seed=3, group="material")
+    material = observations.covariates["material"]
+    blocks = cut(observations, seed=3, group="material")
     held_out = set(material[blocks.evaluation])
     assert len(held_out) == round(0.3 * 5)
     assert held_out.isdisjoint(set(material[blocks.fit]))
@@ -86,22 +86,22 @@ def test_values_of_a_group_stay_together(evidence: Evidence) -> None:
         assert set(material[own]).isdisjoint(set(material[blocks.fit & ~own]))
 
 
-def test_what_cannot_be_held_out_is_refused(evidence: Evidence) -> None:
+def test_what_cannot_be_held_out_is_refused(observations: Observations) -> None:
     with pytest.raises(RecordingError, match=r"no covariate 'mood' to hold out by.* material"):
-        cut(evidence, seed=0, group="mood")
-    fast = replace(evidence, covariates={"fast": np.arange(len(evidence)) % 9.0})
+        cut(observations, seed=0, group="mood")
+    fast = replace(observations, covariates={"fast": np.arange(len(observations)) % 9.0})
     with pytest.raises(RecordingError, match="fast changes 8979 times in 8980 rows: too often"):
         cut(fast, seed=0, group="fast")
-    few = replace(evidence, covariates={"two": np.arange(len(evidence)) // 900 % 2.0})
+    few = replace(observations, covariates={"two": np.arange(len(observations)) // 900 % 2.0})
     with pytest.raises(RecordingError, match="two has 2 values: expected at least 4"):
         cut(few, seed=0, group="two")
-    short = evidence.kept(np.arange(len(evidence)) < 900)
+    short = observations.kept(np.arange(len(observations)) < 900)
     with pytest.raises(RecordingError, match="900 rows make 9 blocks: expected at least 16"):
         cut(short, seed=0)
 
 
-def test_thinning_keeps_parts_and_blocks(evidence: Evidence) -> None:
-    blocks = cut(evidence, seed=0)
+def test_thinning_keeps_parts_and_blocks(observations: Observations) -> None:
+    blocks = cut(observations, seed=0)
     some = thinned(blocks, 1000)
     assert 900 < some.fit.sum() < 1200
     kept = some.of_row >= 0

@@ -10,7 +10,7 @@ from taxel.channels import CHANNELS
 from taxel.corrections import Calibrated, Correction, OffsetCalibration
 from taxel.manifest import Manifest
 from taxel.windows import WindowSpec
-from taxel_models.loop.closing import Closed, Plan, close_loop
+from taxel_models.loop.pipeline import LoopResult, LoopSettings, run_loop
 from taxel_models.recordings import Recording
 
 Make = Callable[..., Recording]
@@ -21,7 +21,9 @@ CONTACT: Final = 500
 CALIBRATION_S: Final = 0.5
 
 
-def closed_with(smooth: Any, make: Make, manifest: Manifest, offset: Any, contact: int = CONTACT) -> Closed:
+def result_with(
+    smooth: Any, make: Make, manifest: Manifest, offset: Any, contact: int = CONTACT
+) -> LoopResult:
     """The loop on contacts with offsets, a function of their number and of the seconds since they began."""
     recording = make(20_000, noise=2.0)
     rows = np.arange(len(recording))
@@ -32,7 +34,7 @@ def closed_with(smooth: Any, make: Make, manifest: Manifest, offset: Any, contac
         samples=replace(recording.samples, time_ns=apart),
         channels=np.clip(np.rint(channels), 0, 4095),
     )
-    return close_loop(manifest, smooth.predict, [planted], Plan(calibration_s=CALIBRATION_S))
+    return run_loop(smooth, [planted], LoopSettings(calibration_s=CALIBRATION_S))
 
 
 def drawn(seed: int) -> np.ndarray:
@@ -44,7 +46,7 @@ def test_an_offset_that_stays_is_not_said_to_fade(smooth: Any, make: Make, manif
     def offset(contact: np.ndarray, seconds: np.ndarray) -> np.ndarray:
         return drawn(0)[contact]
 
-    (effect,) = closed_with(smooth, make, manifest, offset).findings.effects
+    (effect,) = result_with(smooth, make, manifest, offset).findings.effects
     assert effect.form == "of each contact, from a calibration"
     assert effect.explained > 0.9
 
@@ -54,8 +56,8 @@ def test_one_that_fades_is_served_with_its_age(smooth: Any, make: Make, manifest
         lasts = 0.3 + 0.7 * np.exp(-np.maximum(seconds - CALIBRATION_S, 0.0) / 1.0)
         return drawn(0)[contact] * lasts[:, None]
 
-    closed = closed_with(smooth, make, manifest, offset)
-    (effect,) = closed.findings.effects
+    result = result_with(smooth, make, manifest, offset)
+    (effect,) = result.findings.effects
     assert effect.form == "of each contact, from a calibration, fading with 1 s"
     assert effect.needs[-1] == "calibration_age"
     values = {figure.name: figure.value for figure in effect.parameters}
@@ -68,19 +70,19 @@ def test_one_that_fades_is_served_with_its_age(smooth: Any, make: Make, manifest
     assert 0.22 < stays.mean() < 0.31
 
     spec = WindowSpec.of(manifest.window.combination, 0)
-    extras = (*manifest.window.extras, *closed.new.extras)
-    correction = Correction(closed.new.effects, spec, extras)
-    everything = closed.served_windows(len(closed.evidence))
-    np.testing.assert_allclose(correction.apply(smooth.predict, everything), closed.after, atol=0.02)
+    extras = (*manifest.window.extras, *result.new.extras)
+    correction = Correction(result.new.effects, spec, extras)
+    everything = result.served_windows(len(result.observations))
+    np.testing.assert_allclose(correction.apply(smooth.predict, everything), result.after, atol=0.02)
 
     # As a client would: a row three seconds into a contact, by what the calibration gives it.
-    taken = closed.evidence.calibration
+    taken = result.observations.calibration
     assert taken is not None
     row = int(np.flatnonzero(np.isclose(taken.age_s, 3.0, atol=0.001))[0])
     given = OffsetCalibration(taken.offsets[row]).extras_after(3.0)
-    window = [*closed.evidence.windows[row], *(given[extra.name] for extra in closed.new.extras)]
+    window = [*result.observations.windows[row], *(given[extra.name] for extra in result.new.extras)]
     alone = correction.apply(smooth.predict, np.array([window], dtype=np.float32))
-    np.testing.assert_allclose(alone[0], closed.after[row], atol=0.02)
+    np.testing.assert_allclose(alone[0], result.after[row], atol=0.02)
 
 
 def test_what_all_channels_share_is_told_by_all_of_them(
@@ -94,14 +96,14 @@ def test_what_all_channels_share_is_told_by_all_of_them(
         at_first = (seconds < CALIBRATION_S + 0.1)[:, None]
         return shared[contact] + np.where(at_first, own[contact], 0.0)
 
-    closed = closed_with(smooth, make, manifest, offset, contact=120)
-    (effect,) = closed.findings.effects
+    result = result_with(smooth, make, manifest, offset, contact=120)
+    (effect,) = result.findings.effects
     assert "from a calibration of all channels" in effect.form
     assert {figure.name.rsplit(" ", 1)[0] for figure in effect.parameters[1:]} <= {
         "share that stays",
         "share that fades",
     }
-    (term,) = closed.new.effects[0].terms
+    (term,) = result.new.effects[0].terms
     assert isinstance(term, Calibrated)
     # An offset that counts for other channels ends within a few usual ones.
     usual = np.sqrt(drawn(1).mean(axis=1).var() * 25.0 + 400.0)

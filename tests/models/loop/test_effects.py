@@ -12,12 +12,12 @@ from taxel.channels import CHANNELS
 from taxel.corrections import Correction
 from taxel.manifest import Manifest
 from taxel.windows import WindowSpec
-from taxel_models.loop.closing import Closed, Plan, close_loop
 from taxel_models.loop.effects.registry import NAMES
-from taxel_models.loop.evidence import gather
-from taxel_models.loop.planting import Planting
-from taxel_models.loop.trial import plant
+from taxel_models.loop.observations import gather
+from taxel_models.loop.pipeline import LoopResult, LoopSettings, run_loop
 from taxel_models.recordings import Recording
+from taxel_models.recovery.injection import Injection
+from taxel_models.recovery.injectors import inject
 
 Make = Callable[..., Recording]
 
@@ -35,45 +35,45 @@ LONG: Final = {"location": 30_000}
 class Case:
     """What came of a recording with one effect in it."""
 
-    closed: Closed
+    result: LoopResult
     truth: dict[str, Any]
     clean: np.ndarray
 
 
 def played(smooth: Any, manifest: Manifest, recording: Recording, name: str, seed: int = 11) -> Case:
-    planting = Planting.into(recording, seed, np.full(21, STRENGTH))
-    planting.respond = smooth.counts
-    plant(planting, name, 1.0)
-    closed = close_loop(manifest, smooth.predict, [planting.recording], Plan())
-    base = gather(manifest, smooth.predict, [recording], measured_temperature=True)
-    truth = planting.truth[0]["parameters"]
-    return Case(closed, truth, np.abs(base.measured - base.predicted))
+    injection = Injection.into(recording, seed, np.full(21, STRENGTH))
+    injection.respond = smooth.counts
+    inject(injection, name, 1.0)
+    result = run_loop(smooth, [injection.recording], LoopSettings())
+    base = gather(smooth, [recording], measured_temperature=True)
+    truth = injection.truth[0]["parameters"]
+    return Case(result, truth, np.abs(base.measured - base.predicted))
 
 
 def removed(case: Case) -> float:
     """Share of the removable error, evaluation part, that the served form removes."""
-    closed = case.closed
-    rows, evidence = closed.blocks.evaluation, closed.evidence
+    result = case.result
+    rows, observations = result.blocks.evaluation, result.observations
     clean = case.clean[rows].mean()
     before, after = (
-        np.abs(evidence.measured - predicted)[rows].mean()
-        for predicted in (evidence.predicted, closed.after)
+        np.abs(observations.measured - predicted)[rows].mean()
+        for predicted in (observations.predicted, result.after)
     )
     return float((before - after) / (before - clean))
 
 
 def served(smooth: Any, case: Case) -> np.ndarray:
-    """(n, 21) what a served model with the correction gives at the evidence's rows."""
-    closed = case.closed
-    model = closed.evidence.manifest
-    shift = sum(effect.shift_ticks for effect in closed.new.effects)
+    """(n, 21) what a served model with the correction gives at the observations's rows."""
+    result = case.result
+    model = result.observations.manifest
+    shift = sum(effect.shift_ticks for effect in result.new.effects)
     spec = WindowSpec.of(model.window.combination, shift)
-    correction = Correction(closed.new.effects, spec, (*model.window.extras, *closed.new.extras))
-    return correction.apply(smooth.predict, closed.served_windows(len(closed.evidence)))
+    correction = Correction(result.new.effects, spec, (*model.window.extras, *result.new.extras))
+    return correction.apply(smooth.predict, result.served_windows(len(result.observations)))
 
 
 def figures(case: Case) -> dict[str, float]:
-    return {figure.name: figure.value for figure in case.closed.findings.effects[0].parameters}
+    return {figure.name: figure.value for figure in case.result.findings.effects[0].parameters}
 
 
 @pytest.fixture(scope="module", params=[*NAMES, "covariate:material"])
@@ -85,7 +85,7 @@ def case(request: pytest.FixtureRequest, smooth: Any, make: Make, manifest: Mani
 
 def test_it_is_named_first_and_removed(case: tuple[str, Case], smooth: Any) -> None:
     name, found = case
-    effects = found.closed.findings.effects
+    effects = found.result.findings.effects
     assert effects
     assert effects[0].name == name
     # What is planted is no 0 in the mean, and its form has no mean: an offset may stand for that.
@@ -94,11 +94,11 @@ def test_it_is_named_first_and_removed(case: tuple[str, Case], smooth: Any) -> N
     if name in CLOCKS:
         # The twin's tdc rises with the clock.
         assert effects[0].confounded_with == (CLOCKS[name],)
-        rejected = {one.name: one for one in found.closed.findings.rejected}
+        rejected = {one.name: one for one in found.result.findings.rejected}
         assert "cannot be told apart" in rejected[CLOCKS[name]].reason
     if name == "fault":
         assert found.truth["channel"] in effects[0].form
-    np.testing.assert_allclose(served(smooth, found), found.closed.after, atol=0.02)
+    np.testing.assert_allclose(served(smooth, found), found.result.after, atol=0.02)
 
 
 def test_its_parameters_are_recovered(case: tuple[str, Case]) -> None:
@@ -128,7 +128,7 @@ def weights(name: str, values: dict[str, float], found: Case) -> tuple[np.ndarra
         to = [pair.split(" into ")[1] for pair in truth["pairs"].split(", ")]
         return np.array([values[f"leak {one}"] for one in to]), np.array(truth["leak"])
     if name in ("creep", "hysteresis", "rate"):
-        parameters = found.closed.findings.effects[0].parameters
+        parameters = found.result.findings.effects[0].parameters
         own = {one.name.split()[-1]: one.value for one in parameters if one.low is not None}
         return np.array([own[one] for one in CHANNELS]), np.array(truth["weight"])
     return np.empty(0), np.empty(0)
@@ -139,7 +139,7 @@ def test_its_interval_holds_what_was_planted(smooth: Any, make: Make, manifest: 
     inside = [
         figure.low <= truth <= figure.high
         for figure, truth in zip(
-            found.closed.findings.effects[0].parameters, np.rint(found.truth["offset"]), strict=True
+            found.result.findings.effects[0].parameters, np.rint(found.truth["offset"]), strict=True
         )
     ]
     assert np.mean(inside) >= 0.8
@@ -152,8 +152,8 @@ def test_a_sensor_that_was_mounted_the_other_way_round_is_found(
     recording = make(12_000).ticks()
     turn = Rotation.from_rotvec(np.radians(turn_deg))
     samples = replace(recording.samples, force=turn.apply(recording.samples.force))
-    closed = close_loop(manifest, smooth.predict, [replace(recording, samples=samples)], Plan())
-    first = closed.findings.effects[0]
+    result = run_loop(smooth, [replace(recording, samples=samples)], LoopSettings())
+    first = result.findings.effects[0]
     assert (first.name, first.form) == ("frame", "forces turned")
     found = {one.name: one.value for one in first.parameters}
     back = turn * Rotation.from_rotvec(np.radians([found["x"], found["y"], found["z"]]))
@@ -162,13 +162,13 @@ def test_a_sensor_that_was_mounted_the_other_way_round_is_found(
 
 @pytest.mark.parametrize("seed", [3, 4, 5])
 def test_noise_alone_has_no_effect(smooth: Any, make: Make, manifest: Manifest, seed: int) -> None:
-    closed = close_loop(manifest, smooth.predict, [make(seed=seed)], Plan(seed=seed))
-    findings = closed.findings
+    result = run_loop(smooth, [make(seed=seed)], LoopSettings(seed=seed))
+    findings = result.findings
     assert findings.effects == ()
     assert not findings.unexplained.structured
     assert findings.after == findings.before
-    assert closed.new.effects == ()
-    np.testing.assert_array_equal(closed.after, closed.evidence.predicted)
+    assert result.new.effects == ()
+    np.testing.assert_array_equal(result.after, result.observations.predicted)
     assert findings.noise_floor["share_of_residual_energy"] > 0.9
 
 
@@ -177,24 +177,24 @@ def test_two_effects_are_both_named(
     smooth: Any, make: Make, manifest: Manifest, both: tuple[str, str]
 ) -> None:
     recording = make(12_000, noise=4.0)
-    planting = Planting.into(recording, 2, np.full(21, STRENGTH))
+    injection = Injection.into(recording, 2, np.full(21, STRENGTH))
     for name in both:
-        plant(planting, name, 1.0)
-    closed = close_loop(manifest, smooth.predict, [planting.recording], Plan())
-    findings = closed.findings
+        inject(injection, name, 1.0)
+    result = run_loop(smooth, [injection.recording], LoopSettings())
+    findings = result.findings
     assert set(both) <= {effect.name for effect in findings.effects}
     assert findings.test.p_value < 1e-3
     assert findings.test.low > 0
-    case = Case(closed, {}, np.empty(0))
-    np.testing.assert_allclose(served(smooth, case), closed.after, atol=0.02)
+    case = Case(result, {}, np.empty(0))
+    np.testing.assert_allclose(served(smooth, case), result.after, atol=0.02)
 
 
 def test_an_excluded_effect_is_neither_named_nor_rejected(
     smooth: Any, make: Make, manifest: Manifest
 ) -> None:
-    planting = Planting.into(make(), 2, np.full(21, STRENGTH))
-    plant(planting, "offset", 1.0)
-    plan = Plan(exclude=("offset",))
-    findings = close_loop(manifest, smooth.predict, [planting.recording], plan).findings
+    injection = Injection.into(make(), 2, np.full(21, STRENGTH))
+    inject(injection, "offset", 1.0)
+    settings = LoopSettings(exclude=("offset",))
+    findings = run_loop(smooth, [injection.recording], settings).findings
     named = {effect.name for effect in findings.effects} | {one.name for one in findings.rejected}
     assert "offset" not in named

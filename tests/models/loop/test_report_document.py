@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taxel_models.loop.report.document import Document, Heading, Paragraph, Picture, Table
-from taxel_models.loop.report.html import html
-from taxel_models.loop.report.markdown import markdown
+from taxel_models.loop.report.rendering import html, markdown
 
 CELLS = st.text(st.characters(codec="ascii", categories=("L", "N", "P", "S", "Zs")), max_size=12)
 
@@ -36,7 +35,7 @@ def test_html_escapes_names_and_embeds_pictures(tmp_path: Path) -> None:
     )
     page = html(Document("<t>", blocks), tmp_path)
     assert "<script" not in page
-    assert "a &lt; b &amp; &quot;c&quot;" in page
-    assert 'alt="title &quot;quoted&quot;" src="data:image/png;base64,cGljdHVyZQ=="' in page
+    assert "a &lt; b &amp; &#34;c&#34;" in page
+    assert 'alt="title &#34;quoted&#34;" src="data:image/png;base64,cGljdHVyZQ=="' in page
     assert "<th>&lt;i&gt;</th>" in page
     assert "<td>&lt;/td&gt;</td>" in page

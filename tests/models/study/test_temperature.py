@@ -49,14 +49,14 @@ def test_each_temperature_is_told_as_the_model_was_fitted(
     data = fold_data(swept[0].partitions["strict"], 1, 0)
     few = replace(data, tdc=data.tdc[[0, len(data.tdc) // 2, -1]])
     kind = family("network-b")
-    task = FitTask(data.spec, data.train, data.validation, seed=0, jobs=1, with_temperature=True)
+    task = FitTask(data.spec, data.train, data.validation, seed=0, jobs=1, extras=("tdc",))
     fitted, _ = kind.fit(task, resolve(kind, 1, small_settings.overrides["network-b"]))
     found = sweep_temperature(few, fitted)
     assert found.tdc == tuple(few.tdc)
     assert found.mean_tdc == data.tdc_scaler.mean[0]
     for tdc, mae, norm_mae in zip(found.tdc, found.mae, found.norm_mae, strict=True):
         told = (tdc - data.tdc_scaler.mean[0]) / data.tdc_scaler.std[0]
-        z_scores = fitted.predict(data.test.windows, np.full(len(data.test), told, np.float32))
+        z_scores = fitted.predict(data.test.windows, {"tdc": np.full(len(data.test), told, np.float32)})
         missed = np.abs(z_scores * data.scaler.std + data.scaler.mean - data.measured).mean(axis=0)
         assert mae == pytest.approx(missed.mean(), rel=1e-4)
         assert norm_mae == pytest.approx((missed / data.scaler.std).mean(), rel=1e-4)

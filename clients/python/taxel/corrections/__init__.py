@@ -2,14 +2,15 @@
 
 from taxel.corrections.calibrated import Calibrated
 from taxel.corrections.calibration import CALIBRATION_AGE, CALIBRATION_EXTRAS, OffsetCalibration
+from taxel.corrections.compose import Composition
 from taxel.corrections.correction import Correction
+from taxel.corrections.crosstalk import Crosstalk, Leak
 from taxel.corrections.effect import AppliedEffect, Parameter, Term
+from taxel.corrections.fault import Fault
 from taxel.corrections.frame import Frame
-from taxel.corrections.limit import Limit
-from taxel.corrections.mix import Leak, Mix
-from taxel.corrections.places import Places
-from taxel.corrections.substitute import Substitute
-from taxel.corrections.weighted import ONE, Weighted
+from taxel.corrections.location import Location, location_design
+from taxel.corrections.saturation import Saturation, saturation_design
+from taxel.corrections.weighted import ONE, Shape, Weighted, weighted_shape
 
 __all__ = [
     "CALIBRATION_AGE",
@@ -17,15 +18,20 @@ __all__ = [
     "ONE",
     "AppliedEffect",
     "Calibrated",
+    "Composition",
     "Correction",
+    "Crosstalk",
+    "Fault",
     "Frame",
     "Leak",
-    "Limit",
-    "Mix",
+    "Location",
     "OffsetCalibration",
     "Parameter",
-    "Places",
-    "Substitute",
+    "Saturation",
+    "Shape",
     "Term",
     "Weighted",
+    "location_design",
+    "saturation_design",
+    "weighted_shape",
 ]

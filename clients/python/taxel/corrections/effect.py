@@ -1,21 +1,42 @@
 """An effect as a manifest holds it: what it is called, its parameters, and how it is computed."""
 
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any, Final
 
-from pydantic import Field, FiniteFloat
+from pydantic import BeforeValidator, Field, FiniteFloat
 
 from taxel.corrections.calibrated import Calibrated
+from taxel.corrections.crosstalk import Crosstalk
+from taxel.corrections.fault import Fault
 from taxel.corrections.frame import Frame
-from taxel.corrections.limit import Limit
-from taxel.corrections.mix import Mix
-from taxel.corrections.places import Places
-from taxel.corrections.substitute import Substitute
+from taxel.corrections.location import Location
+from taxel.corrections.saturation import Saturation
 from taxel.corrections.weighted import Weighted
 from taxel.schema import ChannelName, Schema
 from taxel.windows.combinations import MOST_SHIFT
 
-Term = Annotated[Weighted | Calibrated | Places | Mix | Limit | Substitute, Field(discriminator="kind")]
-"""Any of the terms, told apart by `kind`."""
+_FORMER_KINDS: Final = {
+    "places": "location",
+    "mix": "crosstalk",
+    "limit": "saturation",
+    "substitute": "fault",
+}
+"""What Taxel 0.1 wrote into manifests, and the kind of today."""
+
+
+def _with_present_kind(fields: Any) -> Any:
+    if isinstance(fields, Mapping) and fields.get("kind") in _FORMER_KINDS:
+        return {**fields, "kind": _FORMER_KINDS[fields["kind"]]}
+    return fields
+
+
+Term = Annotated[
+    Annotated[
+        Weighted | Calibrated | Location | Crosstalk | Saturation | Fault, Field(discriminator="kind")
+    ],
+    BeforeValidator(_with_present_kind),
+]
+"""Any of the terms, told apart by `kind`. The kinds of 0.1 are read, too; only today's are written."""
 
 
 class Parameter(Schema):

@@ -13,7 +13,7 @@ Columns = Mapping[str, NDArray[np.float64]]
 
 
 class BaseTerm(Schema, ABC):
-    """A term of a corrected model: counts = p + Σ terms(p, columns), then the substitutions.
+    """A term of a corrected model: counts = p + Σ terms(p, columns), then the faults.
 
     Every term is computed from the base model's own prediction p, so that their order does not
     matter. Features are called as the base model knows them, whatever the window's shift is, and

@@ -62,7 +62,7 @@ class Weighted(BaseTerm):
         amount = constant
         if self.takes:
             amount = np.array([columns[name] for name in self.takes]).T @ weights + constant
-        return self._shape(p) * amount
+        return weighted_shape(self.shape, p, self._rest) * amount
 
     @cached_property
     def _linear(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -72,15 +72,25 @@ class Weighted(BaseTerm):
         constant = weights[~varies].sum(axis=0) - references[varies] @ weights[varies]
         return weights[varies], constant
 
-    def _shape(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
-        if self.shape == "signal":
-            return p - self._rest
-        shape = np.ones_like(p)
-        if self.shape == "log_impedance":
-            electrodes = p[:, ELECTRODE_COLUMNS]
-            shape[:, ELECTRODE_COLUMNS] = -electrodes * (1 - electrodes / COUNTS_MAX)
-        return shape
-
     @cached_property
     def _rest(self) -> NDArray[np.float64]:
         return np.array(self.rest or (0.0,) * len(CHANNELS))
+
+
+def weighted_shape(shape: Shape, p: NDArray[np.float64], rest: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How strongly an effect acts on each channel; see `Weighted.shape`.
+
+    Args:
+        p: (n, 21), the base model's prediction, counts.
+        rest: (21,), resting value of each channel, counts; used by `signal`.
+
+    Returns:
+        (n, 21): 1, p - rest in counts, or the slope dE/d ln Z in counts.
+    """
+    if shape == "signal":
+        return p - rest
+    slope = np.ones_like(p)
+    if shape == "log_impedance":
+        electrodes = p[:, ELECTRODE_COLUMNS]
+        slope[:, ELECTRODE_COLUMNS] = -electrodes * (1 - electrodes / COUNTS_MAX)
+    return slope

@@ -2,7 +2,7 @@
 
 import json
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Final
@@ -16,12 +16,17 @@ from typing_extensions import override
 from taxel.channels import CHANNELS
 from taxel.errors import ArtifactError
 from taxel.windows import WindowSpec
-from taxel_models.families.family import Family, FitData, FitTask, FittedModel, History, Hyperparameters
+from taxel_models.families.family import (
+    NO_EXTRAS,
+    Family,
+    FitData,
+    FitTask,
+    FittedModel,
+    History,
+    Hyperparameters,
+)
 from taxel_models.families.networks.recipe import Recipe, Trainer, device
 from taxel_models.families.published import published
-
-AUXILIARY_OUTPUTS: Final = 2
-"""`pac1` and `tac`, which Ruppel et al. fitted beside the 21 channels."""
 
 _ROWS: Final = 8192
 _SHAPE: Final = "network.json"
@@ -34,13 +39,18 @@ class Shape:
 
     Attributes:
         spec: its windows; their columns come first.
-        temperature: whether the last column is the temperature.
+        extras: names of the extra inputs; their columns come last.
         outputs: 21 channels, and two auxiliary ones if the family is fitted to them.
     """
 
     spec: WindowSpec
-    temperature: bool
+    extras: tuple[str, ...]
     outputs: int
+
+    @property
+    def columns(self) -> int:
+        """Of the window and the extras."""
+        return self.spec.length + len(self.extras)
 
     @property
     def positions(self) -> int:
@@ -67,18 +77,17 @@ class NetworkModel(FittedModel):
 
     @property
     @override
-    def takes_temperature(self) -> bool:
-        return self.shape.temperature
+    def extras(self) -> tuple[str, ...]:
+        return self.shape.extras
 
     @override
     def predict(
-        self, windows: NDArray[np.float32], temperature: NDArray[np.float32] | None = None
+        self, windows: NDArray[np.float32], extras: Mapping[str, NDArray[np.float32]] = NO_EXTRAS
     ) -> NDArray[np.float32]:
-        columns = self.shape.spec.length + self.shape.temperature
-        inputs = np.zeros((len(windows), columns), np.float32)
+        inputs = np.zeros((len(windows), self.shape.columns), np.float32)
         inputs[:, : windows.shape[1]] = windows
-        if self.shape.temperature and temperature is not None:
-            inputs[:, -1] = temperature
+        for column, name in enumerate(self.shape.extras, windows.shape[1]):
+            inputs[:, column] = extras.get(name, 0.0)
         place = next(self.network.parameters()).device
         outputs = np.empty((len(windows), len(CHANNELS)), np.float32)
         with torch.inference_mode():
@@ -91,7 +100,7 @@ class NetworkModel(FittedModel):
     def save(self, folder: Path) -> None:
         shape = {
             "combination": self.shape.spec.combination,
-            "temperature": self.shape.temperature,
+            "extras": self.shape.extras,
             "outputs": self.shape.outputs,
             "hyperparameters": self.hyperparameters.model_dump(mode="json"),
         }
@@ -103,8 +112,17 @@ class NetworkModel(FittedModel):
 class NetworkFamily(Family):
     """A family whose models are torch networks."""
 
-    uses_temperature: ClassVar[bool] = False
-    """Whether it takes the temperature and is fitted to the auxiliary channels, as Ruppel's are."""
+    extras: ClassVar[tuple[str, ...]] = ()
+    """Names of the extra inputs that it can take."""
+
+    auxiliary_outputs: ClassVar[int] = 0
+    """How many of the auxiliary channels it is fitted to beside the 21: `pac1` and `tac`, or none."""
+
+    @classmethod
+    def shape(cls, spec: WindowSpec, extras: Sequence[str]) -> Shape:
+        """What a network of the family takes and gives, if these extras can be given."""
+        taken = tuple(name for name in cls.extras if name in extras)
+        return Shape(spec, taken, len(CHANNELS) + cls.auxiliary_outputs)
 
     @abstractmethod
     def build(self, shape: Shape, hyperparameters: Any) -> nn.Module:
@@ -118,11 +136,7 @@ class NetworkFamily(Family):
     def fit(self, task: FitTask, hyperparameters: Hyperparameters) -> tuple[NetworkModel, History]:
         chosen = self.hyperparameters.model_validate(hyperparameters.model_dump())
         assert isinstance(chosen, Recipe)
-        shape = Shape(
-            spec=task.spec,
-            temperature=self.uses_temperature and task.with_temperature,
-            outputs=len(CHANNELS) + AUXILIARY_OUTPUTS * self.uses_temperature,
-        )
+        shape = self.shape(task.spec, task.extras)
         torch.manual_seed(task.seed)
         network = self.build(shape, chosen)
         parts = (task.train, task.validation)
@@ -139,7 +153,7 @@ class NetworkFamily(Family):
     def load(self, folder: Path) -> NetworkModel:
         try:
             kept = json.loads((folder / _SHAPE).read_text(encoding="utf-8"))
-            shape = Shape(WindowSpec.of(kept["combination"]), kept["temperature"], kept["outputs"])
+            shape = Shape(WindowSpec.of(kept["combination"]), _extras_of(kept), kept["outputs"])
             hyperparameters = self.hyperparameters.model_validate(kept["hyperparameters"])
             network = self.build(shape, hyperparameters)
             network.load_state_dict(torch.load(folder / _WEIGHTS, map_location="cpu", weights_only=True))
@@ -151,10 +165,17 @@ class NetworkFamily(Family):
         return NetworkModel(network.to(device()), shape, hyperparameters)
 
 
+def _extras_of(kept: Mapping[str, Any]) -> tuple[str, ...]:
+    """Of `network.json`, which in Taxel 0.1 said only whether there is a temperature."""
+    if "extras" in kept:
+        return tuple(kept["extras"])
+    return ("tdc",) if kept["temperature"] else ()
+
+
 def _inputs(part: FitData, shape: Shape) -> NDArray[np.float32]:
-    if not shape.temperature:
+    if not shape.extras:
         return np.ascontiguousarray(part.windows)
-    return np.column_stack([part.windows, part.temperature])
+    return np.column_stack([part.windows, *(part.extras[name] for name in shape.extras)])
 
 
 def _targets(part: FitData, shape: Shape) -> NDArray[np.float32]:

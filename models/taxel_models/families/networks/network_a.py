@@ -27,7 +27,8 @@ class NetworkAFamily(NetworkFamily):
 
     name = "network-a"
     hyperparameters = NetworkAHyperparameters
-    uses_temperature = True
+    extras = ("tdc",)
+    auxiliary_outputs = 2
 
     @override
     def paper_hyperparameters(self, combination: int) -> Mapping[str, Any]:
@@ -38,7 +39,7 @@ class NetworkAFamily(NetworkFamily):
     @override
     def build(self, shape: Shape, hyperparameters: NetworkAHyperparameters) -> nn.Module:
         layers: list[nn.Module] = []
-        width = shape.spec.length + shape.temperature
+        width = shape.columns
         for neurons in hyperparameters.widths:
             layers += [nn.Linear(width, neurons), nn.ReLU()]
             width = neurons

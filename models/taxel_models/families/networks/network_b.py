@@ -45,9 +45,9 @@ class _NetworkB(nn.Module):
             nn.Linear(chosen.trunk[-1], shape.outputs),
         )
         self.temperature_column: nn.Module | None = None
-        if shape.temperature:
+        if shape.extras:
             self.temperature_column = nn.Sequential(
-                nn.Linear(1, chosen.temperature_column[0]),
+                nn.Linear(len(shape.extras), chosen.temperature_column[0]),
                 nn.Sigmoid(),
                 nn.Linear(chosen.temperature_column[0], shape.outputs),
             )
@@ -74,7 +74,8 @@ class NetworkBFamily(NetworkFamily):
 
     name = "network-b"
     hyperparameters = NetworkBHyperparameters
-    uses_temperature = True
+    extras = ("tdc",)
+    auxiliary_outputs = 2
 
     @override
     def build(self, shape: Shape, hyperparameters: NetworkBHyperparameters) -> nn.Module:

@@ -7,9 +7,8 @@ table contradicts its own hyperparameter table.
 
 from typing import Final
 
-from taxel.channels import CHANNELS
 from taxel.windows import COMBINATIONS, WindowSpec
-from taxel_models.families.networks.network import AUXILIARY_OUTPUTS, NetworkFamily, Shape
+from taxel_models.families.networks.network import NetworkFamily
 from taxel_models.families.published import published_parameters
 from taxel_models.families.registry import family, resolve
 
@@ -21,9 +20,9 @@ def count(name: str, combination: int) -> int:
     """Learnable parameters of a family's network with the paper's hyperparameters."""
     kind = family(name)
     assert isinstance(kind, NetworkFamily)
-    outputs = len(CHANNELS) + AUXILIARY_OUTPUTS * kind.uses_temperature
-    shape = Shape(WindowSpec.of(combination), kind.uses_temperature, outputs)
-    network = kind.build(shape, resolve(kind, combination, {}))
+    network = kind.build(
+        kind.shape(WindowSpec.of(combination), kind.extras), resolve(kind, combination, {})
+    )
     return sum(part.numel() for part in network.parameters())
 
 

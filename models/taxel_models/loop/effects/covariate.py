@@ -6,13 +6,10 @@ from typing import Final
 import numpy as np
 from typing_extensions import override
 
-from taxel.channels import CHANNELS
-from taxel.errors import SettingsError
 from taxel.windows import ExtraFeature
 from taxel_models.loop.basis import Floats, Joined
-from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Left, Online, given, weighted
-from taxel_models.loop.evidence import Evidence
-from taxel_models.loop.planting import Planting
+from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Online, Remaining, given, weighted
+from taxel_models.loop.observations import Observations
 
 MOST_KINDS: Final = 32
 """Whole numbers with at most so many values are names of kinds, not amounts."""
@@ -31,10 +28,10 @@ def _both(offsets: Candidate, gains: Candidate) -> Candidate:
         first, second = offsets.online(weights[:, :size]), gains.online(weights[:, size:])
         return Online((*first.terms, *second.terms), first.extras)
 
-    def again(evidence: Evidence) -> Candidate:
+    def again(observations: Observations) -> Candidate:
         assert offsets.again is not None
         assert gains.again is not None
-        return _both(offsets.again(evidence), gains.again(evidence))
+        return _both(offsets.again(observations), gains.again(observations))
 
     return Candidate(
         offsets.effect,
@@ -67,40 +64,26 @@ class Covariate(Effect):
         return f"{self.name}:{self.column}"
 
     @override
-    def forms(self, evidence: Evidence, left: Left) -> Iterable[Candidate]:
+    def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
         name = self.label
-        values = evidence.covariates[self.column]
+        values = observations.covariates[self.column]
         kinds = np.unique(values)
         if len(kinds) < 2:
             return
         if len(kinds) <= MOST_KINDS and (kinds == np.rint(kinds)).all():
             drivers = [self._is(values, kind) for kind in kinds]
-            yield weighted(evidence, name, "by kind", "unit", drivers, weight_unit="counts")
+            yield weighted(observations, name, "by kind", "unit", drivers, weight_unit="counts")
             # About the mean of all kinds: a gain that they have in common is no matter of kind.
-            gains = weighted(evidence, name, "gain by kind", "signal", drivers, weight_unit="relative")
+            gains = weighted(observations, name, "gain by kind", "signal", drivers, weight_unit="relative")
             yield gains
             if len(kinds) <= MOST_PAIRED:
-                yield _both(weighted(evidence, name, "by kind", "unit", drivers), gains)
+                yield _both(weighted(observations, name, "by kind", "unit", drivers), gains)
         else:
-            driver = given(evidence, self.column, "")
-            yield weighted(evidence, name, "line", "unit", [driver], weight_unit="counts per unit")
+            driver = given(observations, self.column, "")
+            yield weighted(observations, name, "line", "unit", [driver], weight_unit="counts per unit")
 
     def _is(self, values: np.ndarray[tuple[int], np.dtype[np.float64]], kind: float) -> Driver:
         name = f"{self.column}={kind:g}"
         here = (values == kind).astype(np.float64)
         extra = ExtraFeature(name=name, unit="0 or 1", default=float(here.mean()), taken_by="effects")
         return Driver(name, here, extra)
-
-    @override
-    def plant(self, planting: Planting) -> None:
-        if self.column not in planting.recording.covariates:
-            known = ", ".join(planting.recording.covariates) or "none"
-            raise SettingsError(f"no column {self.column!r} to plant by; the recording has: {known}")
-        values = planting.recording.covariates[self.column]
-        kinds, places = np.unique(values, return_inverse=True)
-        if len(kinds) <= MOST_KINDS:
-            weights = planting.random.normal(size=(len(kinds), len(CHANNELS))) * planting.residual
-            planting.add(weights[places], {"weight": weights})
-        else:
-            weights = planting.random.normal(size=len(CHANNELS)) * planting.residual
-            planting.add((values - values.mean())[:, None] * weights, {"weight": weights})

@@ -6,12 +6,10 @@ from typing import Final
 import numpy as np
 from typing_extensions import override
 
-from taxel.channels import CHANNELS
 from taxel.windows import Relaxation, RelaxationShare
 from taxel.windows.history import Followed
-from taxel_models.loop.effects.effect import Candidate, Effect, Left, past, weighted
-from taxel_models.loop.evidence import Evidence
-from taxel_models.loop.planting import Planting
+from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past, weighted
+from taxel_models.loop.observations import Observations
 
 SHORTEST_S: Final = 0.08
 LONGEST_S: Final = 40.0
@@ -32,23 +30,25 @@ class Creep(Effect):
     signature = "the residual decays after each change of load, over a time of its own"
 
     @override
-    def forms(self, evidence: Evidence, left: Left) -> Iterable[Candidate]:
+    def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
         for tau in GRID:
-            yield self._by_force(evidence, float(tau))
-            yield self._of_signal(evidence, float(tau))
+            yield self._by_force(observations, float(tau))
+            yield self._of_signal(observations, float(tau))
 
     @override
-    def finer(self, evidence: Evidence, best: Candidate) -> Iterable[Candidate]:
+    def finer(self, observations: Observations, best: Candidate) -> Iterable[Candidate]:
         tau = best.settled["time_constant"][0]
         make = self._of_signal if best.form.startswith(_OF_SIGNAL) else self._by_force
         for factor in FINER:
-            yield make(evidence, tau * float(factor))
-        yield self._by_force(evidence, tau, ("force", "fx", "fy", "fz"))
+            yield make(observations, tau * float(factor))
+        yield self._by_force(observations, tau, ("force", "fx", "fy", "fz"))
 
-    def _by_force(self, evidence: Evidence, tau: float, of: tuple[Followed, ...] = ("force",)) -> Candidate:
+    def _by_force(
+        self, observations: Observations, tau: float, of: tuple[Followed, ...] = ("force",)
+    ) -> Candidate:
         drivers = [
             past(
-                evidence,
+                observations,
                 Relaxation(of=which, time_constant_s=tau),
                 f"relaxation[{tau:.3g}s].{which}",
                 "N",
@@ -56,7 +56,7 @@ class Creep(Effect):
             for which in of
         ]
         return weighted(
-            evidence,
+            observations,
             self.name,
             f"by force{' and its direction' if len(of) > 1 else ''}, {tau:.3g} s",
             "unit",
@@ -65,22 +65,15 @@ class Creep(Effect):
             weight_unit="counts/N",
         )
 
-    def _of_signal(self, evidence: Evidence, tau: float) -> Candidate:
+    def _of_signal(self, observations: Observations, tau: float) -> Candidate:
         share = RelaxationShare(of="force", time_constant_s=tau)
         return weighted(
-            evidence,
+            observations,
             self.name,
             f"{_OF_SIGNAL}, {tau:.3g} s",
             "signal",
-            [past(evidence, share, f"relaxation_share[{tau:.3g}s].force", "1")],
+            [past(observations, share, f"relaxation_share[{tau:.3g}s].force", "1")],
             centred=False,
             settled={"time_constant": (tau, "s")},
             weight_unit="relative",
         )
-
-    @override
-    def plant(self, planting: Planting) -> None:
-        tau = float(np.exp(planting.random.uniform(np.log(0.3), np.log(10.0))))
-        feature = Relaxation(of="force", time_constant_s=tau)
-        weights = planting.random.normal(0.0, 1.0, len(CHANNELS)) * planting.residual
-        planting.add(planting.history(feature)[:, None] * weights, {"weight": weights}, time_constant=tau)

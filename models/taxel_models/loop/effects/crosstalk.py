@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from taxel.channels import CHANNELS
-from taxel.corrections import Leak, Mix
+from taxel.corrections import Crosstalk as CrosstalkTerm
+from taxel.corrections import Leak
 from taxel_models.loop.basis import Floats, Own
-from taxel_models.loop.effects.effect import Candidate, Effect, Left, Online
-from taxel_models.loop.evidence import Evidence
-from taxel_models.loop.planting import Planting
+from taxel_models.loop.effects.effect import Candidate, Effect, Online, Remaining
+from taxel_models.loop.observations import Observations
 
 
 class Crosstalk(Effect):
@@ -25,38 +25,31 @@ class Crosstalk(Effect):
     signature = "the residual follows another channel's signal, given the channel's own"
 
     @override
-    def forms(self, evidence: Evidence, left: Left) -> Iterable[Candidate]:
-        weight = np.sqrt(left.trust[left.fit])[:, None]
-        sources = _best_sources(evidence.signal[left.fit] * weight, left.residual[left.fit] * weight)
-        yield self._with(sources, evidence)
+    def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
+        weight = np.sqrt(remaining.row_weights[remaining.fit])[:, None]
+        sources = _best_sources(
+            observations.signal[remaining.fit] * weight, remaining.residual[remaining.fit] * weight
+        )
+        yield self._with(sources, observations)
 
-    def _with(self, sources: NDArray[np.int64], evidence: Evidence) -> Candidate:
+    def _with(self, sources: NDArray[np.int64], observations: Observations) -> Candidate:
         def online(weights: Floats) -> Online:
             leaks = tuple(
                 Leak(to=to, source=CHANNELS[source], weight=float(weight))
                 for to, source, weight in zip(CHANNELS, sources, weights[:, 0], strict=True)
                 if weight
             )
-            return Online((Mix(leaks=leaks, rest=tuple(evidence.rest.tolist())),))
+            return Online((CrosstalkTerm(leaks=leaks, rest=tuple(observations.rest.tolist())),))
 
         return Candidate(
             self.name,
             "one source a channel",
-            Own(evidence.signal[:, sources, None].astype(np.float32)),
+            Own(observations.signal[:, sources, None].astype(np.float32)),
             weight_names=("leak",),
             weight_unit="relative",
             online=online,
             again=partial(self._with, sources),
         )
-
-    @override
-    def plant(self, planting: Planting) -> None:
-        pairs = planting.random.permutation(len(CHANNELS))[:6].reshape(3, 2)
-        delta = np.zeros_like(planting.signal)
-        for to, source in pairs:
-            delta[:, to] = planting.signal[:, source]
-        names = [f"{CHANNELS[source]} into {CHANNELS[to]}" for to, source in pairs]
-        planting.add(delta, {"leak": np.ones(3)}, pairs=", ".join(names))
 
 
 def _best_sources(signal: Floats, residual: Floats) -> NDArray[np.int64]:

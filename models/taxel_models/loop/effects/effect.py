@@ -4,20 +4,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.channels import COUNTS_MAX, ELECTRODE_COLUMNS
-from taxel.corrections import Term, Weighted
+from taxel.corrections import Frame, Shape, Term, Weighted, weighted_shape
 from taxel.windows import Elapsed, ExtraFeature, HistoryFeature
 from taxel_models.loop.basis import Basis, Floats, Shared
-from taxel_models.loop.evidence import Evidence
-from taxel_models.loop.moments import Fitting
-from taxel_models.loop.planting import Planting
-
-Shape = Literal["unit", "signal", "log_impedance"]
+from taxel_models.loop.observations import Observations
+from taxel_models.loop.statistics import Fitting
 
 
 @dataclass(frozen=True)
@@ -27,10 +23,19 @@ class Online:
     Attributes:
         terms: added to the model's counts.
         extras: features that they need beside the window.
+        frame: how windows are turned before the model sees them.
+        shift_ticks: by how much the middle of the window lies before T.
     """
 
     terms: tuple[Term, ...] = ()
     extras: tuple[ExtraFeature, ...] = ()
+    frame: Frame | None = None
+    shift_ticks: int = 0
+
+    @property
+    def changes_something(self) -> bool:
+        """Whether a model can be served with it; a fault that comes and goes cannot."""
+        return bool(self.terms or self.frame or self.shift_ticks)
 
 
 @dataclass(frozen=True)
@@ -40,7 +45,7 @@ class Candidate:
     Attributes:
         effect: its name.
         form: which form, in words.
-        basis: its regressors at the evidence's rows.
+        basis: its regressors at the observations's rows.
         fitting: how its weights are found.
         weight_names: what each weight is called, k of them.
         weight_unit: of all weights.
@@ -63,8 +68,8 @@ class Candidate:
     online: Callable[[Floats], Online] = lambda _: Online()
     alike: float | None = None
     certain: bool = False
-    moved: Callable[[Evidence], Evidence] | None = None
-    again: "Callable[[Evidence], Candidate] | None" = None
+    moved: Callable[[Observations], Observations] | None = None
+    again: "Callable[[Observations], Candidate] | None" = None
 
     @property
     def moves(self) -> bool:
@@ -73,18 +78,18 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Left:
+class Remaining:
     """What is left to explain.
 
     Attributes:
         residual: (n, 21) measured less everything that is explained so far, counts.
         fit: (n,) rows of the fit part: no other may be looked at when a form is chosen.
-        trust: (n,) how much each row counts.
+        row_weights: (n,) how much each row counts.
     """
 
     residual: Floats
     fit: NDArray[np.bool_]
-    trust: Floats
+    row_weights: Floats
 
 
 class Effect(ABC):
@@ -110,17 +115,13 @@ class Effect(ABC):
         return self.name
 
     @abstractmethod
-    def forms(self, evidence: Evidence, left: Left) -> Iterable[Candidate]:
-        """Its forms on this evidence; none where what it depends on was not recorded."""
+    def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
+        """Its forms on this observations; none where what it depends on was not recorded."""
 
-    def finer(self, evidence: Evidence, best: Candidate) -> Iterable[Candidate]:
+    def finer(self, observations: Observations, best: Candidate) -> Iterable[Candidate]:
         """Forms around the best one, where a form is a point of a grid."""
-        del evidence, best
+        del observations, best
         return ()
-
-    @abstractmethod
-    def plant(self, planting: Planting) -> None:
-        """Put the effect into a recording, with parameters drawn at random."""
 
 
 @dataclass(frozen=True)
@@ -135,17 +136,17 @@ class Driver:
     extra: ExtraFeature | None = None
 
 
-def past(evidence: Evidence, feature: HistoryFeature, name: str, unit: str) -> Driver:
+def past(observations: Observations, feature: HistoryFeature, name: str, unit: str) -> Driver:
     """A feature of the past as a driver; its default is the settled state."""
     extra = ExtraFeature(name=name, unit=unit, default=0.0, history=feature, taken_by="effects")
-    return Driver(name, evidence.history(feature), extra)
+    return Driver(name, observations.history(feature), extra)
 
 
-def elapsed(evidence: Evidence, edges: Floats) -> list[Driver]:
+def elapsed(observations: Observations, edges: Floats) -> list[Driver]:
     """The session's time in pieces between edges, s; weights make a line of straight pieces of them."""
     return [
         past(
-            evidence,
+            observations,
             Elapsed(start_s=float(start), end_s=float(end)),
             f"elapsed[{start:.0f}:{end:.0f}s]",
             "s",
@@ -154,9 +155,9 @@ def elapsed(evidence: Evidence, edges: Floats) -> list[Driver]:
     ]
 
 
-def given(evidence: Evidence, name: str, unit: str) -> Driver:
+def given(observations: Observations, name: str, unit: str) -> Driver:
     """A recorded column as a driver, which whoever serves the model has to give; by default its mean."""
-    values = evidence.covariates[name]
+    values = observations.covariates[name]
     extra = ExtraFeature(name=name, unit=unit, default=float(values.mean()), taken_by="effects")
     return Driver(name, values, extra)
 
@@ -167,20 +168,13 @@ def _settles(driver: Driver) -> bool:
     return history is not None and not isinstance(history, Elapsed)
 
 
-def shape_of(evidence: Evidence, shape: Shape) -> Floats | None:
-    """(n, 21) the shape that a driver is scaled by, as `Weighted` has it; None for 1."""
-    if shape == "unit":
-        return None
-    if shape == "signal":
-        return evidence.signal
-    slope = np.ones_like(evidence.base)
-    counts = evidence.base[:, ELECTRODE_COLUMNS]
-    slope[:, ELECTRODE_COLUMNS] = -counts * (1.0 - counts / COUNTS_MAX)
-    return slope
+def shape_of(observations: Observations, shape: Shape) -> Floats | None:
+    """(n, 21) the shape that a driver is scaled by; None for 1."""
+    return None if shape == "unit" else weighted_shape(shape, observations.base, observations.rest)
 
 
 def weighted(
-    evidence: Evidence,
+    observations: Observations,
     effect: str,
     form: str,
     shape: Shape,
@@ -204,7 +198,7 @@ def weighted(
             features=names,
             references=tuple(references.tolist()),
             weights=tuple(tuple(row) for row in weights.T.tolist()),
-            rest=tuple(evidence.rest.tolist()),
+            rest=tuple(observations.rest.tolist()),
         )
         return Online((term,), tuple(driver.extra for driver in drivers if driver.extra is not None))
 
@@ -212,7 +206,7 @@ def weighted(
     return Candidate(
         effect,
         form,
-        Shared(values - references, shape_of(evidence, shape)),
+        Shared(values - references, shape_of(observations, shape)),
         online=online,
         again=lambda other: weighted(other, effect, form, shape, drivers, centred=centred, **others),
         **others,

@@ -1,19 +1,17 @@
 """Fault: a channel is dead, stuck or intermittent."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 from typing_extensions import override
 
 from taxel.channels import CHANNELS
-from taxel.corrections import Substitute
+from taxel.corrections import Fault as FaultTerm
 from taxel_models.loop.basis import Floats, Own
-from taxel_models.loop.effects.effect import Candidate, Effect, Left, Online
-from taxel_models.loop.evidence import Evidence
-from taxel_models.loop.frozen import Frozen, Kind, frozen_channels
-from taxel_models.loop.moments import Fitting
-from taxel_models.loop.planting import Planting
+from taxel_models.loop.effects.effect import Candidate, Effect, Online, Remaining
+from taxel_models.loop.observations import Observations
+from taxel_models.loop.statistics import Fitting
+from taxel_models.loop.stuck_at import Kind, StuckChannel, stuck_channels
 
 
 class Fault(Effect):
@@ -28,52 +26,32 @@ class Fault(Effect):
     )
 
     @override
-    def forms(self, evidence: Evidence, left: Left) -> Iterable[Candidate]:
-        found = frozen_channels(evidence.measured, evidence.predicted, evidence.segment)
+    def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
+        found = stuck_channels(observations.measured, observations.predicted, observations.segment)
         kinds: tuple[Kind, ...] = ("stuck", "intermittent")
         for kind in kinds:
-            some = [one for one in found if one.kind == kind]
+            some = [stuck for stuck in found if stuck.kind == kind]
             if some:
-                yield self._with(some, kind, left.residual)
+                yield self._with(some, kind, remaining.residual)
 
-    def _with(self, found: Sequence[Frozen], kind: Kind, residual: Floats) -> Candidate:
+    def _with(self, found: Sequence[StuckChannel], kind: Kind, residual: Floats) -> Candidate:
         values = np.zeros((*residual.shape, 1), np.float32)
-        for one in found:
-            values[one.rows, one.channel, 0] = residual[one.rows, one.channel]
+        for stuck in found:
+            values[stuck.rows, stuck.channel, 0] = residual[stuck.rows, stuck.channel]
 
-        substitutes = tuple(Substitute(channel=CHANNELS[one.channel], value=one.value) for one in found)
-        online = Online(substitutes if kind == "stuck" else ())
-        names = ", ".join(CHANNELS[one.channel] for one in found)
+        faults = tuple(FaultTerm(channel=CHANNELS[stuck.channel], value=stuck.value) for stuck in found)
+        online = Online(faults if kind == "stuck" else ())
+        names = ", ".join(CHANNELS[stuck.channel] for stuck in found)
         return Candidate(
             self.name,
             f"{kind}: {names}",
             Own(values),
             fitting=Fitting(fixed=True),
             settled={
-                f"rows affected, {CHANNELS[one.channel]}": (float(one.rows.mean()), "share")
-                for one in found
+                f"rows affected, {CHANNELS[stuck.channel]}": (float(stuck.rows.mean()), "share")
+                for stuck in found
             },
             online=lambda _: online,
             certain=True,
             again=lambda _: self._with(found, kind, residual),
-        )
-
-    @override
-    def plant(self, planting: Planting) -> None:
-        channel = int(planting.random.integers(len(CHANNELS)))
-        kind = str(planting.random.choice(["dead", "stuck", "intermittent"]))
-        counts = planting.recording.channels.copy()
-        rows = np.zeros(len(counts), bool)
-        if kind == "intermittent":
-            for _ in range(12):
-                start = int(planting.random.integers(len(counts)))
-                rows[start : start + int(planting.random.integers(60, len(counts) // 60 + 61))] = True
-        else:
-            rows[:] = True
-        value = (
-            0.0 if kind == "dead" else float(counts[int(planting.random.integers(len(counts))), channel])
-        )
-        counts[rows, channel] = value
-        planting.replace_channels(
-            replace(planting.recording, channels=counts), channel=CHANNELS[channel], kind=kind
         )

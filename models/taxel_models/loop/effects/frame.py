@@ -5,22 +5,16 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
 from taxel_models.loop.basis import Floats, Own
-from taxel_models.loop.effects.effect import Candidate, Effect, Left
-from taxel_models.loop.evidence import Evidence, predict_all
-from taxel_models.loop.moments import Fitting
-from taxel_models.loop.planting import Planting
-from taxel_models.loop.rigid_motion import after, fit_motion, turn_of
+from taxel_models.loop.effects.effect import Candidate, Effect, Online, Remaining
+from taxel_models.loop.effects.rigid_motion import after, fit_motion, turn_of
+from taxel_models.loop.observations import Observations, predict_all
+from taxel_models.loop.statistics import Fitting
 
 TEST_ROWS: Final = 8_000
 """A motion common to all channels needs no more rows than these."""
-
-MOST_DEG: Final = 45.0
-LIGHT_DEG: Final = 15.0
-"""Of the forces: about what a strength of 1 stands for. A turn of inputs cannot be scaled to a residual."""
 
 KINDS: Final = {
     "forces turned": "force",
@@ -40,48 +34,21 @@ class Frame(Effect):
     signature = "turning or shifting the inputs explains all channels with three common figures"
 
     @override
-    def forms(self, evidence: Evidence, left: Left) -> Iterable[Candidate]:
-        rows = np.linspace(0, len(evidence) - 1, min(len(evidence), TEST_ROWS)).astype(np.int64)
+    def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
+        rows = np.linspace(0, len(observations) - 1, min(len(observations), TEST_ROWS)).astype(np.int64)
         for form, kind in KINDS.items():
-            vector = fit_motion(evidence, left, kind)
-            turned = turn_of(kind, vector).turn(evidence.windows[rows], evidence.manifest.spec)
-            change = predict_all(evidence.predict, turned) - evidence.predicted[rows]
+            vector = fit_motion(observations, remaining, kind)
+            turned = turn_of(kind, vector).turn(observations.windows[rows], observations.manifest.spec)
+            change = predict_all(observations.model.predict, turned) - observations.predicted[rows]
             yield Candidate(
                 self.name,
                 form,
                 Own(change[:, :, None].astype(np.float32), rows),
                 fitting=Fitting(fixed=True),
                 settled=_settled(kind, vector),
+                online=partial(_online, kind, vector),
                 moved=partial(_moved, kind, vector),
             )
-
-    @override
-    def plant(self, planting: Planting) -> None:
-        samples = planting.recording.samples
-        axis = planting.random.normal(size=3)
-        axis /= np.linalg.norm(axis)
-        angle = _angle(planting, axis)
-        force = Rotation.from_rotvec(axis * np.radians(angle)).apply(samples.force)
-        planting.move(samples.position, force, angle=angle, unit="deg")
-
-
-def _angle(planting: Planting, axis: Floats) -> float:
-    """Degrees that make the strength, by what a model answers; in proportion to it without one."""
-    samples = planting.recording.samples
-    if planting.respond is None:
-        return LIGHT_DEG * planting.strength
-    still = planting.respond(samples.position, samples.force)
-    angles = np.geomspace(1.0, MOST_DEG, 12)
-    strengths = [
-        planting.strength_of(
-            planting.respond(
-                samples.position, Rotation.from_rotvec(axis * np.radians(angle)).apply(samples.force)
-            )
-            - still
-        )
-        for angle in angles
-    ]
-    return float(angles[np.argmin(np.abs(np.log(np.maximum(strengths, 1e-9) / planting.strength)))])
 
 
 def _settled(kind: str, vector: Floats) -> dict[str, tuple[float, str]]:
@@ -94,9 +61,14 @@ def _settled(kind: str, vector: Floats) -> dict[str, tuple[float, str]]:
     return {"angle": (angle, "deg"), **{name: (float(value), "deg") for name, value in named.items()}}
 
 
-def _moved(kind: str, vector: Floats, evidence: Evidence) -> Evidence:
-    """The evidence with its windows turned, or turned further."""
+def _online(kind: str, vector: Floats, weights: Floats) -> Online:
+    del weights
+    return Online(frame=turn_of(kind, vector))
+
+
+def _moved(kind: str, vector: Floats, observations: Observations) -> Observations:
+    """The observations with its windows turned, or turned further."""
     turn = turn_of(kind, vector)
-    windows = turn.turn(evidence.windows, evidence.manifest.spec)
-    whole = turn if evidence.turn is None else after(turn, evidence.turn)
-    return evidence.with_windows(windows, turn=whole, shift_ticks=evidence.shift_ticks)
+    windows = turn.turn(observations.windows, observations.manifest.spec)
+    whole = turn if observations.turn is None else after(turn, observations.turn)
+    return observations.with_windows(windows, turn=whole, shift_ticks=observations.shift_ticks)

@@ -6,12 +6,10 @@ from typing import Final
 import numpy as np
 from typing_extensions import override
 
-from taxel.channels import CHANNELS
-from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Left, elapsed, weighted
+from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Remaining, elapsed, weighted
 from taxel_models.loop.effects.offset import ONE
-from taxel_models.loop.evidence import Evidence
-from taxel_models.loop.moments import Fitting
-from taxel_models.loop.planting import Planting
+from taxel_models.loop.observations import Observations
+from taxel_models.loop.statistics import Fitting
 
 AGEING_S: Final = 60.0
 """Ageing is looked for in recordings longer than this."""
@@ -26,38 +24,31 @@ class Gain(Effect):
     signature = "the residual is in proportion to the channel's own signal, and nil in free air"
 
     @override
-    def forms(self, evidence: Evidence, left: Left) -> Iterable[Candidate]:
-        one = Driver(ONE, np.ones(len(evidence)))
+    def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
+        constant = Driver(ONE, np.ones(len(observations)))
         for form, fitting in (("all channels alike", Fitting(pooled=True)), ("by channel", Fitting())):
             yield weighted(
-                evidence,
+                observations,
                 self.name,
                 form,
                 "signal",
-                [one],
+                [constant],
                 centred=False,
                 fitting=fitting,
                 weight_names=("gain",),
                 weight_unit="relative",
             )
-        span = float(evidence.time_s.max())
+        span = float(observations.time_s.max())
         if span > AGEING_S:
-            (ageing,) = elapsed(evidence, np.array([0.0, span]))
+            (ageing,) = elapsed(observations, np.array([0.0, span]))
             yield weighted(
-                evidence,
+                observations,
                 self.name,
                 "ageing, all channels alike",
                 "signal",
-                [one, ageing],
+                [constant, ageing],
                 centred=False,
                 fitting=Fitting(pooled=True),
                 weight_names=("gain", "ageing"),
                 weight_unit="relative, relative/s",
             )
-
-    @override
-    def plant(self, planting: Planting) -> None:
-        alike = planting.random.random() < 0.5
-        gains = np.ones(len(CHANNELS)) if alike else planting.random.normal(1.0, 0.4, len(CHANNELS))
-        gains *= planting.random.choice([-1.0, 1.0])
-        planting.add(planting.signal * gains, {"gain": gains})

@@ -6,11 +6,9 @@ from typing import Final
 import numpy as np
 from typing_extensions import override
 
-from taxel.channels import CHANNELS
 from taxel.windows import Direction, Play
-from taxel_models.loop.effects.effect import Candidate, Effect, Left, past, weighted
-from taxel_models.loop.evidence import Evidence
-from taxel_models.loop.planting import Planting
+from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past, weighted
+from taxel_models.loop.observations import Observations
 
 WIDTHS_N: Final = tuple(np.geomspace(0.05, 2.0, 12).tolist())
 FINER: Final = (0.84, 0.91, 1.1, 1.19)
@@ -26,40 +24,33 @@ class Hysteresis(Effect):
     signature = "loading and unloading differ by as much when time runs faster or slower"
 
     @override
-    def forms(self, evidence: Evidence, left: Left) -> Iterable[Candidate]:
+    def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
         for width in WIDTHS_N:
-            yield self._with(evidence, width)
+            yield self._with(observations, width)
         direction = Direction(of="force")
         yield weighted(
-            evidence,
+            observations,
             self.name,
             "by direction",
             "unit",
-            [past(evidence, direction, "direction.force", "N")],
+            [past(observations, direction, "direction.force", "N")],
             weight_unit="counts/N",
         )
 
     @override
-    def finer(self, evidence: Evidence, best: Candidate) -> Iterable[Candidate]:
+    def finer(self, observations: Observations, best: Candidate) -> Iterable[Candidate]:
         if "width" in best.settled:
             for factor in FINER:
-                yield self._with(evidence, best.settled["width"][0] * factor)
+                yield self._with(observations, best.settled["width"][0] * factor)
 
-    def _with(self, evidence: Evidence, width: float) -> Candidate:
+    def _with(self, observations: Observations, width: float) -> Candidate:
         feature = Play(of="force", width_n=width)
         return weighted(
-            evidence,
+            observations,
             self.name,
             f"play of {width:.3g} N",
             "unit",
-            [past(evidence, feature, f"play[{width:.3g}N].force", "N")],
+            [past(observations, feature, f"play[{width:.3g}N].force", "N")],
             settled={"width": (width, "N")},
             weight_unit="counts/N",
         )
-
-    @override
-    def plant(self, planting: Planting) -> None:
-        width = float(np.exp(planting.random.uniform(np.log(0.15), np.log(1.0))))
-        feature = Play(of="force", width_n=width)
-        weights = planting.random.normal(0.0, 1.0, len(CHANNELS)) * planting.residual
-        planting.add(planting.history(feature)[:, None] * weights, {"weight": weights}, width=width)

@@ -1,7 +1,6 @@
 """Lag: channels and inputs are misaligned in time."""
 
 from collections.abc import Iterable
-from dataclasses import replace
 from functools import partial
 from typing import Final
 
@@ -9,12 +8,10 @@ import numpy as np
 from typing_extensions import override
 
 from taxel.windows.history import TICK_S
-from taxel_models.loop.basis import Own
-from taxel_models.loop.effects.effect import Candidate, Effect, Left
-from taxel_models.loop.evidence import Evidence
-from taxel_models.loop.moments import Fitting
-from taxel_models.loop.planting import Planting
-from taxel_models.recordings import Recording
+from taxel_models.loop.basis import Floats, Own
+from taxel_models.loop.effects.effect import Candidate, Effect, Online, Remaining
+from taxel_models.loop.observations import Observations
+from taxel_models.loop.statistics import Fitting
 
 TICKS: Final = (*range(-5, 0), *range(1, 16))
 
@@ -28,35 +25,28 @@ class Lag(Effect):
     signature = "the residual is the prediction's own change over time, the same delay in every channel"
 
     @override
-    def forms(self, evidence: Evidence, left: Left) -> Iterable[Candidate]:
+    def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
         for ticks in TICKS:
-            earlier = evidence.rows_before(ticks)
-            change = evidence.predicted[earlier] - evidence.predicted
+            earlier = observations.rows_before(ticks)
+            change = observations.predicted[earlier] - observations.predicted
             yield Candidate(
                 self.name,
                 f"{ticks * 10} ms",
                 Own(change[:, :, None].astype(np.float32)),
                 fitting=Fitting(fixed=True),
                 settled={"lag": (ticks * TICK_S, "s")},
+                online=partial(_online, ticks),
                 moved=partial(_moved, ticks),
             )
 
-    @override
-    def plant(self, planting: Planting) -> None:
-        recording = planting.recording
-        rows, first = np.arange(len(recording)), np.zeros(len(recording), np.int64)
-        for segment in recording.segments:
-            first[segment] = segment.start
 
-        def trailing(ticks: int) -> Recording:
-            return replace(recording, channels=recording.channels[np.maximum(rows - ticks, first)])
-
-        ticks = range(1, TICKS[-1] + 1)
-        planting.search(((one * TICK_S, partial(trailing, one)) for one in ticks), "lag", "s")
+def _online(ticks: int, weights: Floats) -> Online:
+    del weights
+    return Online(shift_ticks=ticks)
 
 
-def _moved(ticks: int, evidence: Evidence) -> Evidence:
-    """The evidence with windows from so many ticks before."""
-    windows = evidence.windows[evidence.rows_before(ticks)]
-    shift = evidence.shift_ticks + ticks
-    return evidence.with_windows(windows, turn=evidence.turn, shift_ticks=shift)
+def _moved(ticks: int, observations: Observations) -> Observations:
+    """The observations with windows from so many ticks before."""
+    windows = observations.windows[observations.rows_before(ticks)]
+    shift = observations.shift_ticks + ticks
+    return observations.with_windows(windows, turn=observations.turn, shift_ticks=shift)

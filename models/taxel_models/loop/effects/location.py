@@ -7,19 +7,19 @@ from typing import Final
 import numpy as np
 from typing_extensions import override
 
-from taxel.channels import CHANNELS
-from taxel.corrections import Places
+from taxel.corrections import Location as LocationTerm
+from taxel.corrections import location_design
 from taxel_models.loop.basis import Floats, Shared
-from taxel_models.loop.effects.effect import Candidate, Effect, Left, Online
-from taxel_models.loop.evidence import TOUCH_N, Evidence
-from taxel_models.loop.planting import Planting
+from taxel_models.loop.effects.effect import Candidate, Effect, Online, Remaining
+from taxel_models.loop.observations import Observations
+from taxel_models.loop.resting import TOUCH_N
 
 CENTRES: Final = 16
 HALF_FORCE_N: Final = 0.5
 WIDTH: Final = 0.8
 """Of a bump, over the mean distance between neighbouring centres: bumps overlap smoothly."""
 
-LEAST_SPREAD_M: Final = 2e-4
+LEAST_SD_M: Final = 2e-4
 _CANDIDATES: Final = 2000
 
 
@@ -32,19 +32,19 @@ class Location(Effect):
     signature = "the residual repeats wherever the same place is pressed, whenever that is"
 
     @override
-    def forms(self, evidence: Evidence, left: Left) -> Iterable[Candidate]:
-        position, pressed = _served(evidence)
-        touched = position[left.fit & (pressed > TOUCH_N)]
-        if len(touched) < CENTRES or touched.std(axis=0).max() < LEAST_SPREAD_M:
+    def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
+        position, pressed = _served(observations)
+        touched = position[remaining.fit & (pressed > TOUCH_N)]
+        if len(touched) < CENTRES or touched.std(axis=0).max() < LEAST_SD_M:
             return
-        centres = spread_out(touched, CENTRES)
+        centres = farthest_points(touched, CENTRES)
         distances = np.linalg.norm(centres[:, None] - centres[None], axis=2)
         spacing = float(np.partition(distances, 1, axis=1)[:, 1].mean())
-        yield self._with(centres, WIDTH * max(spacing, LEAST_SPREAD_M), evidence)
+        yield self._with(centres, WIDTH * max(spacing, LEAST_SD_M), observations)
 
-    def _with(self, centres: Floats, width: float, evidence: Evidence) -> Candidate:
+    def _with(self, centres: Floats, width: float, observations: Observations) -> Candidate:
         def online(weights: Floats) -> Online:
-            term = Places(
+            term = LocationTerm(
                 centres=tuple(tuple(centre) for centre in centres.tolist()),
                 width=width,
                 half_force=HALF_FORCE_N,
@@ -55,7 +55,7 @@ class Location(Effect):
         return Candidate(
             self.name,
             f"{len(centres)} bumps",
-            Shared(bumps(*_served(evidence), centres, width)),
+            Shared(location_design(*_served(observations), centres, width, HALF_FORCE_N)),
             weight_names=tuple(f"bump {number}" for number in range(1, len(centres) + 1)),
             weight_unit="counts",
             settled={"width": (width * 1e3, "mm")},
@@ -63,31 +63,14 @@ class Location(Effect):
             again=partial(self._with, centres, width),
         )
 
-    @override
-    def plant(self, planting: Planting) -> None:
-        samples = planting.recording.samples
-        touched = samples.position[planting.pressed > TOUCH_N]
-        centres = spread_out(touched, 6)
-        width = float(np.linalg.norm(touched.std(axis=0))) * 0.5
-        weights = planting.random.normal(size=(6, len(CHANNELS))) * planting.residual
-        planting.add(
-            bumps(samples.position, planting.pressed, centres, width) @ weights, {}, width=width * 1e3
-        )
 
-
-def _served(evidence: Evidence) -> tuple[Floats, Floats]:
+def _served(observations: Observations) -> tuple[Floats, Floats]:
     """(n, 3) positions and (n,) forces' magnitudes as a served window has them: before a lag, if any."""
-    rows = evidence.rows_before(evidence.shift_ticks)
-    return evidence.position[rows], evidence.pressed[rows]
+    rows = observations.rows_before(observations.shift_ticks)
+    return observations.position[rows], observations.pressed[rows]
 
 
-def bumps(position: Floats, pressed: Floats, centres: Floats, width: float) -> Floats:
-    """(n, k) of positions (n, 3) m and forces (n,) N, as `Places` has them."""
-    squared = ((position[:, None] - centres[None]) ** 2).sum(axis=2)
-    return np.asarray((pressed / (pressed + HALF_FORCE_N))[:, None] * np.exp(-squared / (2 * width**2)))
-
-
-def spread_out(places: Floats, count: int) -> Floats:
+def farthest_points(places: Floats, count: int) -> Floats:
     """(count, 3) of the places, far from each other: each the farthest from those before it."""
     some = places[np.linspace(0, len(places) - 1, min(len(places), _CANDIDATES)).astype(int)]
     chosen = [some[int(np.argmin(((some - some.mean(axis=0)) ** 2).sum(axis=1)))]]

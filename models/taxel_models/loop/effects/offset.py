@@ -10,10 +10,9 @@ from typing_extensions import override
 from taxel.channels import CHANNELS
 from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, Calibrated, Weighted
 from taxel_models.loop.basis import Basis, Floats, Joined, Own, Shared
-from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Left, Online, weighted
-from taxel_models.loop.evidence import Evidence, TakenCalibration
-from taxel_models.loop.moments import Fitting
-from taxel_models.loop.planting import Planting
+from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Online, Remaining, weighted
+from taxel_models.loop.observations import Observations, TakenCalibration
+from taxel_models.loop.statistics import Fitting
 
 ONE: Final = "one"
 
@@ -45,21 +44,21 @@ class Offset(Effect):
     signature = "the residual's mean, the same in free air and in contact, whenever and wherever"
 
     @override
-    def forms(self, evidence: Evidence, left: Left) -> Iterable[Candidate]:
-        one = Driver(ONE, np.ones(len(evidence)))
+    def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
+        constant = Driver(ONE, np.ones(len(observations)))
         yield weighted(
-            evidence,
+            observations,
             self.name,
             "constant",
             "unit",
-            [one],
+            [constant],
             centred=False,
             weight_names=("offset",),
             weight_unit="counts",
         )
 
-        if evidence.calibration is not None:
-            yield from self._calibrated(evidence.calibration, evidence.segment, left.fit)
+        if observations.calibration is not None:
+            yield from self._calibrated(observations.calibration, observations.segment, remaining.fit)
 
     def _calibrated(
         self, taken: TakenCalibration, segment: NDArray[np.int64], fit: NDArray[np.bool_]
@@ -115,11 +114,6 @@ class Offset(Effect):
             online=lambda weights: _fading_online(weights, time_constant_s, limits),
             again=lambda _: self._fading(taken, time_constant_s, limits),
         )
-
-    @override
-    def plant(self, planting: Planting) -> None:
-        values = planting.random.normal(size=len(CHANNELS))
-        planting.add(np.broadcast_to(values, planting.recording.channels.shape), {"offset": values})
 
 
 def _fading_online(weights: Floats, time_constant_s: float, limits: Floats | None) -> Online:

@@ -4,11 +4,9 @@ from collections.abc import Iterable
 
 from typing_extensions import override
 
-from taxel.channels import CHANNELS
 from taxel.windows import Speed, history
-from taxel_models.loop.effects.effect import Candidate, Effect, Left, past, weighted
-from taxel_models.loop.evidence import Evidence
-from taxel_models.loop.planting import Planting
+from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past, weighted
+from taxel_models.loop.observations import Observations
 
 
 class Rate(Effect):
@@ -20,21 +18,16 @@ class Rate(Effect):
     signature = "the residual is there only while force or place change, with the sign of the change"
 
     @override
-    def forms(self, evidence: Evidence, left: Left) -> Iterable[Candidate]:
+    def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
         rates = [
-            past(evidence, history.Rate(of=of), f"rate.{of}", "N/s") for of in ("force", "fx", "fy", "fz")
+            past(observations, history.Rate(of=of), f"rate.{of}", "N/s")
+            for of in ("force", "fx", "fy", "fz")
         ]
-        speed = past(evidence, Speed(), "speed", "m/s")
+        speed = past(observations, Speed(), "speed", "m/s")
         forms = (
             ("of force", rates[:1], "counts s/N"),
             ("of force and its direction", rates, "counts s/N"),
             ("speed", [speed], "counts s/m"),
         )
         for form, drivers, unit in forms:
-            yield weighted(evidence, self.name, form, "unit", drivers, weight_unit=unit)
-
-    @override
-    def plant(self, planting: Planting) -> None:
-        rate = planting.history(history.Rate(of="force"))
-        weights = planting.random.normal(0.0, 1.0, len(CHANNELS)) * planting.residual
-        planting.add(rate[:, None] * weights, {"weight": weights})
+            yield weighted(observations, self.name, form, "unit", drivers, weight_unit=unit)

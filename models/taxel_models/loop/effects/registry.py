@@ -18,7 +18,7 @@ from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.effects.rate import Rate
 from taxel_models.loop.effects.saturation import Saturation
 from taxel_models.loop.effects.temperature import Temperature
-from taxel_models.loop.evidence import Evidence
+from taxel_models.loop.observations import Observations
 
 EFFECTS: Final[tuple[type[Effect], ...]] = (
     Offset,
@@ -40,9 +40,9 @@ EFFECTS: Final[tuple[type[Effect], ...]] = (
 NAMES: Final = tuple(effect.name for effect in EFFECTS)
 
 
-def candidates(evidence: Evidence) -> list[Effect]:
+def candidates(observations: Observations) -> list[Effect]:
     """Every effect that a recording could show, one for each extra column among them."""
-    columns = [name for name in evidence.covariates if name not in NOT_COVARIATES]
+    columns = [name for name in observations.covariates if name not in NOT_COVARIATES]
     return [*(effect() for effect in EFFECTS), *map(Covariate, columns)]
 
 

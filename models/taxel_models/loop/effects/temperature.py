@@ -6,13 +6,12 @@ from typing import Final
 import numpy as np
 from typing_extensions import override
 
-from taxel.channels import CHANNELS, COUNTS_MAX, ELECTRODE_COLUMNS
+from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
 from taxel.windows import Relaxation
 from taxel_models.loop.effects.drift import PIECES, SHORTEST_S
-from taxel_models.loop.effects.effect import Candidate, Effect, Left, elapsed, given, past, weighted
-from taxel_models.loop.evidence import Evidence, are_raw
-from taxel_models.loop.moments import Fitting
-from taxel_models.loop.planting import Planting
+from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, elapsed, given, past, weighted
+from taxel_models.loop.observations import Observations
+from taxel_models.loop.statistics import Fitting
 
 TDC: Final = "tdc"
 COOLING_S: Final = 8.0
@@ -23,7 +22,7 @@ ALIKE: Final = 0.35
 24 % on all of them."""
 
 LEAST_COUNTS: Final = 2.0
-"""Less spread of tdc than this is its own noise."""
+"""Less standard deviation of tdc than this is its own noise."""
 
 
 class Temperature(Effect):
@@ -35,19 +34,19 @@ class Temperature(Effect):
     signature = "the residual follows tdc, common to all electrodes in ln Z, also where tdc turns back"
 
     @override
-    def forms(self, evidence: Evidence, left: Left) -> Iterable[Candidate]:
-        values = evidence.covariates.get(TDC)
+    def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
+        values = observations.covariates.get(TDC)
         if values is None:
-            yield from self._by_state(evidence)
+            yield from self._by_state(observations)
             return
         if values.std() < LEAST_COUNTS:
             return
-        driver = given(evidence, TDC, "counts")
-        if evidence.raw_counts:
+        driver = given(observations, TDC, "counts")
+        if observations.raw_counts:
             electrodes = np.zeros((len(CHANNELS), 1), bool)
             electrodes[ELECTRODE_COLUMNS] = True
             yield weighted(
-                evidence,
+                observations,
                 self.name,
                 "electrodes alike, in ln Z",
                 "log_impedance",
@@ -57,7 +56,7 @@ class Temperature(Effect):
                 weight_unit="ln Z per tdc count",
             )
             yield weighted(
-                evidence,
+                observations,
                 self.name,
                 "by channel, in ln Z",
                 "log_impedance",
@@ -68,7 +67,7 @@ class Temperature(Effect):
             )
         else:
             yield weighted(
-                evidence,
+                observations,
                 self.name,
                 "by channel",
                 "unit",
@@ -77,19 +76,19 @@ class Temperature(Effect):
                 weight_unit="counts per tdc count",
             )
 
-    def _by_state(self, evidence: Evidence) -> Iterable[Candidate]:
+    def _by_state(self, observations: Observations) -> Iterable[Candidate]:
         """Without a measured temperature: warm-up since the session began, cooled by contact."""
-        span = float(evidence.time_s.max())
-        if span < SHORTEST_S or not evidence.raw_counts:
+        span = float(observations.time_s.max())
+        if span < SHORTEST_S or not observations.raw_counts:
             return
         edges = np.linspace(0.0, span, PIECES + 1)
-        drivers = elapsed(evidence, edges)
+        drivers = elapsed(observations, edges)
         cooling = Relaxation(of="force", time_constant_s=COOLING_S)
-        drivers.append(past(evidence, cooling, f"relaxation[{COOLING_S:g}s].force", "N"))
+        drivers.append(past(observations, cooling, f"relaxation[{COOLING_S:g}s].force", "N"))
         electrodes = np.zeros((len(CHANNELS), len(drivers)), bool)
         electrodes[ELECTRODE_COLUMNS] = True
         yield weighted(
-            evidence,
+            observations,
             self.name,
             "a thermal state, electrodes alike, in ln Z",
             "log_impedance",
@@ -97,13 +96,3 @@ class Temperature(Effect):
             fitting=Fitting(pooled=True, allowed=electrodes),
             weight_unit="ln Z per s; ln Z per N",
         )
-
-    @override
-    def plant(self, planting: Planting) -> None:
-        warmer = planting.recording.auxiliary[TDC] - planting.recording.auxiliary[TDC].mean()
-        slopes = planting.random.normal(1.0, 0.2, len(CHANNELS)) * planting.random.choice([-1.0, 1.0])
-        counts = planting.recording.channels
-        raw = are_raw(planting.rest)
-        steepness = counts * (1.0 - counts / COUNTS_MAX) if raw else np.ones_like(counts)
-        steepness[:, :2] = 0.0
-        planting.add(warmer[:, None] * steepness * slopes, {"slope": slopes})

@@ -27,7 +27,7 @@ class Pictures:
 
     waterfall: Picture
     channels: Picture
-    remainder: Picture
+    residual: Picture
     effects: dict[str, Picture]
 
 
@@ -44,7 +44,7 @@ def contents(findings: Findings, extras: Sequence[ExtraFeature], pictures: Pictu
         *_rejected(findings),
         Heading("What is left"),
         Paragraph(_left(findings)),
-        pictures.remainder,
+        pictures.residual,
     ]
     blocks += [Heading("Errors before and after"), pictures.channels, _errors(findings)]
     blocks += [Heading("Data and split"), *_data(findings)]
@@ -65,7 +65,10 @@ def _effect(effect: FoundEffect, extras: Sequence[ExtraFeature], picture: Pictur
 
 def _parameters(effect: FoundEffect) -> list[Block]:
     figures = effect.parameters[:_MOST_PARAMETERS]
-    rows = tuple((one.name, number(one.value), interval(one) or "settled", one.unit) for one in figures)
+    rows = tuple(
+        (figure.name, number(figure.value), interval(figure) or "settled", figure.unit)
+        for figure in figures
+    )
     blocks: list[Block] = [Table(("parameter", "value", "95 % interval", "unit"), rows)]
     more = len(effect.parameters) - len(figures)
     if more:
@@ -77,8 +80,15 @@ def _rejected(findings: Findings) -> list[Block]:
     if not findings.rejected:
         return []
     rows = tuple(
-        (one.name, one.form, percent(one.alone), percent(one.left), f"{one.p_value:.2g}", one.reason)
-        for one in findings.rejected
+        (
+            candidate.name,
+            candidate.form,
+            percent(candidate.alone),
+            percent(candidate.left),
+            f"{candidate.p_value:.2g}",
+            candidate.reason,
+        )
+        for candidate in findings.rejected
     )
     text = (
         "Shares are what the candidate explains in cross-validation, of the first residual by itself and "
@@ -89,11 +99,11 @@ def _rejected(findings: Findings) -> list[Block]:
 
 
 def _left(findings: Findings) -> str:
-    rest = findings.unexplained
-    kind = "structured but unexplained" if rest.structured else "as good as noise"
-    share = f"{percent(rest.share)} of it is more than the channels' noise"
-    lags = listed([f"{value:.2f} at {lag}" for lag, value in rest.autocorrelation.items()])
-    return f"What is left is {kind}: {rest.hint}. {share}; its autocorrelation is {lags}."
+    unexplained = findings.unexplained
+    kind = "structured but unexplained" if unexplained.structured else "as good as noise"
+    share = f"{percent(unexplained.share)} of it is more than the channels' noise"
+    lags = listed([f"{value:.2f} at {lag}" for lag, value in unexplained.autocorrelation.items()])
+    return f"What is left is {kind}: {unexplained.hint}. {share}; its autocorrelation is {lags}."
 
 
 def _errors(findings: Findings) -> Table:
@@ -115,8 +125,13 @@ def _error_row(name: str, before: dict[str, Any], after: dict[str, Any], part: s
 
 def _data(findings: Findings) -> list[Block]:
     rows = tuple(
-        (str(one["name"]), str(one["format"]), str(one["rows"]), str(one["sha256"])[:12])
-        for one in findings.data
+        (
+            str(recording["name"]),
+            str(recording["format"]),
+            str(recording["rows"]),
+            str(recording["sha256"])[:12],
+        )
+        for recording in findings.data
     )
     split = "; ".join(f"{name.replace('_', ' ')}: {value}" for name, value in findings.split.items())
     noise = (

@@ -1,12 +1,14 @@
 """A report's parts in order, before they are written as Markdown or HTML."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 
 @dataclass(frozen=True)
 class Heading:
     """Opens a section."""
 
+    kind: ClassVar = "heading"
     text: str
 
 
@@ -14,6 +16,7 @@ class Heading:
 class Paragraph:
     """Running text."""
 
+    kind: ClassVar = "paragraph"
     text: str
 
 
@@ -21,6 +24,7 @@ class Paragraph:
 class Table:
     """Rows of cells, each as long as the head."""
 
+    kind: ClassVar = "table"
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
 
@@ -35,6 +39,7 @@ class Picture:
         caption: what it shows and how to read it.
     """
 
+    kind: ClassVar = "picture"
     file: str
     title: str
     caption: str

@@ -6,10 +6,9 @@ from typing import Final
 import numpy as np
 
 from taxel.channels import CHANNELS
-from taxel.corrections import Mix
+from taxel.corrections import Crosstalk as CrosstalkTerm
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats, Shared
-from taxel_models.loop.closing import Closed
 from taxel_models.loop.effects.covariate import Covariate
 from taxel_models.loop.effects.crosstalk import Crosstalk
 from taxel_models.loop.effects.drift import Drift
@@ -17,6 +16,7 @@ from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.lag import Lag
 from taxel_models.loop.effects.saturation import Saturation
 from taxel_models.loop.effects.temperature import TDC, Temperature
+from taxel_models.loop.pipeline import LoopResult
 from taxel_models.loop.report.partial import Partial
 
 _CHANGE_TICKS: Final = 5
@@ -35,59 +35,61 @@ class Axis:
     values: Floats
 
 
-def axis_of(closed: Closed, partial: Partial, channel: int) -> Axis:
+def axis_of(result: LoopResult, partial: Partial, channel: int) -> Axis:
     """The effect's driver for a channel; where it has none by itself, what the effect adds."""
-    evidence, rows, name = closed.evidence, partial.rows, CHANNELS[channel]
+    observations, rows, name = result.observations, partial.rows, CHANNELS[channel]
     found: Axis | None
     match partial.kind:
         case Gain.name | Saturation.name:
-            found = Axis(f"{name} as predicted, from rest, counts", evidence.signal[rows, channel])
-        case Temperature.name if TDC in evidence.covariates:
-            found = Axis(f"{TDC}, counts", evidence.covariates[TDC][rows])
+            found = Axis(f"{name} as predicted, from rest, counts", observations.signal[rows, channel])
+        case Temperature.name if TDC in observations.covariates:
+            found = Axis(f"{TDC}, counts", observations.covariates[TDC][rows])
         case Drift.name | Temperature.name:
-            found = Axis("time since the recording began, s", evidence.time_s[rows])
+            found = Axis("time since the recording began, s", observations.time_s[rows])
         case Lag.name:
-            found = Axis(f"change of {name} as predicted, counts/s", _change(closed, channel)[rows])
+            found = Axis(f"change of {name} as predicted, counts/s", _change(result, channel)[rows])
         case Crosstalk.name:
-            found = _source(closed, partial, channel)
+            found = _source(result, partial, channel)
         case Covariate.name:
-            found = _covariate(closed, partial)
+            found = _covariate(result, partial)
         case _:
-            found = _feature(closed, partial)
+            found = _feature(result, partial)
     contribution = Axis(f"what {partial.named.name} adds, counts", partial.contribution[:, channel])
     return found or contribution
 
 
-def _feature(closed: Closed, partial: Partial) -> Axis | None:
+def _feature(result: LoopResult, partial: Partial) -> Axis | None:
     """The one feature that all channels' weights multiply."""
     candidate = partial.named.score.candidate
     basis = candidate.basis
     if not isinstance(basis, Shared) or basis.size > 1 or basis.shape is not None:
         return None
     name = candidate.weight_names[0]
-    units = [f", {extra.unit}" for extra in closed.new.extras if extra.name == name]
+    units = [f", {extra.unit}" for extra in result.new.extras if extra.name == name]
     return Axis(f"{name} from its mean{''.join(units)}", basis.features[partial.rows, 0])
 
 
-def _covariate(closed: Closed, partial: Partial) -> Axis | None:
+def _covariate(result: LoopResult, partial: Partial) -> Axis | None:
     basis = partial.named.score.candidate.basis
     if not isinstance(basis, Shared) or basis.shape is not None:
         return None
     column = partial.named.name.partition(":")[2]
-    return Axis(column, closed.evidence.covariates[column][partial.rows])
+    return Axis(column, result.observations.covariates[column][partial.rows])
 
 
-def _change(closed: Closed, channel: int) -> Floats:
+def _change(result: LoopResult, channel: int) -> Floats:
     """(n,) counts/s."""
-    counts = closed.evidence.predicted[:, channel]
-    earlier = closed.evidence.rows_before(_CHANGE_TICKS)
+    counts = result.observations.predicted[:, channel]
+    earlier = result.observations.rows_before(_CHANGE_TICKS)
     return np.asarray((counts - counts[earlier]) / (_CHANGE_TICKS * TICK_S))
 
 
-def _source(closed: Closed, partial: Partial, channel: int) -> Axis | None:
+def _source(result: LoopResult, partial: Partial, channel: int) -> Axis | None:
     """The signal of the channel that leaks into this one."""
-    terms = [term for effect in closed.new.effects for term in effect.terms if isinstance(term, Mix)]
+    terms = [
+        term for effect in result.new.effects for term in effect.terms if isinstance(term, CrosstalkTerm)
+    ]
     for leak in (leak for term in terms for leak in term.leaks if leak.to == CHANNELS[channel]):
-        signal = closed.evidence.signal[partial.rows, CHANNELS.index(leak.source)]
+        signal = result.observations.signal[partial.rows, CHANNELS.index(leak.source)]
         return Axis(f"{leak.source} as predicted, from rest, counts", signal)
     return None

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats, Shared
-from taxel_models.loop.closing import Closed
 from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.effects.location import Location
 from taxel_models.loop.effects.offset import Offset
-from taxel_models.loop.evidence import TOUCH_N
+from taxel_models.loop.pipeline import LoopResult
 from taxel_models.loop.report.colours import AFTER, BEFORE, MEASURED
 from taxel_models.loop.report.drivers import axis_of
 from taxel_models.loop.report.partial import Partial
+from taxel_models.loop.resting import TOUCH_N
 
 _BINS: Final = 14
 _LEAST_ROWS: Final = 12
@@ -37,7 +37,7 @@ _OUTER: Final = (0.005, 0.995)
 _TRACE_ROWS: Final = 3000
 
 
-def draw_effect(closed: Closed, partial: Partial, path: Path) -> str:
+def draw_effect(result: LoopResult, partial: Partial, path: Path) -> str:
     """Draw an effect in the way that shows it best.
 
     Returns:
@@ -45,14 +45,14 @@ def draw_effect(closed: Closed, partial: Partial, path: Path) -> str:
     """
     if partial.kind == Offset.name and not isinstance(partial.named.score.candidate.basis, Shared):
         # An offset of each contact has no mean to speak of.
-        return _against_driver(closed, partial, path)
-    return _WAYS.get(partial.kind, _against_driver)(closed, partial, path)
+        return _against_driver(result, partial, path)
+    return _WAYS.get(partial.kind, _against_driver)(result, partial, path)
 
 
-def _against_driver(closed: Closed, partial: Partial, path: Path) -> str:
+def _against_driver(result: LoopResult, partial: Partial, path: Path) -> str:
     figure, panels = _panels(len(partial.channels))
     for panel, channel in zip(panels, partial.channels, strict=True):
-        axis = axis_of(closed, partial, channel)
+        axis = axis_of(result, partial, channel)
         for residual, colour, label in (
             (partial.before[:, channel], BEFORE, "before"),
             (partial.after[:, channel], AFTER, "after"),
@@ -99,11 +99,11 @@ def _quartiles(groups: list[Floats]) -> tuple[Floats, Floats, Floats]:
     return low, middle, high
 
 
-def _means(closed: Closed, partial: Partial, path: Path) -> str:
+def _means(result: LoopResult, partial: Partial, path: Path) -> str:
     """A bar a channel: means over blocks with their 95 % intervals."""
     figure = Figure(figsize=(10, 3.8), layout="constrained")
     axes = figure.subplots()
-    blocks = closed.blocks.of_row[partial.rows]
+    blocks = result.blocks.of_row[partial.rows]
     for shift, residual, colour, label in (
         (-0.2, partial.before, BEFORE, "before"),
         (0.2, partial.after, AFTER, "after"),
@@ -124,13 +124,13 @@ def _means(closed: Closed, partial: Partial, path: Path) -> str:
     )
 
 
-def _map(closed: Closed, partial: Partial, path: Path) -> str:
+def _map(result: LoopResult, partial: Partial, path: Path) -> str:
     """Mean absolute residual over where the contact is, in the two directions in which it moves most."""
-    touched = closed.evidence.pressed[partial.rows] > TOUCH_N
-    position = closed.evidence.position[partial.rows][touched] * 1e3
+    touched = result.observations.pressed[partial.rows] > TOUCH_N
+    position = result.observations.position[partial.rows][touched] * 1e3
     across, up = sorted(np.argsort(position.std(axis=0))[-2:])
     columns = list(partial.channels)
-    scale = np.array(closed.evidence.manifest.normalisation.output_std)[columns]
+    scale = np.array(result.observations.manifest.normalisation.output_std)[columns]
     sizes = [
         (np.abs(residual[touched][:, columns]) / scale).mean(axis=1)
         for residual in (partial.before, partial.after)
@@ -155,23 +155,23 @@ def _map(closed: Closed, partial: Partial, path: Path) -> str:
     )
 
 
-def _traces(closed: Closed, partial: Partial, path: Path) -> str:
+def _traces(result: LoopResult, partial: Partial, path: Path) -> str:
     """Half a minute around where the fault first shows."""
-    contribution, evidence = partial.named.contribution, closed.evidence
+    contribution, observations = partial.named.contribution, result.observations
     columns = _changed_most(contribution)
     figure = Figure(figsize=(10, 0.7 + 1.9 * len(columns)), layout="constrained")
     panels = figure.subplots(len(columns), 1, squeeze=False)[:, 0]
     for panel, channel in zip(panels, columns, strict=True):
         first = max(0, int(np.argmax(contribution[:, channel] != 0)) - _TRACE_ROWS // 3)
         rows = slice(first, first + _TRACE_ROWS)
-        seconds = TICK_S * np.arange(first, min(first + _TRACE_ROWS, len(evidence)), dtype=np.float64)
-        panel.plot(seconds, evidence.predicted[rows, channel], color=BEFORE, lw=1, label="model")
-        panel.plot(seconds, evidence.measured[rows, channel], color=MEASURED, lw=1.2, label="measured")
+        seconds = TICK_S * np.arange(first, min(first + _TRACE_ROWS, len(observations)), dtype=np.float64)
+        panel.plot(seconds, observations.predicted[rows, channel], color=BEFORE, lw=1, label="model")
+        panel.plot(seconds, observations.measured[rows, channel], color=MEASURED, lw=1.2, label="measured")
         _shade(panel, seconds, contribution[rows, channel] != 0)
         panel.set_ylabel(f"{CHANNELS[channel]}, counts")
         panel.grid(alpha=0.3)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
-    panels[-1].set_xlabel("seconds of rows, gaps closed")
+    panels[-1].set_xlabel("seconds of rows, gaps result")
     _save(figure, path)
     return "Channels with a fault where it first shows; shaded, where the channel repeats one value."
 
@@ -196,7 +196,7 @@ def _save(figure: Figure, path: Path) -> None:
     figure.savefig(path, dpi=110, format="png")
 
 
-_WAYS: Final[dict[str, Callable[[Closed, Partial, Path], str]]] = {
+_WAYS: Final[dict[str, Callable[[LoopResult, Partial, Path], str]]] = {
     Offset.name: _means,
     Location.name: _map,
     Fault.name: _traces,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS
 from taxel_models.loop.attribution import Named
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.closing import Closed
+from taxel_models.loop.pipeline import LoopResult
 
 _MOST_SHOWN: Final = 4
 _LEAST_TO_SHOW: Final = 0.1
@@ -22,7 +22,7 @@ class Partial:
 
     Attributes:
         named: the effect.
-        rows: (n,) which of the evidence's rows they are.
+        rows: (n,) which of the observations's rows they are.
         before: (m, 21) what the other named effects leave, counts.
         after: (m, 21) what is left with this one too, counts.
         contribution: (m, 21) their difference, counts.
@@ -37,10 +37,10 @@ class Partial:
     channels: tuple[int, ...]
 
     @classmethod
-    def of(cls, closed: Closed, named: Named) -> Self:
+    def of(cls, result: LoopResult, named: Named) -> Self:
         """Of one of the named effects."""
-        rows = closed.blocks.evaluation
-        after, contribution = closed.attribution.residual[rows], named.contribution[rows]
+        rows = result.blocks.evaluation
+        after, contribution = result.attribution.residual[rows], named.contribution[rows]
         before = after + contribution
         energy = (contribution**2).mean(axis=0) / np.maximum((before**2).mean(axis=0), 1e-9)
         most = [

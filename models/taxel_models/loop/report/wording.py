@@ -49,8 +49,10 @@ def interval(figure: Parameter) -> str:
 
 def key_parameters(effect: FoundEffect) -> str:
     """What settles the effect's form, then the largest of what was fitted."""
-    settled = [one for one in effect.parameters if one.low is None]
-    fitted = sorted((one for one in effect.parameters if one.low is not None), key=_size, reverse=True)
+    settled = [figure for figure in effect.parameters if figure.low is None]
+    fitted = sorted(
+        (figure for figure in effect.parameters if figure.low is not None), key=_size, reverse=True
+    )
     shown = [*settled, *fitted][:_MOST_KEY_PARAMETERS]
     more = len(effect.parameters) - len(shown)
     return "; ".join(map(parameter, shown)) + (f"; {more} more" if more else "")
@@ -163,11 +165,11 @@ def _rejected(findings: Findings) -> str:
 
 def left(findings: Findings) -> str:
     """What the named effects leave, in a sentence."""
-    rest = findings.unexplained
-    if not rest.structured:
+    unexplained = findings.unexplained
+    if not unexplained.structured:
         return "What is left is indistinguishable from the channels' noise."
-    share = f"{percent(rest.share)} of it is not noise"
-    return f"What is left is structured but unexplained ({share}): {rest.hint}."
+    share = f"{percent(unexplained.share)} of it is not noise"
+    return f"What is left is structured but unexplained ({share}): {unexplained.hint}."
 
 
 def _next(findings: Findings) -> str:
@@ -176,5 +178,5 @@ def _next(findings: Findings) -> str:
     if not any(effect.served for effect in findings.effects):
         return "There is nothing to add to the model."
     if findings.test.p_value > SIGNIFICANT:
-        return "Adding this to the model is not worth it on this evidence."
+        return "Adding this to the model is not worth it on this observations."
     return "Nothing was exported yet."

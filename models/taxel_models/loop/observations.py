@@ -1,0 +1,289 @@
+"""What the loop looks at: predictions beside measurements, and what else is known of each row."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.channels import CHANNELS
+from taxel.corrections import Frame
+from taxel.errors import RecordingError
+from taxel.manifest import Manifest
+from taxel.windows import HistoryFeature, Samples, build_windows, extra_columns, history_columns
+from taxel.windows.history import TICK_S
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.resting import are_raw, resting
+from taxel_models.recordings import Recording
+
+Predict = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+
+
+class Model(Protocol):
+    """What the loop asks of a model: a predictor of `taxel.load` does it."""
+
+    @property
+    def manifest(self) -> Manifest:
+        """Everything known of the model."""
+
+    def predict(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(n, 21) counts of windows (n, f)."""
+
+    def predict_base(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(n, 21) counts of the same windows without the effects of the manifest."""
+
+
+@dataclass(frozen=True)
+class TakenCalibration:
+    """What a user's own sensor would have shown at the start of each row's segment.
+
+    Attributes:
+        offsets: (n, 21) measured less predicted, counts.
+        age_s: (n,) how long before the row it ended.
+    """
+
+    offsets: Floats
+    age_s: Floats
+
+    def kept(self, keep: NDArray[np.bool_]) -> "TakenCalibration":
+        """Of some of the rows."""
+        return TakenCalibration(self.offsets[keep], self.age_s[keep])
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Rows of recordings, each a window's time T, in order.
+
+    Attributes:
+        model: that is compared with the measurements.
+        windows: (n, f) float32, with the model's own extra features.
+        predicted: (n, 21) counts.
+        base: (n, 21) what the model file itself gives, from which all terms are computed; differs from
+            `predicted` where the model is corrected already.
+        measured: (n, 21) counts.
+        session: (n,) number of the recording that the row is from.
+        segment: (n,) number of the segment; numbers run through all recordings.
+        time_s: (n,) since the recording's first sample.
+        position: (n, 3) m.
+        force: (n, 3) N.
+        covariates: any other column by name, `tdc` and `tac` among them, each (n,).
+        samples: the ticks of each recording, for features of the past.
+        rows: for each recording, which of its ticks the rows are.
+        turn: how the windows were turned before they were predicted.
+        shift_ticks: how far the windows were moved into the past.
+        calibration: taken at the start of each segment; None where none was.
+    """
+
+    model: Model
+    windows: NDArray[np.float32]
+    predicted: Floats
+    base: Floats
+    measured: Floats
+    session: NDArray[np.int64]
+    segment: NDArray[np.int64]
+    time_s: Floats
+    position: Floats
+    force: Floats
+    covariates: Mapping[str, Floats]
+    samples: tuple[Samples, ...]
+    rows: tuple[NDArray[np.int64], ...]
+    turn: Frame | None = None
+    shift_ticks: int = 0
+    calibration: TakenCalibration | None = None
+    _history: dict[HistoryFeature, Floats] = field(default_factory=dict, repr=False)
+
+    def __len__(self) -> int:
+        return len(self.predicted)
+
+    @property
+    def manifest(self) -> Manifest:
+        """The model's."""
+        return self.model.manifest
+
+    @cached_property
+    def residual(self) -> Floats:
+        """(n, 21) measured less predicted, counts."""
+        return self.measured - self.predicted
+
+    @cached_property
+    def pressed(self) -> Floats:
+        """(n,) the force's magnitude, N."""
+        return np.asarray(np.linalg.norm(self.force, axis=1))
+
+    @cached_property
+    def rest(self) -> Floats:
+        """(21,) what the model gives at rest, counts; see `resting`."""
+        return resting(self.pressed, self.base)
+
+    @cached_property
+    def signal(self) -> Floats:
+        """(n, 21) the model file's counts about rest."""
+        return self.base - self.rest
+
+    @cached_property
+    def raw_counts(self) -> bool:
+        """Whether electrodes read impedance: tared magnitudes rest near 0 and stand for none."""
+        return are_raw(self.rest)
+
+    def calibrated(self, seconds: float) -> "Observations":
+        """The rows after the first seconds of each segment, with the offsets found in those.
+
+        Raises:
+            RecordingError: no segment is longer than that.
+        """
+        starts = np.flatnonzero(np.diff(self.segment, prepend=-1))
+        since = self.time_s - np.repeat(self.time_s[starts], np.diff(starts, append=len(self)))
+        early = since < seconds
+        offsets = np.zeros_like(self.residual)
+        for start, stop in zip(starts, [*starts[1:], len(self)], strict=True):
+            offsets[start:stop] = self.residual[start:stop][early[start:stop]].mean(axis=0)
+        if early.all():
+            raise RecordingError(f"no segment is longer than the {seconds:g} s of its calibration")
+        return replace(self, calibration=TakenCalibration(offsets, since - seconds)).kept(~early)
+
+    def kept(self, keep: NDArray[np.bool_]) -> "Observations":
+        """Some of the rows."""
+        counts = np.cumsum([0, *map(len, self.rows)])
+        parts = [keep[start:stop] for start, stop in pairwise(counts)]
+        columns = ("windows", "predicted", "base", "measured", "session", "segment", "time_s")
+        fields: dict[str, Any] = {name: getattr(self, name)[keep] for name in columns}
+        return replace(
+            self,
+            **fields,
+            position=self.position[keep],
+            force=self.force[keep],
+            covariates={name: values[keep] for name, values in self.covariates.items()},
+            rows=tuple(rows[part] for rows, part in zip(self.rows, parts, strict=True)),
+            calibration=None if self.calibration is None else self.calibration.kept(keep),
+            _history={},
+        )
+
+    def rows_before(self, ticks: int) -> NDArray[np.int64]:
+        """(n,) the row so many ticks before each, in its segment; the row itself where there is none."""
+        rows = np.arange(len(self))
+        there = np.clip(rows - ticks, 0, len(self) - 1)
+        same = self.segment[there] == self.segment
+        apart = np.abs((self.time_s - self.time_s[there]) - ticks * TICK_S)
+        return np.where(same & (apart < TICK_S / 2), there, rows)
+
+    def with_windows(
+        self, windows: NDArray[np.float32], *, turn: Frame | None, shift_ticks: int
+    ) -> "Observations":
+        """The same rows, their inputs turned or shifted and predicted anew."""
+        predicted, base = _predictions(self.model, windows)
+        return replace(
+            self,
+            windows=windows,
+            predicted=predicted,
+            base=base,
+            turn=turn,
+            shift_ticks=shift_ticks,
+        )
+
+    def history(self, feature: HistoryFeature) -> Floats:
+        """(n,) a feature of the past at each row; built once."""
+        if feature not in self._history:
+            parts = [
+                history_columns(samples, [feature])[rows, 0]
+                for samples, rows in zip(self.samples, self.rows, strict=True)
+            ]
+            self._history[feature] = np.concatenate(parts)
+        return self._history[feature]
+
+
+def gather(model: Model, recordings: Sequence[Recording], *, measured_temperature: bool) -> Observations:
+    """Windows, predictions and measurements of recordings, aligned.
+
+    Args:
+        model: called with up to 4096 windows at a time.
+        measured_temperature: a model that takes `tdc` gets the recording's; else its default, and the
+            temperature is not looked at.
+
+    Raises:
+        RecordingError: no recording has a whole window.
+    """
+    manifest = model.manifest
+    ticks = [recording.ticks() for recording in recordings]
+    built = [build_windows(recording.samples, manifest.spec) for recording in ticks]
+    if not sum(map(len, built)):
+        raise RecordingError("the recordings hold no whole window: expected segments of at least 0.3 s")
+    rows = tuple(windows.rows for windows in built)
+    extras = [
+        _extras(manifest, recording, kept, measured_temperature)
+        for recording, kept in zip(ticks, rows, strict=True)
+    ]
+    windows = np.concatenate(
+        [
+            np.column_stack([own.values, extra]).astype(np.float32)
+            for own, extra in zip(built, extras, strict=True)
+        ]
+    )
+    predicted, base = _predictions(model, windows)
+    names = set.intersection(*({*recording.auxiliary, *recording.covariates} for recording in ticks)) - {
+        "pac1"
+    }
+    names -= set() if measured_temperature else {"tdc", "tac"}
+    columns = [{**recording.auxiliary, **recording.covariates} for recording in ticks]
+    starts = [recording.samples.time_ns[0] for recording in ticks]
+    return Observations(
+        model=model,
+        windows=windows,
+        predicted=predicted,
+        base=base,
+        measured=np.concatenate(
+            [recording.channels[kept] for recording, kept in zip(ticks, rows, strict=True)]
+        ),
+        session=np.repeat(np.arange(len(ticks)), [len(kept) for kept in rows]),
+        segment=_segments(ticks, rows),
+        time_s=np.concatenate(
+            [
+                (recording.samples.time_ns[kept] - start) / 1e9
+                for recording, kept, start in zip(ticks, rows, starts, strict=True)
+            ]
+        ),
+        position=np.concatenate(
+            [recording.samples.position[kept] for recording, kept in zip(ticks, rows, strict=True)]
+        ),
+        force=np.concatenate(
+            [recording.samples.force[kept] for recording, kept in zip(ticks, rows, strict=True)]
+        ),
+        covariates={
+            name: np.concatenate([own[name][kept] for own, kept in zip(columns, rows, strict=True)])
+            for name in sorted(names)
+        },
+        samples=tuple(recording.samples for recording in ticks),
+        rows=rows,
+    )
+
+
+def predict_all(predict: Predict, windows: NDArray[np.float32]) -> Floats:
+    """(n, 21) counts, in requests of a size that any server takes."""
+    parts = [predict(windows[start : start + 4096]) for start in range(0, len(windows), 4096)]
+    return np.concatenate(parts).astype(np.float64)[:, : len(CHANNELS)]
+
+
+def _predictions(model: Model, windows: NDArray[np.float32]) -> tuple[Floats, Floats]:
+    """What the model gives and what it gives without its effects, (n, 21) counts each."""
+    predicted = predict_all(model.predict, windows)
+    return predicted, predict_all(model.predict_base, windows) if model.manifest.effects else predicted
+
+
+def _extras(
+    manifest: Manifest, recording: Recording, rows: NDArray[np.int64], measured_temperature: bool
+) -> Floats:
+    columns = {**recording.auxiliary, **recording.covariates}
+    if not measured_temperature:
+        columns.pop("tdc")
+    return extra_columns(recording.samples, manifest.window.extras, columns)[rows]
+
+
+def _segments(recordings: Sequence[Recording], rows: tuple[NDArray[np.int64], ...]) -> NDArray[np.int64]:
+    numbers, first = [], 0
+    for recording, kept in zip(recordings, rows, strict=True):
+        starts = np.array([segment.start for segment in recording.segments])
+        numbers.append(first + np.searchsorted(starts, kept, side="right") - 1)
+        first += len(starts)
+    return np.concatenate(numbers).astype(np.int64)

@@ -1,0 +1,239 @@
+"""Closing the loop: from a model and recordings to findings and a correction."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from taxel.corrections import Parameter
+from taxel_models.evaluation.metrics import ErrorMetrics
+from taxel_models.loop.attribution import Attribution, Named
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.blocks import FOLDS, Blocks, cut
+from taxel_models.loop.correction import NewEffects, corrected, served_windows
+from taxel_models.loop.cross_validation import scale_of
+from taxel_models.loop.effects.registry import candidates
+from taxel_models.loop.findings import (
+    Findings,
+    FoundEffect,
+    PairedTest,
+    RejectedEffect,
+)
+from taxel_models.loop.intervals import parameters
+from taxel_models.loop.model_selection import LEAST_SHARE
+from taxel_models.loop.noise import NoiseFloor
+from taxel_models.loop.observations import Model, Observations, gather
+from taxel_models.loop.residual_diagnostics import diagnose_residual
+from taxel_models.loop.stepwise import StepwiseSelection
+from taxel_models.recordings import Recording
+
+
+@dataclass(frozen=True)
+class LoopSettings:
+    """How to look.
+
+    Attributes:
+        seed: of the split and of what chance gives.
+        held_out: share of the blocks to evaluate on.
+        hold_out_by: a covariate whose values are held out whole, such as `material`.
+        measured_temperature: whether a model that takes the temperature is given the recording's.
+        calibration_s: seconds at the start of each segment in which a user's own sensor is measured.
+        least_share: of the error that an effect has to take away to be named.
+        exclude: effects that are not to be looked for, such as `temperature`.
+    """
+
+    seed: int = 0
+    held_out: float = 0.3
+    hold_out_by: str | None = None
+    measured_temperature: bool = True
+    calibration_s: float = 0.0
+    least_share: float = LEAST_SHARE
+    exclude: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class LoopResult:
+    """Everything that came of it.
+
+    Attributes:
+        findings: for people and programs.
+        observations: as it was gathered.
+        blocks: what was fitted to and what was evaluated on.
+        attribution: what was named, with its contributions row by row.
+        new: what a corrected model consists of.
+        after: (n, 21) what the corrected model gives, counts.
+    """
+
+    findings: Findings
+    observations: Observations
+    blocks: Blocks
+    attribution: Attribution
+    new: NewEffects
+    after: Floats
+
+    def served_windows(self, rows: int) -> NDArray[np.float32]:
+        """(m, f) windows as the corrected model takes them, m up to `rows`."""
+        return served_windows(self.observations, self.attribution, self.new, rows)
+
+    def exported(self, version: str) -> "LoopResult":
+        """The same, exported as a version such as `xgb/2`."""
+        return replace(self, findings=self.findings.model_copy(update={"exported": version}))
+
+
+def run_loop(
+    model: Model,
+    recordings: Sequence[Recording],
+    settings: LoopSettings,
+    progress: Callable[[str], None] | None = None,
+) -> LoopResult:
+    """Find what a model lacks and what adding it brings, on blocks that nothing was fitted to.
+
+    Raises:
+        RecordingError: the recordings are too short to hold anything out, or lack a column.
+    """
+    if progress is not None:
+        progress("predicting")
+    observations = gather(model, recordings, measured_temperature=settings.measured_temperature)
+    if settings.calibration_s:
+        observations = observations.calibrated(settings.calibration_s)
+    blocks = cut(observations, seed=settings.seed, held_out=settings.held_out, group=settings.hold_out_by)
+    effects = [effect for effect in candidates(observations) if effect.label not in settings.exclude]
+    attribution = StepwiseSelection(
+        observations,
+        blocks,
+        effects,
+        seed=settings.seed + 1,
+        least_share=settings.least_share,
+        progress=progress,
+    ).run()
+    scale = scale_of(observations.residual[blocks.fit])
+    figures = {named.name: parameters(named, scale) for named in attribution.named}
+    new = NewEffects.of(attribution, figures)
+    after = corrected(observations, attribution, new)
+    findings = _findings(observations, recordings, blocks, settings, attribution, figures, new, after)
+    return LoopResult(findings, observations, blocks, attribution, new, after)
+
+
+def _findings(
+    observations: Observations,
+    recordings: Sequence[Recording],
+    blocks: Blocks,
+    settings: LoopSettings,
+    attribution: Attribution,
+    figures: Mapping[str, list[Parameter]],
+    new: NewEffects,
+    after: Floats,
+) -> Findings:
+    manifest = observations.manifest
+    rows, output_std = blocks.evaluation, np.array(manifest.normalisation.output_std)
+    noise = NoiseFloor.of(observations)
+    energy = (observations.residual[rows] ** 2).mean(axis=0)
+    measured = observations.measured[rows]
+    return Findings(
+        model=f"{manifest.name}/{manifest.version}",
+        data=tuple(
+            {
+                "name": source.name,
+                "format": source.format,
+                "rows": len(source),
+                "sha256": source.fingerprint,
+            }
+            for source in recordings
+        ),
+        split={
+            "unit": settings.hold_out_by or "blocks",
+            "blocks": len(blocks),
+            "evaluation_blocks": int((blocks.fold < 0).sum()),
+            "folds": min(FOLDS, int(blocks.fold.max()) + 1),
+            "rows": len(observations),
+            "evaluation_rows": int(rows.sum()),
+            "seed": settings.seed,
+            "measured_temperature": settings.measured_temperature,
+            "calibration_s": settings.calibration_s,
+            "least_share": settings.least_share,
+        },
+        noise_floor=noise.report(energy, output_std),
+        effects=_found(observations, attribution, figures, new, rows),
+        rejected=tuple(
+            RejectedEffect(
+                name=rejected.name,
+                form=rejected.form,
+                alone=rejected.alone,
+                left=rejected.share,
+                p_value=rejected.p_value,
+                reason=rejected.reason,
+            )
+            for rejected in attribution.rejected
+        ),
+        before=ErrorMetrics.of(measured, observations.predicted[rows], output_std).report(),
+        after=ErrorMetrics.of(measured, after[rows], output_std).report(),
+        test=_paired(observations, blocks, after, output_std),
+        unexplained=diagnose_residual(observations, observations.measured - after, noise.differences, rows),
+    )
+
+
+def _found(
+    observations: Observations,
+    attribution: Attribution,
+    figures: Mapping[str, list[Parameter]],
+    new: NewEffects,
+    rows: NDArray[np.bool_],
+) -> tuple[FoundEffect, ...]:
+    """Named effects by what each adds to those before it on the evaluation part."""
+    left = observations.residual[rows]
+    first = np.maximum((left**2).mean(axis=0), 1e-9)
+    served = {effect.name: effect for effect in new.effects}
+    found = []
+    for named in attribution.named:
+        left_after = left - named.contribution[rows]
+        explained = float((((left**2).mean(axis=0) - (left_after**2).mean(axis=0)) / first).mean())
+        left = left_after
+        applied = served.get(named.name)
+        needs = (
+            [] if applied is None else [extra.name for extra in new.extras if extra.name in applied.takes]
+        )
+        found.append(_found_effect(named, explained, figures[named.name], needs, applied is not None))
+    return tuple(sorted(found, key=lambda effect: -effect.explained))
+
+
+def _found_effect(
+    named: Named, explained: float, figures: Sequence[Parameter], needs: Sequence[str], served: bool
+) -> FoundEffect:
+    return FoundEffect(
+        name=named.name,
+        form=named.score.candidate.form,
+        equation=named.effect.equation,
+        channels=named.channels,
+        explained=explained,
+        conditional=named.conditional,
+        p_value=named.p_value,
+        t_test=named.score.repeats,
+        parameters=tuple(figures),
+        confounded_with=named.confounded_with,
+        needs=tuple(needs),
+        served=served,
+    )
+
+
+def _paired(observations: Observations, blocks: Blocks, after: Floats, output_std: Floats) -> PairedTest:
+    rows = blocks.evaluation
+    fall = np.abs(observations.residual) - np.abs(observations.measured - after)
+    by_row = (fall / output_std).mean(axis=1)
+    numbers = np.unique(blocks.of_row[rows])
+    falls = np.array([by_row[blocks.of_row == number].mean() for number in numbers])
+    if not falls.std() > 0:
+        # All blocks fall by the same amount: the test is not defined, and says nothing.
+        mean = float(falls.mean())
+        return PairedTest(blocks=len(falls), difference=mean, low=mean, high=mean, t=0.0, p_value=0.5)
+    interval = stats.ttest_1samp(falls, 0.0).confidence_interval(0.95)
+    test = stats.ttest_1samp(falls, 0.0, alternative="greater")
+    return PairedTest(
+        blocks=len(falls),
+        difference=float(falls.mean()),
+        low=float(interval.low),
+        high=float(interval.high),
+        t=float(test.statistic),
+        p_value=float(test.pvalue),
+    )

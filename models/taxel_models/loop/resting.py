@@ -1,0 +1,34 @@
+"""What a channel reads while nothing is touched."""
+
+from typing import Final
+
+import numpy as np
+
+from taxel.channels import ELECTRODE_COLUMNS
+from taxel_models.loop.basis import Floats
+
+TOUCH_N: Final = 0.1
+"""Less force than this counts as free air: ten times the force sensor's noise of the published rig."""
+
+_REST_ROWS: Final = 50
+
+_RAW_COUNTS: Final = 500.0
+"""Electrodes of a finger at rest read 2300 to 3500."""
+
+
+def resting(pressed: Floats, counts: Floats) -> Floats:
+    """(21,) the median of counts (n, 21) in free air.
+
+    A finger that is never in free air shows its rest where it is pressed least (n,), N; but where its
+    channels are tared, they rest at 0, however hard it is pressed.
+    """
+    free = pressed < TOUCH_N
+    if free.sum() >= _REST_ROWS:
+        return np.asarray(np.median(counts[free], axis=0))
+    least = np.median(counts[pressed <= np.quantile(pressed, 0.02)], axis=0)
+    return np.asarray(least if are_raw(least) else np.zeros_like(least))
+
+
+def are_raw(rest: Floats) -> bool:
+    """Whether resting counts (21,) are the converter's, and not differences from such."""
+    return bool(np.median(rest[ELECTRODE_COLUMNS]) > _RAW_COUNTS)

@@ -1,0 +1,195 @@
+"""Channels that stand still where they ought to move, told from those that rest or are cut off."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from taxel_models.loop.basis import Floats
+
+SHORTEST_RUN: Final = 25
+"""Rows, 250 ms, of one value: longer than sample and hold, shorter than a broken contact."""
+
+BY_CHANCE: Final = 1e-3
+"""Runs so long that fewer than so many are expected in the recording, by how often values repeat."""
+
+FAR: Final = 3.0
+"""Times the usual residual: a prediction that scatters so much during a run was not followed. What a model
+makes of a resting channel stays below."""
+
+MOST_PATIENCE: Final = 3.0
+"""Times the usual length of runs: a channel that repeats itself for longer is not merely a calm one."""
+
+JUMP: Final = 4.0
+"""Times the usual step: a channel reaches a level where it is cut off in smaller ones, a broken one does
+not."""
+
+ONE_SIDED: Final = 0.8
+"""Share of a run's rows where the prediction is beyond it: so at a level where the channel is cut off."""
+
+WHOLE: Final = 0.95
+"""Share of the rows since the first run from which on a channel counts as stuck for good."""
+
+Kind = Literal["stuck", "intermittent"]
+
+
+@dataclass(frozen=True)
+class StuckChannel:
+    """A channel that repeats one value.
+
+    Attributes:
+        channel: its column.
+        rows: (n,) where it does.
+        value: the commonest of the values that it is stuck at, counts.
+        kind: for good, or off and on.
+    """
+
+    channel: int
+    rows: NDArray[np.bool_]
+    value: float
+    kind: Kind
+
+
+def stuck_channels(measured: Floats, predicted: Floats, segment: NDArray[np.int64]) -> list[StuckChannel]:
+    """Channels that repeat a value while it ought to change, or for longer than chance explains.
+
+    Args:
+        measured: (n, 21) counts.
+        predicted: (n, 21) counts, from the model.
+        segment: (n,) number of the segment: no run goes from one to another.
+    """
+    channels = range(measured.shape[1])
+    runs = [Runs.of(measured[:, channel], segment) for channel in channels]
+    usual = float(np.median([own_runs.patience for own_runs in runs]))
+    still = _usual_residual(measured - predicted, predicted)
+    # Where noise keeps most channels from repeating themselves for long, one that does is broken.
+    calm = np.median([own_runs.long.any() for own_runs in runs]) > 0
+    found = []
+    for channel, own_runs in zip(channels, runs, strict=True):
+        if calm:
+            broken = own_runs.suspect(predicted[:, channel], FAR * still[channel], usual)
+        else:
+            broken = own_runs.long & own_runs.endless(usual).any()
+        rows = np.repeat(broken, own_runs.lengths)
+        if not rows.any():
+            continue
+        values, counts = np.unique(measured[rows, channel], return_counts=True)
+        value = float(values[counts.argmax()])
+        since = int(np.argmax(rows))
+        stuck = rows[since:].mean() > WHOLE and (measured[since:, channel] == value).mean() > WHOLE
+        found.append(StuckChannel(channel, rows, value, "stuck" if stuck else "intermittent"))
+    return found
+
+
+def _usual_residual(residual: Floats, predicted: Floats) -> Floats:
+    """(21,) robust standard deviation, or what the other channels would have where a fault makes it."""
+    own = stats.median_abs_deviation(residual, axis=0, scale="normal")
+    moves = np.maximum(predicted.std(axis=0), 1e-9)
+    return np.asarray(np.minimum(own, float(np.median(own / moves)) * moves))
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Stretches of one value in one channel.
+
+    Attributes:
+        starts: (runs,) first row.
+        lengths: (runs,) rows.
+        values: (runs,) counts.
+        steps: (2, runs) counts, the step into a run and the one out of it; NaN where a segment begins
+            or ends.
+    """
+
+    starts: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+    values: Floats
+    steps: Floats
+
+    @classmethod
+    def of(cls, values: Floats, segment: NDArray[np.int64]) -> "Runs":
+        """Of values (n,) in segments (n,)."""
+        steps = np.abs(np.diff(values, prepend=values[:1]))
+        begins = np.diff(segment, prepend=-1) != 0
+        starts = np.flatnonzero((steps != 0) | begins)
+        into = np.where(begins, np.nan, steps)[starts]
+        edges = np.stack([into, np.append(into[1:], np.nan)])
+        return cls(starts, np.diff(starts, append=len(values)), values[starts], edges)
+
+    @cached_property
+    def repeats(self) -> float:
+        """How often a value is followed by itself outside long runs."""
+        short = self.lengths[self.lengths < SHORTEST_RUN]
+        repeats = 1.0 - len(short) / short.sum() if short.sum() > SHORTEST_RUN else 0.5
+        return float(np.clip(repeats, 1e-3, 0.9999))
+
+    @cached_property
+    def long(self) -> NDArray[np.bool_]:
+        """(runs,) too long for how often values repeat elsewhere in the channel."""
+        return np.asarray(self.lengths >= max(SHORTEST_RUN, self._needed(-1.0 / np.log(self.repeats))))
+
+    @cached_property
+    def at_end(self) -> NDArray[np.bool_]:
+        """(runs,) at the least or the greatest value of all."""
+        least, greatest = self.values.min(), self.values.max()
+        return np.asarray(
+            ((self.values == least) | (self.values == greatest)) & (least < greatest), dtype=bool
+        )
+
+    @cached_property
+    def jumps(self) -> NDArray[np.bool_]:
+        """(runs,) got to or left by far more than the usual step."""
+        inner = np.isfinite(self.steps[0])
+        usual = self.steps[0][inner].mean() if inner.any() else 1.0
+        return np.asarray((self.steps > JUMP * usual).any(axis=0))
+
+    @cached_property
+    def patience(self) -> float:
+        """Rows: mean of what long runs last beyond the shortest, or of all by how often values repeat."""
+        by_repeats = float(-1.0 / np.log(self.repeats))
+        excess = self.lengths[self.long & (self.jumps | ~self.at_end)] - SHORTEST_RUN
+        return max(by_repeats, float(excess.mean())) if len(excess) else by_repeats
+
+    def endless(self, usual: float) -> NDArray[np.bool_]:
+        """(runs,) longer than chance explains by how long runs last here; a broken channel sets no measure.
+
+        Args:
+            usual: patience of the other channels.
+        """
+        patience = float(np.clip(self.patience, usual, MOST_PATIENCE * usual))
+        return np.asarray(self.lengths >= SHORTEST_RUN + self._needed(patience))
+
+    def suspect(self, predicted: Floats, far: float, usual: float) -> NDArray[np.bool_]:
+        """(runs,) long ones, if the channel jumps to those in which it did not do what it had to.
+
+        Args:
+            predicted: (n,) counts.
+            far: counts; where the prediction scatters more, the channel ought to have followed.
+            usual: patience of the other channels.
+        """
+        mean = self._mean(predicted)
+        around = predicted - np.repeat(mean, self.lengths)
+        lags = self.long & (np.sqrt(self._mean(around**2)) > far)
+        wrong = lags | (self.long & self.endless(usual))
+        # A level where the channel is cut off: reached in usual steps, and the prediction is beyond it.
+        beyond = self._mean(predicted > np.repeat(self.values, self.lengths))
+        one_sided = np.abs(beyond - 0.5) > ONE_SIDED - 0.5
+        inside = np.isfinite(self.steps).all(axis=0)
+        whole = np.isnan(self.steps).all(axis=0)
+        smooth = ~self.jumps & (self.at_end | (inside & one_sided))
+        abrupt = self.jumps | (~self.at_end & whole)
+        by_jump, by_level = int((wrong & abrupt).sum()), int((wrong & smooth).sum())
+        # What is neither tells only where no other does, and then not by its length.
+        broken = wrong & abrupt if by_jump > by_level else lags & ~smooth & (by_jump == by_level == 0)
+        at_one_of = np.isin(self.values, self.values[broken])
+        return np.asarray(self.long & broken.any() & (~smooth | at_one_of))
+
+    def _mean(self, rows: Floats | NDArray[np.bool_]) -> Floats:
+        """(runs,) mean over each run's rows."""
+        return np.asarray(np.add.reduceat(rows.astype(np.float64), self.starts) / self.lengths)
+
+    def _needed(self, patience: float) -> float:
+        """Rows of a run of which fewer than `BY_CHANCE` are expected where lengths fall off so."""
+        return float(np.log(self.lengths.sum() / BY_CHANCE) * patience)
