@@ -63,7 +63,7 @@ def main(arguments: list[str]) -> int:
     version = next(ROOT.glob("usr/bin/python3.*[0-9]")).name
     make_environment(emulator, version)
     install(version)
-    run = [("-m", "pytest", "-p", "no:cacheprovider", "-v", *(arguments or TESTS))]
+    run = [("-m", "pytest", "-p", "no:cacheprovider", "--no-header", "-v", *(arguments or TESTS))]
     if not arguments:
         expected, script = str(FOLDER / "x86-64.npz"), str(CHECKOUT / "tests/arm/predictions.py")
         subprocess.run([sys.executable, script, "write", expected], check=True)
