@@ -41,10 +41,12 @@ SYSTEM: Final = ("python3", "libstdc++6")
 LIBRARIES: Final = ("xgboost-cpu", "pytest", "hypothesis", "scipy", "matplotlib")
 """What the tests need beyond what serving needs. PyTorch's wheels are too large."""
 
+TREES: Final = "tests/server/trees"
+NETWORKS: Final = "tests/server/networks"
 TESTS: Final = (
-    "tests/server/trees",
-    "tests/server/networks/test_functions.py",
-    "tests/server/networks/test_panels.py",
+    *(f"{TREES}/test_lookups.py", f"{TREES}/test_few_rows_kernels.py", f"{TREES}/test_evaluators.py"),
+    *(f"{TREES}/test_exactness.py", f"{TREES}/test_ranks.py", f"{TREES}/test_runtime.py"),
+    *(f"{NETWORKS}/test_functions.py", f"{NETWORKS}/test_panels.py"),
 )
 
 
@@ -61,7 +63,7 @@ def main(arguments: list[str]) -> int:
     version = next(ROOT.glob("usr/bin/python3.*[0-9]")).name
     make_environment(emulator, version)
     install(version)
-    run = [("-m", "pytest", "-p", "no:cacheprovider", *(arguments or TESTS))]
+    run = [("-m", "pytest", "-p", "no:cacheprovider", "--no-header", "-v", *(arguments or TESTS))]
     if not arguments:
         expected, script = str(FOLDER / "x86-64.npz"), str(CHECKOUT / "tests/arm/predictions.py")
         subprocess.run([sys.executable, script, "write", expected], check=True)
