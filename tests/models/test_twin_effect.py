@@ -96,7 +96,7 @@ def test_covariates_are_planted_in_a_recording_that_has_them(app: typer.Typer, t
         (["--effect", "2"], "expected NAME or NAME:STRENGTH"),
         (["--effect", "covariate:material"], "no column 'material' to plant by; the recording has: none"),
         (["--into", "here.csv"], "--into: expected --effect to plant there"),
-        (["--truth", "truth.json"], "--truth: expected --effect, something to tell of"),
+        (["--truth", "truth.json"], "--truth: expected --effect as well"),
     ],
 )
 def test_bad_use_is_refused(app: typer.Typer, tmp_path: Path, arguments: list[str], message: str) -> None:
