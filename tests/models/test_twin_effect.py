@@ -94,9 +94,9 @@ def test_covariates_are_planted_in_a_recording_that_has_them(app: typer.Typer, t
         (["--effect", "gain:nan"], "a strength above 0"),
         (["--effect", "gain:inf"], "a strength above 0"),
         (["--effect", "2"], "expected NAME or NAME:STRENGTH"),
-        (["--effect", "covariate:material"], "no column 'material' to plant by; the recording has: none"),
-        (["--into", "here.csv"], "--into: expected --effect to plant there"),
-        (["--truth", "truth.json"], "--truth: expected --effect, something to tell of"),
+        (["--effect", "covariate:material"], "no column 'material' to inject by; the recording has: none"),
+        (["--into", "here.csv"], "--into: expected --effect, something to inject"),
+        (["--truth", "truth.json"], "--truth: expected --effect as well"),
     ],
 )
 def test_bad_use_is_refused(app: typer.Typer, tmp_path: Path, arguments: list[str], message: str) -> None:
