@@ -27,7 +27,7 @@ with (
         windows = rng.normal(size=(3, len(predictor.manifest.typical_window))).astype(np.float32)
         predicted = predictor.predict(windows)
         assert predicted.shape == (3, len(taxel.CHANNELS)), predicted.shape
-        # Each may take another of the two ways to evaluate a network: export allows them to differ by so much.
+        # Each may evaluate a network in another of two ways: export allows them to differ by so much.
         far = np.abs(remote.predict(windows) - predicted).max()
         allowed = 0 if model.platform == "xgboost_json" else predictor.manifest.parity.tolerance
         assert far <= allowed, f"{model.name}: {far} counts apart, allowed {allowed}"
