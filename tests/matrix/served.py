@@ -27,9 +27,10 @@ with (
         windows = rng.normal(size=(3, len(predictor.manifest.typical_window))).astype(np.float32)
         predicted = predictor.predict(windows)
         assert predicted.shape == (3, len(taxel.CHANNELS)), predicted.shape
-        # Both choose between two ways of evaluating a network by its speed, which differ in the last bit.
+        # Each may evaluate a network in another of two ways: export allows them to differ by so much.
         far = np.abs(remote.predict(windows) - predicted).max()
-        assert far <= (0 if model.platform == "xgboost_json" else 0.01), f"{model.name}: {far} counts apart"
+        allowed = 0 if model.platform == "xgboost_json" else predictor.manifest.parity.tolerance
+        assert far <= allowed, f"{model.name}: {far} counts apart, allowed {allowed}"
         served[model.name] = predicted.mean().item()
 assert served, "no shipped model"
 loaded = [name for name in TRAINING if name in sys.modules]
