@@ -14,11 +14,11 @@ import numpy as np
 from taxel import artifacts
 from taxel.errors import SettingsError, Unavailable
 from taxel_bench.compare.contenders import CHECKED_ROWS, Contender, Task, peer_contender, taxel_contender
-from taxel_bench.compare.environments import find_environment, install_environment
 from taxel_bench.compare.figures import Figures, median_ratios
 from taxel_bench.compare.peers import Peer
 from taxel_bench.compare.processes import Cores
 from taxel_bench.compare.rounds import BULK_ROWS, BareRuntime, Predict, Round, play_round
+from taxel_bench.environments import find_environment, install_environment
 from taxel_bench.windows import random_windows
 from taxel_server.engine import load_model
 
