@@ -162,6 +162,7 @@ def results_of(*arguments: str) -> list[dict[str, Any]]:
     return results
 
 
+@pytest.mark.filterwarnings("ignore:.torch.jit:DeprecationWarning")
 def test_torch_compiled_gives_the_networks_answers() -> None:
     peer = results_of("--model", "network-b", "--peers", "torch-compiled", *QUICK)[1]
     assert peer["engine"] == "torch-compiled"
