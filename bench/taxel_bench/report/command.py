@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from taxel.atomic import whole_file
-from taxel.commands.frame import OUT
+from taxel.commands.cli import OUT
 
 
 def report(

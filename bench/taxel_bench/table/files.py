@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from taxel_bench.figures import markdown_table, short
-from taxel_bench.table.drawing import draw_latency_against_batch, draw_time_against_parameters
+from taxel_bench.table.plots import draw_latency_against_batch, draw_time_against_parameters
 
 TABLE: Final = "table.json"
 
