@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from taxel.commands.cli import ERR, OUT, Json, print_json
+from taxel.commands.cli import ERR, OUT, Json, needs, print_json
 from taxel_bench.load.settings import TIMEOUT_S, LoadSettings, Scenario
 
 
