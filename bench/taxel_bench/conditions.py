@@ -9,7 +9,10 @@ import psutil
 from taxel_bench.timing import TimedCalls
 
 LEAST_RUNNING: Final = 0.95
-"""Share of the time that the measuring thread has to run: other programs may take no more than 5 %."""
+"""Processors that a call has to use: other programs may take no more than 5 % of its time."""
+
+MOST_RUNNING: Final = 1.1
+"""Processors that a call may use: with more, it has computed with more than one thread."""
 
 MOST_STOLEN: Final = 0.02
 """Share of the processors' time that a hypervisor may give to other machines."""
@@ -49,6 +52,8 @@ def disturbances(calls: TimedCalls, stolen: float) -> list[str]:
             f"other programs took {1 - calls.running:.0%} of the calls' time: "
             f"at most {1 - LEAST_RUNNING:.0%} is allowed"
         )
+    if calls.running > MOST_RUNNING:
+        reasons.append(f"the calls used {calls.running:.2g} processors: expected one thread")
     if stolen > MOST_STOLEN:
         reasons.append(
             f"the hypervisor gave {stolen:.0%} of the processors' time to other machines: "

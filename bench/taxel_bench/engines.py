@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,13 @@ from taxel.channels import CHANNELS
 from taxel_server.engine import LoadedModel
 from taxel_server.runtimes import open_runtime
 
-Name = Literal["taxel", "paper", "base"]
+TAXEL: Final = "taxel"
+PUBLISHED: Final = "paper"
+BASE: Final = "base"
+"""Names of engines; any other engine has its peer's name."""
+
+SAME_ANSWERS: Final = 1e-4
+"""Standard deviations of a channel by which answers may differ where sums have another order."""
 
 THREADS: Final = 1
 """That evaluate one call, in every engine."""
@@ -24,20 +30,23 @@ class Engine:
 
     Attributes:
         name: `taxel` for our runtime, `paper` for the published way, `base` for our runtime
-            without what corrects the model.
+            without what corrects the model, else the name of a peer.
         how: what is called, for people.
         prepare: raw windows (n, f) float32 to what `evaluate` takes; not timed.
         evaluate: what is timed; it gives all 21 channels.
         counts: what `evaluate` gives to counts (n, 21) float32; not timed.
         flops: operations for one window by `taxel_bench.operations`; None where no rule counts them.
+        tolerance: standard deviations of a channel by which its counts may differ from ours;
+            infinite where it rounds its weights, and None where values are not to be compared.
     """
 
-    name: Name
+    name: str
     how: str
     prepare: Callable[[NDArray[np.float32]], Any]
     evaluate: Callable[[Any], Any]
     counts: Callable[[Any], NDArray[np.float32]]
     flops: int | None
+    tolerance: float | None = None
 
     def predict(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
         """Counts of raw windows, (n, f) to (n, 21)."""
@@ -46,7 +55,7 @@ class Engine:
 
 def taxel_engine(model: LoadedModel, flops: int | None) -> Engine:
     """Our runtime: it takes raw windows and gives counts, so that normalisation is timed with it."""
-    return Engine("taxel", _runtime(model), np.ascontiguousarray, model.runtime.evaluate, _channels, flops)
+    return Engine(TAXEL, _runtime(model), np.ascontiguousarray, model.runtime.evaluate, _channels, flops)
 
 
 def base_engine(artifact: Artifact, flops: int | None) -> Engine:
@@ -58,7 +67,7 @@ def base_engine(artifact: Artifact, flops: int | None) -> Engine:
     model = LoadedModel(base.manifest, open_runtime(base))
     columns = len(base.manifest.window.features)
     return Engine(
-        "base",
+        BASE,
         f"{_runtime(model)}, without effects",
         lambda windows: np.ascontiguousarray(windows[:, :columns]),
         model.runtime.evaluate,

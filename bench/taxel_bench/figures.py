@@ -1,5 +1,6 @@
-"""Figures for people: three significant digits, no exponents."""
+"""Figures for people: three significant digits, no exponents; tables in Markdown."""
 
+from collections.abc import Sequence
 from math import floor, log10
 
 
@@ -8,3 +9,9 @@ def short(value: float) -> str:
     if value <= 0:
         return "0"
     return f"{value:,.{max(0, 2 - floor(log10(value)))}f}"
+
+
+def markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a Markdown table: the first column to the left, all others to the right."""
+    lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
+    return ["| " + " | ".join(cells) + " |" for cells in lines]

@@ -76,8 +76,8 @@ def write_forest(path: Path, shape: ForestShape, seed: int = 0) -> int:
 def _tree(
     identity: int, shape: ForestShape, cuts: NDArray[np.float32], generator: np.random.Generator
 ) -> dict[str, Any]:
-    spread = max(1, shape.leaves // 4)
-    leaves = min(int(generator.integers(shape.leaves - spread, shape.leaves + spread + 1)), 2**shape.depth)
+    margin = max(1, shape.leaves // 4)
+    leaves = min(int(generator.integers(shape.leaves - margin, shape.leaves + margin + 1)), 2**shape.depth)
     left, right, parent = _grow(max(1, leaves), shape, generator)
     nodes = len(left)
     inner = np.array(left) >= 0

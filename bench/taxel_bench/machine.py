@@ -10,8 +10,9 @@ import psutil
 
 _PACKAGES: Final = (
     *("taxel", "numpy", "numba", "llvmlite", "onnxruntime", "xgboost", "xgboost-cpu", "scikit-learn"),
-    *("torch", "eclipse-zenoh"),
+    *("torch", "eclipse-zenoh", "treelite", "tl2cgen", "scikit-learn-intelex", "daal", "openvino"),
 )
+"""Those that are importable: a peer's own environment is, once the peer takes part."""
 
 _VECTOR_FLAGS: Final = (
     *("sse4_1", "ssse3", "avx", "avx2", "fma", "f16c", "avx512f", "avx512bw", "avx512dq", "avx512vl"),

@@ -20,7 +20,7 @@ def running_server(repository: Path) -> Iterator[str]:
     """Start `taxel serve` on a free loopback port and yield its endpoint once it is ready.
 
     Raises:
-        Unavailable: the server stopped before it was ready; its own words say why.
+        Unavailable: the server stopped before it was ready; its last output says why.
     """
     endpoint = f"tcp/{ADDRESS}:{free_port()}"
     command = [*serve_command(repository, endpoint), "--json"]

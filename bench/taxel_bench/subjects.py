@@ -1,4 +1,4 @@
-"""What is measured: one model under our runtime, and under another engine beside it."""
+"""What is measured: one model under our runtime, and under other engines beside it."""
 
 import tempfile
 from collections.abc import Callable, Iterator
@@ -14,9 +14,13 @@ from numpy.typing import NDArray
 from taxel.artifacts import MANIFEST, Artifact, folder_of, read
 from taxel.errors import ArtifactError, SettingsError
 from taxel.manifest import Manifest
-from taxel_bench.engines import Engine, base_engine, taxel_engine
+from taxel_bench.engines import SAME_ANSWERS, Engine, base_engine, taxel_engine
 from taxel_bench.operations.of_graph import count_graph_operations
 from taxel_bench.paper_size import PAPER_MODELS, TreeShape, write_paper_sized
+from taxel_bench.peers.forests import FOREST_PEERS
+from taxel_bench.peers.networks import GRAPH_PEERS
+from taxel_bench.peers.peer import ForestModel, GraphModel
+from taxel_bench.peers.selection import NO_PEERS, PeerChoice, open_peers
 from taxel_bench.published_way.eager import eager_engine, pinned_threads
 from taxel_bench.published_way.networks import network_of
 from taxel_bench.published_way.regressors import Regressors
@@ -24,31 +28,29 @@ from taxel_bench.windows import random_windows
 from taxel_models.shipped import shipped_repository
 from taxel_server.engine import load_model
 from taxel_server.local import LocalPredictor, LocalSource
+from taxel_server.runtimes import EvaluatorInfo
 
 Size = Literal["paper", "shipped"]
 
 _OPERATION_WINDOWS: Final = 64
 """Over which the operations of trees are averaged."""
 
-_TREES_TOLERANCE: Final = 0.0
-_NETWORK_TOLERANCE: Final = 1e-4
-"""Largest difference between the engines, in standard deviations of a channel."""
-
 
 @dataclass(frozen=True)
 class Subject:
-    """One model under our runtime and another engine.
+    """One model under our runtime and other engines.
 
     Attributes:
         model: as the user named it.
         size: `shipped` for an artifact as it is, `paper` for one of the published size.
         trees: how the trees of a forest from a seed grow; None for any other model.
         taxel: our runtime.
-        peer: the published way; of a corrected model, its base. None where there is neither for
+        baseline: the published way; of a corrected model, its base. None where there is neither for
             this artifact, and `notes` say why.
+        peers: other libraries that evaluate the same model file.
+        skipped: peers that cannot, each with the reason.
         predict: what a user calls in process: our runtime behind its checks.
-        tolerance: standard deviations by which the engines' counts may differ; None where their
-            values are not to be compared, and `notes` say why.
+        evaluator: which of our evaluators computes so many windows.
         notes: what a reader of the figures has to know.
     """
 
@@ -57,15 +59,18 @@ class Subject:
     trees: TreeShape | None
     manifest: Manifest
     taxel: Engine
-    peer: Engine | None
+    baseline: Engine | None
+    peers: tuple[Engine, ...]
+    skipped: dict[str, str]
     predict: Callable[[NDArray[np.float32]], NDArray[np.float32]]
-    tolerance: float | None
+    evaluator: Callable[[int], EvaluatorInfo]
     notes: tuple[str, ...]
 
     @property
     def engines(self) -> tuple[Engine, ...]:
         """Ours last: what is timed after another engine finds cold caches."""
-        return (self.taxel,) if self.peer is None else (self.peer, self.taxel)
+        baseline = () if self.baseline is None else (self.baseline,)
+        return (*baseline, *self.peers, self.taxel)
 
 
 @contextmanager
@@ -76,8 +81,9 @@ def open_subject(
     size: Size | None = None,
     trees: TreeShape | None = None,
     seed: int = 0,
+    peers: PeerChoice = NO_PEERS,
 ) -> Iterator[Subject]:
-    """A model in this process under our runtime and another engine.
+    """A model in this process under our runtime and other engines.
 
     Args:
         model: a shipped model's name, or the path of an artifact's folder.
@@ -85,6 +91,7 @@ def open_subject(
         size: `shipped` if None, unless the shipped model has another combination or `trees` are chosen.
         trees: how a forest of the paper's size grows; even if None.
         seed: of the weights of models that are not shipped.
+        peers: that are asked for.
 
     Raises:
         SettingsError: the choices do not go together.
@@ -102,9 +109,12 @@ def open_subject(
         if folder is None:
             grown = trees or "even"
             folder = write_paper_sized(Path(place), model, combination or 1, seed=seed, trees=grown)
-            yield _subject(model, "paper", grown if model == "xgb" else None, folder)
+            subject = _subject(model, "paper", grown if model == "xgb" else None, folder, peers)
         else:
-            yield _subject(model, "shipped", None, folder)
+            subject = _subject(model, "shipped", None, folder, peers)
+        # Peers may have loaded further libraries with threads of their own.
+        with pinned_threads():
+            yield subject
 
 
 def _artifact_folder(model: str, combination: int | None, size: Size | None) -> Path | None:
@@ -121,24 +131,20 @@ def _artifact_folder(model: str, combination: int | None, size: Size | None) -> 
     raise SettingsError(f"--inputs {combination}: {model} takes input combination {own}")
 
 
-def _subject(model: str, size: Size, trees: TreeShape | None, folder: Path) -> Subject:
+def _subject(model: str, size: Size, trees: TreeShape | None, folder: Path, choice: PeerChoice) -> Subject:
     artifact = read(folder)
     manifest = artifact.manifest
     loaded = load_model(folder)
-    peer: Engine | None = None
-    tolerance: float | None = _TREES_TOLERANCE
-    notes: list[str] = []
+    if manifest.effects and choice.names != ():
+        raise SettingsError(f"--peers: {model} is corrected by effects, which no peer evaluates")
     if manifest.platform == "xgboost_json":
-        windows = random_windows(manifest, _OPERATION_WINDOWS, seed=0)[:, : manifest.window.model_columns]
-        peer = Regressors(artifact.model_path, manifest).engine(windows)
-        flops = peer.flops
+        engines = _forest_engines(artifact, choice)
     else:
-        graph = onnx.load(artifact.model_path)
-        flops, notes = _graph_operations(graph)
-        if not manifest.effects:
-            peer, tolerance = _network_peer(artifact, graph.graph, notes)
+        engines = _graph_engines(artifact, choice)
+    baseline, flops, notes = engines.baseline, engines.flops, engines.notes
     if manifest.effects:
-        peer, tolerance = base_engine(artifact, flops), None
+        baseline = base_engine(artifact, flops)
+        notes = [note for note in notes if not note.startswith("paper:")]
         notes += _correction_notes(manifest, flops)
     return Subject(
         model=model,
@@ -146,11 +152,50 @@ def _subject(model: str, size: Size, trees: TreeShape | None, folder: Path) -> S
         trees=trees,
         manifest=manifest,
         taxel=taxel_engine(loaded, flops),
-        peer=peer,
+        baseline=baseline,
+        peers=engines.peers,
+        skipped=engines.skipped,
         predict=LocalPredictor(LocalSource(folder.parents[1]), loaded).predict,
-        tolerance=tolerance,
+        evaluator=loaded.runtime.evaluator,
         notes=tuple(notes),
     )
+
+
+@dataclass(frozen=True)
+class _Engines:
+    """The published way and the peers of an artifact, and what is known of its operations."""
+
+    baseline: Engine | None
+    flops: int | None
+    notes: list[str]
+    peers: tuple[Engine, ...]
+    skipped: dict[str, str]
+
+
+def _forest_engines(artifact: Artifact, choice: PeerChoice) -> _Engines:
+    manifest = artifact.manifest
+    regressors = Regressors(artifact.model_path, manifest)
+    windows = random_windows(manifest, _OPERATION_WINDOWS, seed=0)[:, : manifest.window.model_columns]
+    published = regressors.engine(windows)
+    model = ForestModel(artifact, regressors.boosters, choice.install)
+    return _Engines(published, published.flops, [], *open_peers(choice, FOREST_PEERS, model))
+
+
+def _graph_engines(artifact: Artifact, choice: PeerChoice) -> _Engines:
+    graph = onnx.load(artifact.model_path)
+    flops, notes = _graph_operations(graph)
+    found = network_of(artifact.manifest, graph.graph)
+    published = None
+    if found is None:
+        notes.append("paper: this artifact is not of a single network of ours: there is no published way")
+        model = GraphModel(artifact, graph, None, same_weights=False)
+    else:
+        network, same_weights = found
+        if not same_weights:
+            notes.append("paper: other weights of the same architecture: compares speed, not values")
+        model = GraphModel(artifact, graph, network, same_weights)
+        published = eager_engine(network, artifact.manifest, SAME_ANSWERS if same_weights else None)
+    return _Engines(published, flops, notes, *open_peers(choice, GRAPH_PEERS, model))
 
 
 def _graph_operations(model: onnx.ModelProto) -> tuple[int | None, list[str]]:
@@ -159,20 +204,6 @@ def _graph_operations(model: onnx.ModelProto) -> tuple[int | None, list[str]]:
         return count_graph_operations(model), []
     except ArtifactError as error:
         return None, [f"flops: {error}"]
-
-
-def _network_peer(
-    artifact: Artifact, graph: onnx.GraphProto, notes: list[str]
-) -> tuple[Engine | None, float | None]:
-    """The published way of a network, and how far its values may be away; adds to the notes."""
-    found = network_of(artifact.manifest, graph)
-    if found is None:
-        notes.append("paper: this artifact is not of a single network of ours: there is no published way")
-        return None, None
-    network, same_weights = found
-    if not same_weights:
-        notes.append("paper: other weights of the same architecture: compares speed, not values")
-    return eager_engine(network, artifact.manifest), _NETWORK_TOLERANCE if same_weights else None
 
 
 def _correction_notes(manifest: Manifest, flops: int | None) -> list[str]:

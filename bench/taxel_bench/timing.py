@@ -52,10 +52,10 @@ class Latencies:
 
 @dataclass(frozen=True)
 class TimedCalls(Latencies):
-    """Latencies of calls that compute in the thread that makes them, with its processor time.
+    """Latencies of calls, with the processor time of this process meanwhile.
 
     Attributes:
-        cpu_seconds: (calls,) that the thread ran; the rest it waited while other programs did.
+        cpu_seconds: (calls,) that all threads of this process ran.
     """
 
     cpu_seconds: NDArray[np.float64]
@@ -67,8 +67,8 @@ class TimedCalls(Latencies):
 
     @property
     def running(self) -> float:
-        """Share of the time that the thread ran."""
-        return min(1.0, float(self.cpu_seconds.sum() / self.seconds.sum()))
+        """Processors that the calls used in the mean: less than 1 where other programs took some."""
+        return float(self.cpu_seconds.sum() / self.seconds.sum())
 
 
 def interleaved(
@@ -110,11 +110,11 @@ def _time_rounds(
     try:
         for number in range(repetitions):
             for place, call in enumerate(calls):
-                running = time.thread_time()
+                running = time.process_time()
                 start = time.perf_counter()
                 call(number)
                 end = time.perf_counter()
-                seconds[:, place, number] = end - start, time.thread_time() - running
+                seconds[:, place, number] = end - start, time.process_time() - running
             watch(number + 1)
     finally:
         gc.enable()

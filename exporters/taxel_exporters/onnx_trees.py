@@ -15,7 +15,7 @@ import xgboost
 from onnx import TensorProto, helper, numpy_helper
 
 from taxel.channels import CHANNELS
-from taxel.manifest import INPUT_NAME, OUTPUT_NAME
+from taxel.manifest import INPUT_NAME, OUTPUT_NAME, Normalisation
 from taxel.scaling import Scaler
 from taxel_exporters.onnx_file import IR_VERSION, OPSET, plain
 from taxel_models.families.xgb import XgbModel
@@ -28,7 +28,21 @@ def trees_onnx(trained: TrainedModel) -> onnx.ModelProto:
     """The ONNX model of 21 boosters: raw windows in, counts out."""
     fitted = trained.fitted
     assert isinstance(fitted, XgbModel)
-    normalisation = trained.record.normalisation
+    columns = len(trained.layout.features)
+    taken = trained.spec.length if trained.served_extras else columns
+    return forest_onnx(fitted.boosters, trained.record.normalisation, columns, taken)
+
+
+def forest_onnx(
+    boosters: Sequence[xgboost.Booster], normalisation: Normalisation, columns: int, taken: int
+) -> onnx.ModelProto:
+    """The ONNX model of a booster a channel: raw windows in, counts out.
+
+    Args:
+        normalisation: of the boosters' inputs and outputs.
+        columns: of a window.
+        taken: so many of these columns, the first ones, are what the boosters take.
+    """
     inputs = Scaler.of(normalisation.input_mean, normalisation.input_std)
     outputs = Scaler.of(normalisation.output_mean, normalisation.output_std)
     constants = {
@@ -38,11 +52,11 @@ def trees_onnx(trained: TrainedModel) -> onnx.ModelProto:
         "output_std": outputs.std,
     }
     window, before = INPUT_NAME, []
-    if trained.served_extras:
-        # Extras that others in an ensemble take stand behind the window: trees leave them alone.
+    if taken < columns:
+        # Extras that others in an ensemble take stand behind the window. Trees do not use them.
         constants |= {
             "first": np.array([0]),
-            "length": np.array([trained.spec.length]),
+            "length": np.array([taken]),
             "axis": np.array([1]),
         }
         window = "window_alone"
@@ -56,8 +70,8 @@ def trees_onnx(trained: TrainedModel) -> onnx.ModelProto:
             ["columns"],
             ["z_scores"],
             domain="ai.onnx.ml",
-            n_targets=len(fitted.boosters),
-            **_attributes(fitted.boosters),
+            n_targets=len(boosters),
+            **_attributes(boosters),
         ),
         helper.make_node("Mul", ["z_scores", "output_std"], ["scaled"]),
         helper.make_node("Add", ["scaled", "output_mean"], [OUTPUT_NAME]),
@@ -65,7 +79,7 @@ def trees_onnx(trained: TrainedModel) -> onnx.ModelProto:
     graph = helper.make_graph(
         nodes,
         "taxel",
-        [helper.make_tensor_value_info(INPUT_NAME, TensorProto.FLOAT, ["n", len(trained.layout.features)])],
+        [helper.make_tensor_value_info(INPUT_NAME, TensorProto.FLOAT, ["n", columns])],
         [helper.make_tensor_value_info(OUTPUT_NAME, TensorProto.FLOAT, ["n", len(CHANNELS)])],
         [numpy_helper.from_array(value, name) for name, value in constants.items()],
     )

@@ -11,7 +11,7 @@ from typer.testing import CliRunner, Result
 
 from taxel.artifacts import folder_of
 from taxel.errors import TaxelError
-from taxel_bench.agreement import largest_difference
+from taxel_bench.agreement import largest_differences
 from taxel_bench.commands import app
 from taxel_bench.paper_size import PAPER_MODELS
 from taxel_bench.subjects import open_subject
@@ -24,7 +24,7 @@ QUICK = ("--repetitions", "4", "--seconds", "0.1")
 FIELDS = {
     *("model", "inputs", "size", "trees", "protocol", "engine", "how", "threads", "batch", "repetitions"),
     *("median_ms", "p90_ms", "p99_ms", "cpu_median_ms", "rows_per_s", "parameters", "flops"),
-    *("largest_difference", "verdict", "reasons", "notes"),
+    *("largest_difference", "rounded", "verdict", "reasons", "notes"),
 }
 
 
@@ -36,7 +36,7 @@ def bench(*arguments: str | Path, code: int = 0) -> Result:
 
 def results_of(*arguments: str | Path) -> list[dict[str, Any]]:
     said = json.loads(bench("run", *arguments, "--json").stdout)
-    assert set(said) == {"machine", "results"}
+    assert set(said) == {"machine", "results", "skipped"}
     assert {"cpu", "flags", "cores", "load", "versions"} <= set(said["machine"])
     results: list[dict[str, Any]] = said["results"]
     return results
@@ -67,6 +67,10 @@ def test_every_shipped_model_is_timed_by_both_engines(model: str) -> None:
     assert taxel["ratio"] == pytest.approx(paper["median_ms"] / taxel["median_ms"])
     assert taxel["warm_ratio"] == pytest.approx(paper["warm_median_ms"] / taxel["warm_median_ms"])
     assert taxel["predictor_warm_median_ms"] > 0
+    assert taxel["best_peer"] == taxel["best_warm_peer"] == "paper"
+    assert taxel["evaluator"]
+    assert "instruction_set" in taxel
+    assert "evaluator" not in paper
 
 
 def test_the_papers_protocol_has_the_channels_figure_beside_the_whole() -> None:
@@ -122,7 +126,7 @@ def test_engines_that_disagree_are_not_compared() -> None:
         spoiled = replace(subject.taxel, counts=lambda outputs: outputs + np.float32(1))
         changed = replace(subject, taxel=spoiled)
         with pytest.raises(TaxelError, match="their speed is not compared"):
-            largest_difference(changed, windows)
+            largest_differences(changed, windows)
 
 
 @pytest.mark.parametrize(

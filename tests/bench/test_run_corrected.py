@@ -10,7 +10,6 @@ from typer.testing import CliRunner
 
 import taxel
 from taxel_bench.commands import app
-from taxel_bench.engines import Name
 from taxel_bench.subjects import open_subject
 from taxel_bench.windows import random_windows
 
@@ -49,7 +48,7 @@ def test_its_base_is_timed_beside_it(corrected: Path) -> None:
 
 def test_both_engines_evaluate_what_they_say(corrected: Path) -> None:
     with open_subject(str(corrected)) as subject, taxel.load(corrected.parents[1]) as source:
-        engines: dict[Name, Any] = {engine.name: engine for engine in subject.engines}
+        engines: dict[str, Any] = {engine.name: engine for engine in subject.engines}
         windows = random_windows(subject.manifest, 32, seed=3)
         found = {name: engine.predict(windows) for name, engine in engines.items()}
         whole, bare = (source.predictor(corrected.parent.name, version) for version in ("2", "1"))

@@ -39,22 +39,22 @@ def compare(
     """Compare Taxel's server with other ways to serve the same network: latency, throughput, CPU."""
     from taxel.artifacts import MANIFEST, folder_of
     from taxel.atomic import check_file_place, whole_file
-    from taxel_bench.compare.comparison import Plan, run_comparison
+    from taxel_bench.compare.comparison import CompareSettings, run_comparison
     from taxel_bench.compare.peers import parse_peers
-    from taxel_bench.compare.table import print_comparison
+    from taxel_bench.compare.printing import print_comparison
     from taxel_bench.machine import describe_machine
     from taxel_models.shipped import shipped_repository
 
     given = Path(model)
     folder = given.resolve() if (given / MANIFEST).is_file() else folder_of(shipped_repository(), model)
-    plan = Plan(folder, parse_peers(peers), install, rounds, seconds, seed, pin)
+    settings = CompareSettings(folder, parse_peers(peers), install, rounds, seconds, seed, pin)
     if output is not None:
         check_file_place(output)
     machine = describe_machine()
     # Told to stop, it still stops the servers.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     with ERR.status("starting") as status:
-        comparison = run_comparison(plan, status.update)
+        comparison = run_comparison(settings, status.update)
     report = {
         "machine": machine,
         "model": model,

@@ -1,4 +1,4 @@
-"""A whole comparison: contenders started, rounds played, medians and ratios taken."""
+"""A whole comparison: servers started, rounds measured, medians and ratios taken."""
 
 import shutil
 import tempfile
@@ -13,12 +13,12 @@ import numpy as np
 
 from taxel import artifacts
 from taxel.errors import SettingsError, Unavailable
-from taxel_bench.compare.contenders import CHECKED_ROWS, Contender, Task, peer_contender, taxel_contender
-from taxel_bench.compare.environments import find_environment, install_environment
 from taxel_bench.compare.figures import Figures, median_ratios
 from taxel_bench.compare.peers import Peer
 from taxel_bench.compare.processes import Cores
-from taxel_bench.compare.rounds import BULK_ROWS, BareRuntime, Predict, Round, play_round
+from taxel_bench.compare.rounds import BULK_ROWS, BareRuntime, Predict, Round, measure_round
+from taxel_bench.compare.servers import CHECKED_ROWS, ServerUnderTest, Workload, peer_server, taxel_server
+from taxel_bench.environments import find_environment, install_environment
 from taxel_bench.windows import random_windows
 from taxel_server.engine import load_model
 
@@ -28,7 +28,7 @@ Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Plan:
+class CompareSettings:
     """What to compare.
 
     Attributes:
@@ -63,16 +63,16 @@ class Comparison:
     skipped: dict[str, str]
 
     def figures(self) -> dict[str, Figures]:
-        """Medians over a contender's rounds: Taxel's over all, then each peer's."""
+        """Medians over a server's rounds: Taxel's over all, then each peer's."""
         peers = [name for name in self.rounds if name != OURS]
-        ours = [one.figures[OURS] for one in self._all()]
+        ours = [each.figures[OURS] for each in self._all()]
         return {OURS: Figures.median(ours)} | {name: Figures.median(self._of(name, name)) for name in peers}
 
     def bare(self) -> BareRuntime:
         """Medians over all rounds."""
         return BareRuntime(
-            median(one.bare.one_p50_ms for one in self._all()),
-            median(one.bare.bulk_p50_ms for one in self._all()),
+            median(each.bare.one_p50_ms for each in self._all()),
+            median(each.bare.bulk_p50_ms for each in self._all()),
         )
 
     def ratios(self) -> dict[str, dict[str, float]]:
@@ -90,19 +90,19 @@ class Comparison:
         }
 
     def _all(self) -> list[Round]:
-        return [one for rounds in self.rounds.values() for one in rounds]
+        return [each for rounds in self.rounds.values() for each in rounds]
 
-    def _of(self, peer: str, contender: str) -> list[Figures]:
-        return [one.figures[contender] for one in self.rounds[peer]]
+    def _of(self, peer: str, server: str) -> list[Figures]:
+        return [each.figures[server] for each in self.rounds[peer]]
 
 
-def run_comparison(plan: Plan, tell: Tell) -> Comparison:
-    """Start Taxel's server and, one peer after the other, play rounds of the two.
+def run_comparison(settings: CompareSettings, tell: Tell) -> Comparison:
+    """Start Taxel's server and, one peer after the other, measure rounds of the two.
 
     Only these two run at a time: some peers keep a processor busy even when nobody asks them.
 
     Args:
-        plan: what to compare.
+        settings: what to compare.
         tell: what is being done now.
 
     Raises:
@@ -111,54 +111,56 @@ def run_comparison(plan: Plan, tell: Tell) -> Comparison:
     """
     rounds: dict[str, list[Round]] = {}
     skipped: dict[str, str] = {}
-    with _prepared(plan) as (task, predict):
+    with _prepared(settings) as (workload, predict):
         tell("starting taxel")
-        windows = np.load(task.windows)
-        with taxel_contender(task) as ours:
+        windows = np.load(workload.windows)
+        with taxel_server(workload) as ours:
 
-            def play(name: str, contenders: Sequence[Contender]) -> None:
+            def measure_rounds(name: str, servers: Sequence[ServerUnderTest]) -> None:
                 rounds[name] = []
-                for number in range(plan.rounds):
-                    tell(f"{name}: round {number + 1} of {plan.rounds}")
-                    rounds[name].append(play_round(number, contenders, predict, windows, plan.seconds))
+                for number in range(settings.rounds):
+                    tell(f"{name}: round {number + 1} of {settings.rounds}")
+                    rounds[name].append(measure_round(number, servers, predict, windows, settings.seconds))
 
-            for peer in plan.peers:
-                tell(f"{peer.name}: {'installing and ' if plan.install else ''}starting")
+            for peer in settings.peers:
+                tell(f"{peer.name}: {'installing and ' if settings.install else ''}starting")
                 with ExitStack() as ending:
                     try:
-                        theirs = ending.enter_context(_started(peer, task, install=plan.install))
+                        theirs = ending.enter_context(_started(peer, workload, install=settings.install))
                     except Unavailable as error:
                         skipped[peer.name] = str(error)
                     else:
-                        play(peer.name, [ours, theirs])
+                        measure_rounds(peer.name, [ours, theirs])
             if not rounds:
-                play(OURS, [ours])
+                measure_rounds(OURS, [ours])
     return Comparison(rounds, skipped)
 
 
 @contextmanager
-def _prepared(plan: Plan) -> Iterator[tuple[Task, Predict]]:
-    """Files that all contenders are given, and the bare runtime."""
-    artifact = artifacts.read(plan.folder)
+def _prepared(settings: CompareSettings) -> Iterator[tuple[Workload, Predict]]:
+    """Files that all servers are given, and the bare runtime."""
+    artifact = artifacts.read(settings.folder)
     manifest = artifact.manifest
     if manifest.platform != "onnxruntime_onnx":
-        raise SettingsError(f"--model {plan.folder}: {manifest.platform}: the peers serve ONNX networks")
-    cores = Cores.apart() if plan.pin else None
-    predict = load_model(plan.folder).runtime.evaluate
+        raise SettingsError(
+            f"--model {settings.folder}: {manifest.platform}: the peers serve ONNX networks"
+        )
+    cores = Cores.apart() if settings.pin else None
+    predict = load_model(settings.folder).runtime.evaluate
     with tempfile.TemporaryDirectory(prefix="taxel-compare-") as name:
         folder = Path(name)
-        shutil.copytree(plan.folder, folder / "repository" / manifest.name / manifest.version)
-        windows = random_windows(manifest, BULK_ROWS, plan.seed)
+        shutil.copytree(settings.folder, folder / "repository" / manifest.name / manifest.version)
+        windows = random_windows(manifest, BULK_ROWS, settings.seed)
         np.save(folder / "windows.npy", windows)
         counts = predict(windows[:CHECKED_ROWS])
         yield (
-            Task(artifact.model_path, folder / "repository", folder / "windows.npy", counts, cores),
+            Workload(artifact.model_path, folder / "repository", folder / "windows.npy", counts, cores),
             predict,
         )
 
 
 @contextmanager
-def _started(peer: Peer, task: Task, *, install: bool) -> Iterator[Contender]:
+def _started(peer: Peer, workload: Workload, *, install: bool) -> Iterator[ServerUnderTest]:
     get = install_environment if install else find_environment
-    with peer_contender(peer, get(peer.name, peer.requirements), task) as contender:
-        yield contender
+    with peer_server(peer, get(peer.name, peer.requirements), workload) as server:
+        yield server

@@ -1,4 +1,4 @@
-"""What one contender takes for one window, for many at once and for a large query; and ratios."""
+"""What one server takes for one window, for many at once and for a large query; and ratios."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
@@ -8,7 +8,7 @@ from typing import Self
 
 @dataclass(frozen=True)
 class Figures:
-    """Of one contender.
+    """Of one server.
 
     Attributes:
         sequential_p50_ms: of a query of one window, one after the other.
@@ -27,10 +27,10 @@ class Figures:
     @classmethod
     def median(cls, several: Sequence[Self]) -> Self:
         """The median of each figure."""
-        return cls(*(median(getattr(one, field.name) for one in several) for field in fields(cls)))
+        return cls(*(median(getattr(figures, field.name) for figures in several) for field in fields(cls)))
 
     def over(self, other: "Figures") -> dict[str, float]:
-        """Each figure as a multiple of another contender's."""
+        """Each figure as a multiple of another server's."""
         others = asdict(other)
         return {name: value / others[name] for name, value in asdict(self).items()}
 
@@ -38,4 +38,4 @@ class Figures:
 def median_ratios(ours: Sequence[Figures], theirs: Sequence[Figures]) -> dict[str, float]:
     """The median over rounds of our figures as multiples of theirs in the same round."""
     rounds = [mine.over(other) for mine, other in zip(ours, theirs, strict=True)]
-    return {field.name: median(one[field.name] for one in rounds) for field in fields(Figures)}
+    return {field.name: median(ratios[field.name] for ratios in rounds) for field in fields(Figures)}

@@ -18,7 +18,7 @@ from taxel.errors import SettingsError, Unavailable
 _PATIENCE_S: Final = 10.0
 """How long a process that was told to stop may take before it is killed."""
 
-_FAMILY_S: Final = 1.0
+_DESCENDANTS_S: Final = 1.0
 """How long what it has started may live on."""
 
 _KEEP: Final = """
@@ -75,7 +75,7 @@ class Program:
             total += times.user + times.system
         return total
 
-    def order(self, **what: Any) -> dict[str, Any]:
+    def request(self, **what: Any) -> dict[str, Any]:
         """Write one line of JSON to it and wait for the line that it answers.
 
         Raises:
@@ -87,14 +87,14 @@ class Program:
             self._popen.stdin.write(json.dumps(what) + "\n")
             self._popen.stdin.flush()
         except BrokenPipeError:
-            raise Unavailable(self.last_words()) from None
+            raise Unavailable(self.last_log_line()) from None
         line = self._popen.stdout.readline()
         if not line:
-            raise Unavailable(self.last_words())
+            raise Unavailable(self.last_log_line())
         answer: dict[str, Any] = json.loads(line)
         return answer
 
-    def last_words(self) -> str:
+    def last_log_line(self) -> str:
         """The last line that it has written for people."""
         lines = self._log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
         return lines[-1].strip() if lines else "it ended without a word"
@@ -105,7 +105,7 @@ def running_program(
     command: Sequence[str],
     *,
     path: Path | None = None,
-    takes_orders: bool = False,
+    takes_requests: bool = False,
     cores: frozenset[int] | None = None,
 ) -> Iterator[Program]:
     """Start a program; when the block ends, it and all that it has started end, too.
@@ -113,7 +113,7 @@ def running_program(
     Args:
         command: with its arguments, all paths absolute.
         path: where its interpreter looks for modules first.
-        takes_orders: whether its stdout answers `order`; else whatever it prints is as stderr.
+        takes_requests: whether its stdout answers `request`; else whatever it prints is as stderr.
         cores: that it is kept on; None for any.
     """
     if cores is not None:
@@ -121,12 +121,12 @@ def running_program(
     environment = dict(os.environ) if path is None else {**os.environ, "PYTHONPATH": str(path)}
     with tempfile.TemporaryDirectory(prefix="taxel-compare-") as folder:
         log = Path(folder) / "log"
-        with log.open("wb") as words:
+        with log.open("wb") as stream:
             process = subprocess.Popen(
                 command,
                 stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE if takes_orders else words,
-                stderr=words,
+                stdout=subprocess.PIPE if takes_requests else stream,
+                stderr=stream,
                 text=True,
                 cwd=folder,
                 env=environment,
@@ -141,16 +141,16 @@ def running_program(
 
 def _end(process: subprocess.Popen[str]) -> None:
     try:
-        family = psutil.Process(process.pid).children(recursive=True)
+        descendants = psutil.Process(process.pid).children(recursive=True)
     except psutil.NoSuchProcess:
-        family = []
+        descendants = []
     process.terminate()
     try:
         process.wait(_PATIENCE_S)
     except subprocess.TimeoutExpired:
         process.kill()
     process.communicate()
-    _, left = psutil.wait_procs(family, timeout=_FAMILY_S)
+    _, left = psutil.wait_procs(descendants, timeout=_DESCENDANTS_S)
     for survivor in left:
         with suppress(psutil.NoSuchProcess):
             survivor.kill()

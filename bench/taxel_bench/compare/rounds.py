@@ -1,4 +1,4 @@
-"""Rounds: in each, the contenders and the bare runtime have a turn, one after the other."""
+"""Rounds: in each, the servers and the bare runtime have a turn, one after the other."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.errors import Unavailable
-from taxel_bench.compare.contenders import Contender
 from taxel_bench.compare.figures import Figures
+from taxel_bench.compare.servers import ServerUnderTest
 
 AT_ONCE: Final = 64
 BULK_ROWS: Final = 1000
@@ -32,7 +32,7 @@ class Round:
     """What one round gave.
 
     Attributes:
-        figures: of each contender, by its name.
+        figures: of each server, by its name.
         bare: of the runtime.
     """
 
@@ -40,9 +40,9 @@ class Round:
     bare: BareRuntime
 
 
-def play_round(
+def measure_round(
     number: int,
-    contenders: Sequence[Contender],
+    servers: Sequence[ServerUnderTest],
     predict: Predict,
     windows: NDArray[np.float32],
     seconds: float,
@@ -53,30 +53,30 @@ def play_round(
         number: of the round, from 0.
         predict: the bare runtime.
         windows: (m, f), at least `BULK_ROWS`.
-        seconds: of each of a contender's three measurements.
+        seconds: of each of a server's three measurements.
 
     Raises:
-        Unavailable: a contender stopped answering; the text names it.
+        Unavailable: a server stopped answering; the text names it.
     """
-    first = number % len(contenders)
+    first = number % len(servers)
     figures = {}
-    for contender in [*contenders[first:], *contenders[:first]]:
+    for server in [*servers[first:], *servers[:first]]:
         try:
-            figures[contender.name] = measure(contender, seconds)
+            figures[server.name] = measure(server, seconds)
         except Unavailable as error:
-            raise Unavailable(f"{contender.name} stopped answering: {error}") from None
+            raise Unavailable(f"{server.name} stopped answering: {error}") from None
     return Round(figures, _measure_bare(predict, windows, seconds))
 
 
-def measure(contender: Contender, seconds: float) -> Figures:
-    """One contender's turn.
+def measure(server: ServerUnderTest, seconds: float) -> Figures:
+    """One server's turn.
 
     Raises:
         Unavailable: its client ended.
     """
-    sequential, sequential_cpu_s = _ordered(contender, do="sequential", rows=1, seconds=seconds)
-    in_flight, in_flight_cpu_s = _ordered(contender, do="in_flight", at_once=AT_ONCE, seconds=seconds)
-    bulk, _ = _ordered(contender, do="sequential", rows=BULK_ROWS, seconds=seconds)
+    sequential, sequential_cpu_s = _requested(server, do="sequential", rows=1, seconds=seconds)
+    in_flight, in_flight_cpu_s = _requested(server, do="in_flight", at_once=AT_ONCE, seconds=seconds)
+    bulk, _ = _requested(server, do="sequential", rows=BULK_ROWS, seconds=seconds)
     return Figures(
         sequential_p50_ms=median(sequential["latencies"]) * 1e3,
         sequential_cpu_us=sequential_cpu_s / sequential["queries"] * 1e6,
@@ -86,11 +86,11 @@ def measure(contender: Contender, seconds: float) -> Figures:
     )
 
 
-def _ordered(contender: Contender, **what: Any) -> tuple[dict[str, Any], float]:
+def _requested(server: ServerUnderTest, **what: Any) -> tuple[dict[str, Any], float]:
     """What the client answers to an order, and the server's processor time meanwhile."""
-    before = contender.server.cpu_seconds()
-    answer = contender.client.order(**what)
-    return answer, contender.server.cpu_seconds() - before
+    before = server.process.cpu_seconds()
+    answer = server.client.request(**what)
+    return answer, server.process.cpu_seconds() - before
 
 
 def _measure_bare(predict: Predict, windows: NDArray[np.float32], seconds: float) -> BareRuntime:

@@ -8,8 +8,8 @@ from typing import Final
 
 from taxel.errors import TaxelError
 from taxel.remote import RemoteSource
-from taxel_bench.load.plan import Plan
 from taxel_bench.load.records import Records
+from taxel_bench.load.settings import LoadSettings
 from taxel_bench.load.streams import Stream
 
 WARM_UP: Final = 10
@@ -34,14 +34,14 @@ class Finished:
     cpu_s: float
 
 
-def work(pipe: Connection, endpoint: str, plan: Plan, client: int) -> None:
+def work(pipe: Connection, endpoint: str, settings: LoadSettings, client: int) -> None:
     """What a client process runs.
 
     Says `Ready` into the pipe, is told the start on the clock `time.perf_counter`, which is the same
     in all processes of a machine, and says `Finished`; or a `TaxelError` instead of either.
     """
     try:
-        _converse(pipe, endpoint, plan, client)
+        _converse(pipe, endpoint, settings, client)
     except TaxelError as error:
         pipe.send(error)
     except (EOFError, BrokenPipeError):
@@ -49,9 +49,9 @@ def work(pipe: Connection, endpoint: str, plan: Plan, client: int) -> None:
         return
 
 
-def _converse(pipe: Connection, endpoint: str, plan: Plan, client: int) -> None:
-    with RemoteSource(endpoint, timeout=plan.timeout_s) as source:
-        stream = Stream.of(source, plan, client)
+def _converse(pipe: Connection, endpoint: str, settings: LoadSettings, client: int) -> None:
+    with RemoteSource(endpoint, timeout=settings.timeout_s) as source:
+        stream = Stream.of(source, settings, client)
         stream.warm_up(WARM_UP)
         pipe.send(Ready())
         start = pipe.recv()

@@ -11,7 +11,7 @@ from typing import Final, TypeVar
 
 from taxel.errors import TaxelError
 from taxel_bench.load.client import Finished, Ready, work
-from taxel_bench.load.plan import Plan
+from taxel_bench.load.settings import LoadSettings
 
 _HEAD_START_S: Final = 0.05
 """Between telling the clients when to start and the start."""
@@ -66,8 +66,8 @@ class Clients:
 
 
 @contextmanager
-def ready_clients(plan: Plan, endpoint: str) -> Iterator[Clients]:
-    """As many client processes as a plan asks for, connected and warm, until the block ends.
+def ready_clients(settings: LoadSettings, endpoint: str) -> Iterator[Clients]:
+    """As many client processes as the settings ask for, connected and warm, until the block ends.
 
     Raises:
         Unavailable: nobody listens at the endpoint.
@@ -77,10 +77,10 @@ def ready_clients(plan: Plan, endpoint: str) -> Iterator[Clients]:
     context = multiprocessing.get_context("spawn")
     members = []
     with ExitStack() as ending:
-        for client in range(plan.clients):
+        for client in range(settings.clients):
             ours, theirs = context.Pipe()
             ending.enter_context(ours)
-            process = context.Process(target=work, args=(theirs, endpoint, plan, client), daemon=True)
+            process = context.Process(target=work, args=(theirs, endpoint, settings, client), daemon=True)
             with theirs, _interrupts_ignored():
                 process.start()
             ending.callback(_end, process)

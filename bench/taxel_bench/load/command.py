@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from taxel.commands.cli import ERR, OUT, Json, needs, print_json
-from taxel_bench.load.plan import TIMEOUT_S, Plan, Scenario
+from taxel_bench.load.settings import TIMEOUT_S, LoadSettings, Scenario
 
 
 @needs("bench", "psutil")
@@ -48,12 +48,12 @@ def load(
 ) -> None:
     """Drive a server from client processes: latency, throughput and CPU in MLPerf's scenarios."""
     from taxel_bench.load.drive import drive, server_at
+    from taxel_bench.load.printing import print_results
     from taxel_bench.load.results import Results
-    from taxel_bench.load.table import print_results
     from taxel_bench.machine import describe_machine
     from taxel_models.shipped import shipped_repository
 
-    plan = Plan.of(
+    settings = LoadSettings.of(
         scenario,
         model,
         clients=clients,
@@ -68,13 +68,13 @@ def load(
     # Told to stop, it still stops its server and clients.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     with ERR.status("measuring"), server_at(connect, repository or shipped_repository()) as endpoint:
-        outcome = drive(plan, endpoint)
-    results = Results.of(plan, outcome)
+        outcome = drive(settings, endpoint)
+    results = Results.of(settings, outcome)
     manifest = outcome.manifest
     machine = describe_machine()
     if as_json:
         served = {"version": manifest.version, "inputs": manifest.window.combination}
-        print_json({"machine": machine, "scenario": asdict(plan) | served, "results": asdict(results)})
+        print_json({"machine": machine, "scenario": asdict(settings) | served, "results": asdict(results)})
         return
-    print_results(OUT, plan, f"{manifest.name}/{manifest.version}", results)
+    print_results(OUT, settings, f"{manifest.name}/{manifest.version}", results)
     OUT.print(f"on {machine['cpu']}, {machine['cores']} cores, load {machine['load']}", soft_wrap=True)

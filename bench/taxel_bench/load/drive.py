@@ -10,8 +10,8 @@ import numpy as np
 import taxel
 from taxel.manifest import Manifest
 from taxel_bench.load.clients import ready_clients
-from taxel_bench.load.plan import Plan
 from taxel_bench.load.records import Records
+from taxel_bench.load.settings import LoadSettings
 from taxel_bench.load.usage import ServerUsage
 from taxel_bench.server_process import running_server
 
@@ -47,16 +47,16 @@ def server_at(endpoint: str | None, repository: Path) -> Iterator[str]:
         yield started
 
 
-def drive(plan: Plan, endpoint: str) -> Outcome:
-    """Send a plan's queries to the server at an endpoint.
+def drive(settings: LoadSettings, endpoint: str) -> Outcome:
+    """Send the settings' queries to the server at an endpoint.
 
     Raises:
         Unavailable: nobody listens there, or the server stopped answering.
         NotFound: it has no such model.
     """
-    with taxel.connect(endpoint, timeout=plan.timeout_s) as source:
-        manifest = source.predictor(plan.model).manifest
-        with ready_clients(plan, endpoint) as clients:
+    with taxel.connect(endpoint, timeout=settings.timeout_s) as source:
+        manifest = source.predictor(settings.model).manifest
+        with ready_clients(settings, endpoint) as clients:
             before = ServerUsage.now(source, manifest)
             finished = clients.run()
             server = ServerUsage.now(source, manifest).since(before)

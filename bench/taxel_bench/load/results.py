@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel_bench.load.drive import Outcome
-from taxel_bench.load.plan import RULES, Plan
 from taxel_bench.load.records import Records
+from taxel_bench.load.settings import RULES, LoadSettings
 from taxel_bench.load.usage import ServerUsage
 from taxel_bench.timing import Latencies
 from taxel_bench.verdict import queries_for, too_few, verdict
@@ -68,8 +68,8 @@ class Results:
     clients_cpu_us: float
 
     @classmethod
-    def of(cls, plan: Plan, outcome: Outcome) -> Self:
-        """The figures of a plan's outcome."""
+    def of(cls, settings: LoadSettings, outcome: Outcome) -> Self:
+        """The figures of the settings' outcome."""
         records, server = outcome.records, outcome.server
         answered = records[records["code"] == ""]
         sent = len(records)
@@ -77,15 +77,15 @@ class Results:
         per_second = len(answered) / seconds if seconds else 0.0
         cpu_s = server.cpu_s
         return cls(
-            **verdict(_reasons(plan, records, answered, server)),
+            **verdict(_reasons(settings, records, answered, server)),
             sent=sent,
             answered=len(answered),
             errors=_errors(records),
             seconds=seconds,
             queries_per_s=per_second,
-            samples_per_s=per_second * plan.samples_per_query,
+            samples_per_s=per_second * settings.samples_per_query,
             latency_ms=_percentiles(_latencies(answered)),
-            late_ms=_percentiles(_lateness(records)) if plan.scenario == "server" else None,
+            late_ms=_percentiles(_lateness(records)) if settings.scenario == "server" else None,
             queue_ms=_percentiles(answered["queue_us"] / 1e6),
             compute_ms=_percentiles(answered["compute_us"] / 1e6),
             batches={"count": server.batches, "rows": server.batch_rows},
@@ -119,34 +119,34 @@ def _errors(records: Records) -> dict[str, int]:
     return dict(sorted(Counter(code for code in records["code"].tolist() if code).items()))
 
 
-def _reasons(plan: Plan, records: Records, answered: Records, server: ServerUsage) -> list[str]:
+def _reasons(settings: LoadSettings, records: Records, answered: Records, server: ServerUsage) -> list[str]:
     """What speaks against a run."""
-    reasons = _shortage(plan, len(answered))
+    reasons = _shortage(settings, len(answered))
     if errors := _errors(records):
         told = ", ".join(f"{count} {code}" for code, count in errors.items())
         reasons.append(f"{sum(errors.values())} of {len(records)} queries were not answered: {told}")
-    if plan.scenario == "server" and len(records):
+    if settings.scenario == "server" and len(records):
         late = float(np.mean(_lateness(records) > LATE_MS / 1e3))
         if late > LATE_SHARE:
             reasons.append(
                 f"{late:.1%} of the queries were sent more than {LATE_MS:g} ms late: expected at most "
                 f"{LATE_SHARE:.0%}; the clients could not keep their schedule"
             )
-    if plan.latency_bound_ms is not None:
-        reasons += _beyond(plan.latency_bound_ms, RULES[plan.scenario].percentile, answered)
+    if settings.latency_bound_ms is not None:
+        reasons += _beyond(settings.latency_bound_ms, RULES[settings.scenario].percentile, answered)
     if server.requests > len(records):
         reasons.append(
             f"the server was asked {server.requests} times where {len(records)} queries were sent: "
-            f"others used {plan.model} during the run"
+            f"others used {settings.model} during the run"
         )
     return reasons
 
 
-def _shortage(plan: Plan, answered: int) -> list[str]:
-    percentile = RULES[plan.scenario].percentile
+def _shortage(settings: LoadSettings, answered: int) -> list[str]:
+    percentile = RULES[settings.scenario].percentile
     if percentile is not None:
         return too_few(answered, percentile)
-    samples = answered * plan.samples_per_query
+    samples = answered * settings.samples_per_query
     if samples >= OFFLINE_SAMPLES:
         return []
     return [f"{samples} samples do not support a throughput: at least {OFFLINE_SAMPLES} are needed"]

@@ -12,10 +12,10 @@ from taxel.errors import RequestError, Unavailable
 from taxel.protocol import model_key
 from taxel.remote import RemoteSource
 from taxel_bench.load.arrivals import poisson_arrivals
-from taxel_bench.load.flight import Flight
-from taxel_bench.load.plan import Plan
+from taxel_bench.load.in_flight import QueriesInFlight
 from taxel_bench.load.queries import encoded_queries
 from taxel_bench.load.records import RECORD, Record, Records, record
+from taxel_bench.load.settings import LoadSettings
 
 _PATIENCE_S: Final = 1.0
 """How much longer than its timeout a query in flight is waited for."""
@@ -28,20 +28,20 @@ class Stream:
     source: RemoteSource
     key: str
     payloads: list[bytes]
-    plan: Plan
+    settings: LoadSettings
     client: int
 
     @classmethod
-    def of(cls, source: RemoteSource, plan: Plan, client: int) -> Self:
+    def of(cls, source: RemoteSource, settings: LoadSettings, client: int) -> Self:
         """Ask for the model and encode queries for it.
 
         Raises:
             NotFound: the server has no such model.
         """
-        manifest = source.predictor(plan.model).manifest
-        payloads = encoded_queries(manifest, plan.samples_per_query, plan.seed, client)
+        manifest = source.predictor(settings.model).manifest
+        payloads = encoded_queries(manifest, settings.samples_per_query, settings.seed, client)
         key = model_key(source.prefix, manifest.name, manifest.version, "infer")
-        return cls(source, key, payloads, plan, client)
+        return cls(source, key, payloads, settings, client)
 
     def warm_up(self, queries: int) -> None:
         """Send queries that do not count, one after the other.
@@ -53,19 +53,19 @@ class Stream:
             self.source.get(self.key, self._payload(number))
 
     def run(self, start: float) -> Records:
-        """Send this client's part of the plan from `start` on, on the clock `time.perf_counter`.
+        """Send this client's part of the queries from `start` on, on the clock `time.perf_counter`.
 
         Ends early when the server has gone.
         """
         _sleep_until(start)
-        if self.plan.scenario in ("single-stream", "multi-stream"):
+        if self.settings.scenario in ("single-stream", "multi-stream"):
             return self._one_after_the_other(start)
         return self._when_due(start)
 
     def _one_after_the_other(self, start: float) -> Records:
-        share = self.plan.share(self.client)
+        share = self.settings.share(self.client)
         most = inf if share is None else share
-        ends = start + (self.plan.duration_s or inf)
+        ends = start + (self.settings.duration_s or inf)
         kept: list[Record] = []
         result: bytes | RequestError = b""
         while len(kept) < most and time.perf_counter() < ends and not isinstance(result, Unavailable):
@@ -76,28 +76,28 @@ class Stream:
             except RequestError as error:
                 result = error
             answered = time.perf_counter() - start
-            kept.append(record(sent, sent, answered, result, self.plan.samples_per_query))
+            kept.append(record(sent, sent, answered, result, self.settings.samples_per_query))
         return np.array(kept, RECORD)
 
     def _when_due(self, start: float) -> Records:
         schedule = self._schedule().tolist()
-        flight = Flight(len(schedule), self.plan.samples_per_query, start)
+        in_flight = QueriesInFlight(len(schedule), self.settings.samples_per_query, start)
         for number, due in enumerate(schedule):
             _sleep_until(start + due)
-            if flight.server_gone:
+            if in_flight.server_gone:
                 break
-            self.source.send(self.key, self._payload(number), flight.depart(due))
-        return flight.land(self.plan.timeout_s + _PATIENCE_S)
+            self.source.send(self.key, self._payload(number), in_flight.depart(due))
+        return in_flight.land(self.settings.timeout_s + _PATIENCE_S)
 
     def _schedule(self) -> NDArray[np.float64]:
         """When each of this client's queries is due; the arrivals are dealt to the clients in turn."""
-        plan = self.plan
-        assert plan.queries is not None
-        if plan.rate_qps is None:
-            due = np.zeros(plan.queries)
+        settings = self.settings
+        assert settings.queries is not None
+        if settings.rate_qps is None:
+            due = np.zeros(settings.queries)
         else:
-            due = poisson_arrivals(plan.rate_qps, plan.queries, plan.seed)
-        return due[self.client :: plan.clients]
+            due = poisson_arrivals(settings.rate_qps, settings.queries, settings.seed)
+        return due[self.client :: settings.clients]
 
     def _payload(self, number: int) -> bytes:
         return self.payloads[number % len(self.payloads)]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from taxel.manifest import Manifest
 from taxel.scaling import Scaler
-from taxel_bench.engines import THREADS, Engine
+from taxel_bench.engines import PUBLISHED, THREADS, Engine
 from taxel_bench.operations.of_trees import count_tree_operations, leaf_depths
 
 
@@ -34,6 +34,11 @@ class Regressors:
             self._models.append((_regressor(model, own, score), depths))
         self._manifest = manifest
 
+    @property
+    def boosters(self) -> tuple[xgboost.Booster, ...]:
+        """A booster a channel."""
+        return tuple(regressor.get_booster() for regressor, _ in self._models)
+
     def engine(self, windows: NDArray[np.float32]) -> Engine:
         """Each regressor's `predict` in turn: z-scores in and out, as the published script had them.
 
@@ -45,12 +50,13 @@ class Regressors:
         outputs = Scaler.of(statistics.output_mean, statistics.output_std)
         regressors = [regressor for regressor, _ in self._models]
         return Engine(
-            "paper",
+            PUBLISHED,
             f"{len(regressors)} x XGBRegressor.predict, XGBoost {xgboost.__version__}",
             inputs.normalise,
             lambda windows: [regressor.predict(windows) for regressor in regressors],
             lambda columns: outputs.restore(np.stack(columns, axis=1)),
             self._operations(inputs.normalise(windows)),
+            tolerance=0.0,
         )
 
     def _operations(self, windows: NDArray[np.float32]) -> int:

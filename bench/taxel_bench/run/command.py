@@ -61,17 +61,25 @@ def run(
             "over 1000."
         ),
     ] = None,
+    peers: Annotated[
+        str | None,
+        typer.Option(help="Other libraries beside: all, or names with commas between."),
+    ] = None,
+    install: Annotated[
+        bool, typer.Option("--install", help="Install peers that are not, each into its own environment.")
+    ] = False,
     repetitions: Repetitions = None,
     seconds: Seconds = 60.0,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Time a model in this process, in turn with the published way, or a corrected one with its base.
+    """Time a model in this process, in turn with the published way and other libraries.
 
-    `--json` prints `machine` and `results`, one for each batch size and engine; bench/README.md
-    names their fields.
+    A corrected model is timed in turn with its base. `--json` prints `machine`, `results`, one for
+    each batch size and engine, and `skipped`; bench/README.md names their fields.
     """
     from taxel_bench.machine import describe_machine
+    from taxel_bench.peers.selection import NO_PEERS, parse_peer_choice
     from taxel_bench.progress import progress_bar
     from taxel_bench.run.protocols import Effort, run_paper, run_serving
     from taxel_bench.run.results import paper_table, remarks, serving_table
@@ -81,6 +89,9 @@ def run(
     as_published = protocol is Protocol.PAPER
     if as_published and batches != [1]:
         raise SettingsError(f"--batch {batch}: the paper's protocol has single windows alone")
+    if install and peers is None:
+        raise SettingsError("--install: expected --peers, which says what to install")
+    choice = NO_PEERS if peers is None else parse_peer_choice(peers, install=install)
     effort = Effort(repetitions, seconds, seed)
     with (
         progress_bar("loading", len(batches)) as bar,
@@ -90,6 +101,7 @@ def run(
             size=None if size is None else size.value,
             trees=None if trees is None else trees.value,
             seed=seed,
+            peers=choice,
         ) as subject,
     ):
         machine = describe_machine()
@@ -99,8 +111,9 @@ def run(
         else:
             results = run_serving(subject, batches, effort, bar.reach)
     if as_json:
-        print_json({"machine": machine, "results": results})
+        skipped = [{"peer": name, "reason": reason} for name, reason in subject.skipped.items()]
+        print_json({"machine": machine, "results": results, "skipped": skipped})
         return
     OUT.print(paper_table(results) if as_published else serving_table(results))
-    for line in remarks(results, machine):
+    for line in remarks(results, subject.skipped, machine):
         OUT.print(line, soft_wrap=True, markup=False)

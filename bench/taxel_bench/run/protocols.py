@@ -1,6 +1,7 @@
-"""How one model is timed in this process, our runtime and another engine in turn: two protocols."""
+"""How one model is timed in this process, our runtime and other engines in turn: two protocols."""
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -8,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
-from taxel_bench.agreement import largest_difference
+from taxel_bench.agreement import largest_differences
 from taxel_bench.conditions import disturbances, stolen_time
-from taxel_bench.engines import THREADS, Engine
+from taxel_bench.engines import PUBLISHED, THREADS, Engine
 from taxel_bench.progress import Watch, ignore, shifted
+from taxel_bench.run.comparing import compare_engines
 from taxel_bench.subjects import Subject
 from taxel_bench.timing import Call, TimedCalls, interleaved, warm_up
 from taxel_bench.verdict import queries_for, too_few, verdict
@@ -30,6 +32,12 @@ _WARM_SHARE: Final = 0.1
 """Of the allowed time: for warming up, and for what is timed back to back afterwards."""
 
 _FEWEST: Final = 10
+
+_SLOWEST: Final = 3
+"""A peer that takes more than this multiple of the published way's time is left out at a batch size."""
+
+_TRIALS: Final = 3
+"""Calls of each peer before it is timed; the fastest tells how long it takes."""
 
 _TURNS_BEGIN: Final = 0.05
 _TURNS_END: Final = 0.8
@@ -69,7 +77,7 @@ def run_serving(
     effort: Effort,
     watch: Watch = ignore,
 ) -> list[dict[str, Any]]:
-    """Time both engines in turn at each batch size; two results for each, as `--json` prints them.
+    """Time all engines in turn at each batch size; a result for each, as `--json` prints them.
 
     `watch` is told how many batch sizes are done, with the part of the one that is going on.
     """
@@ -85,7 +93,7 @@ def run_paper(subject: Subject, effort: Effort, watch: Watch = ignore) -> list[d
     `watch` is told which part is done.
     """
     windows = random_windows(subject.manifest, PAPER_WINDOWS, effort.seed)
-    difference = largest_difference(subject, windows)
+    differences = largest_differences(subject, windows)
     calls = [_call(engine, np.split(windows, len(windows))) for engine in subject.engines]
     warm_up(calls, rounds=PAPER_WARM_UP, seconds=effort.seconds)
     with stolen_time() as stolen:
@@ -94,12 +102,12 @@ def run_paper(subject: Subject, effort: Effort, watch: Watch = ignore) -> list[d
     results = []
     for engine, timed in zip(subject.engines, taken, strict=True):
         mean, std = float(timed.seconds.mean()) * 1e3, float(timed.seconds.std()) * 1e3
-        result = _result(subject, engine, 1, timed, "paper", difference, stolen())
+        result = _result(subject, engine, 1, timed, "paper", differences, stolen())
         result |= {"mean_ms": mean, "std_ms": std}
-        if engine.name == "paper" and subject.manifest.platform == "xgboost_json":
+        if engine.name == PUBLISHED and subject.manifest.platform == "xgboost_json":
             result["mean_ms_per_channel"] = mean / len(CHANNELS)
         results.append(result)
-    _compare(results, "mean_ms", ratio="ratio", cost="correction_cost_cold_us")
+    compare_engines(results)
     return results
 
 
@@ -107,29 +115,48 @@ def _serve_batch(subject: Subject, batch: int, effort: Effort, watch: Watch) -> 
     distinct = max(1, DISTINCT_INPUTS // batch)
     windows = random_windows(subject.manifest, distinct * batch, effort.seed)
     inputs = np.split(windows, distinct)
-    difference = largest_difference(subject, inputs[0])
-    calls = [_call(engine, inputs) for engine in subject.engines]
-    round_s = warm_up(calls, rounds=_WARM_UP, seconds=_WARM_UP_SHARE * effort.seconds)
+    differences = largest_differences(subject, inputs[0])
+    calls = {engine.name: _call(engine, inputs) for engine in subject.engines}
+    too_slow = _too_slow(subject, calls)
+    engines = [engine for engine in subject.engines if engine.name not in too_slow]
+    turns = [calls[engine.name] for engine in engines]
+    round_s = warm_up(turns, rounds=_WARM_UP, seconds=_WARM_UP_SHARE * effort.seconds)
     rounds = effort.rounds(round_s)
     with stolen_time() as stolen:
-        taken = interleaved(calls, repetitions=rounds, watch=_part(watch, _TURNS_BEGIN, _TURNS_END, rounds))
+        taken = interleaved(turns, repetitions=rounds, watch=_part(watch, _TURNS_BEGIN, _TURNS_END, rounds))
 
     def predicting(number: int) -> object:
         return subject.predict(inputs[number % distinct])
 
     # In the order of the engines; ours is last, and what a user calls is timed beside it.
-    ours_begins = (_TURNS_END + 1) / 2
-    alone = [_back_to_back([call], effort, watch, _TURNS_END, ours_begins)[0] for call in calls[:-1]]
-    alone += _back_to_back([calls[-1], predicting], effort, watch, ours_begins, 1.0)
+    parts = np.linspace(_TURNS_END, 1, len(turns) + 1)
+    alone = []
+    for call, begin, end in zip(turns[:-1], parts[:-2], parts[1:-1], strict=True):
+        alone += _back_to_back([call], effort, watch, begin, end)
+    alone += _back_to_back([turns[-1], predicting], effort, watch, parts[-2], 1.0)
     results = []
-    for engine, timed, warm in zip(subject.engines, taken, alone, strict=False):
-        result = _result(subject, engine, batch, timed, "serving", difference, stolen())
+    for engine, timed, warm in zip(engines, taken, alone, strict=False):
+        result = _result(subject, engine, batch, timed, "serving", differences, stolen())
         results.append(result | {"warm_median_ms": warm.median_ms})
     results[-1]["predictor_warm_median_ms"] = alone[-1].median_ms
-    _compare(results, "median_ms", ratio="ratio", cost="correction_cost_cold_us")
-    _compare(results, "cpu_median_ms", ratio="cpu_ratio")
-    _compare(results, "warm_median_ms", ratio="warm_ratio", cost="correction_cost_us")
+    if subject.peers:
+        results[-1]["too_slow"] = too_slow
+    compare_engines(results)
     return results
+
+
+def _too_slow(subject: Subject, calls: Mapping[str, Call]) -> dict[str, float]:
+    """Peers that take much longer than the published way, each with the milliseconds of a call."""
+    if subject.baseline is None:
+        return {}
+    names = [subject.baseline.name, *(peer.name for peer in subject.peers)]
+    once = {name: _fastest_s(calls[name]) for name in names}
+    longest = _SLOWEST * once[subject.baseline.name]
+    return {name: seconds * 1e3 for name, seconds in once.items() if seconds > longest}
+
+
+def _fastest_s(call: Call) -> float:
+    return float(min(timed.seconds.min() for timed in interleaved([call], repetitions=_TRIALS)))
 
 
 def _call(engine: Engine, inputs: Sequence[NDArray[np.float32]]) -> Call:
@@ -158,7 +185,7 @@ def _result(
     batch: int,
     timed: TimedCalls,
     protocol: str,
-    difference: float | None,
+    differences: Mapping[str, float | None],
     stolen: float,
 ) -> dict[str, Any]:
     return {
@@ -170,31 +197,27 @@ def _result(
         "engine": engine.name,
         "how": engine.how,
         "threads": THREADS,
+        **_evaluator(subject, engine, batch),
         "batch": batch,
         **timed.report(),
         "cpu_median_ms": timed.cpu_median_ms,
         "rows_per_s": batch / (timed.median_ms / 1e3),
         "parameters": subject.manifest.parameters,
         "flops": engine.flops,
-        "largest_difference": difference,
+        "largest_difference": differences.get(engine.name, _of_baseline(subject, differences)),
+        "rounded": engine.tolerance == math.inf,
         **verdict([*too_few(len(timed.seconds), 99), *disturbances(timed, stolen)]),
         "notes": list(subject.notes),
     }
 
 
-def _compare(
-    results: Sequence[dict[str, Any]], figure: str, *, ratio: str, cost: str | None = None
-) -> None:
-    """Adds to our result how it compares with the one beside it, if there is one.
+def _evaluator(subject: Subject, engine: Engine, batch: int) -> dict[str, str]:
+    """Which of our evaluators computes so many windows, and with which instructions."""
+    if engine is not subject.taxel:
+        return {}
+    evaluator = subject.evaluator(batch)
+    return {"evaluator": evaluator.name, "instruction_set": evaluator.instruction_set}
 
-    Args:
-        figure: that is compared, ms.
-        ratio: its name: how many times faster ours is than the published way.
-        cost: its name: how much longer a corrected model takes than its base, microseconds.
-    """
-    by_engine = {result["engine"]: result for result in results}
-    ours = by_engine["taxel"]
-    if "paper" in by_engine:
-        ours[ratio] = by_engine["paper"][figure] / ours[figure]
-    if "base" in by_engine and cost is not None:
-        ours[cost] = (ours[figure] - by_engine["base"][figure]) * 1e3
+
+def _of_baseline(subject: Subject, differences: Mapping[str, float | None]) -> float | None:
+    return None if subject.baseline is None else differences[subject.baseline.name]

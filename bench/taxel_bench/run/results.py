@@ -1,10 +1,11 @@
 """Results of `bench run` for the terminal."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.table import Table
 
+from taxel_bench.engines import BASE, PUBLISHED, TAXEL
 from taxel_bench.figures import short
 
 _KEYS = ("median_ms", "p90_ms", "p99_ms")
@@ -20,15 +21,18 @@ def serving_table(results: Sequence[dict[str, Any]]) -> Table:
     for column in table.columns[2:-1]:
         column.justify = "right"
     for result in results:
+        ours = next(
+            each for each in results if each["engine"] == TAXEL and each["batch"] == result["batch"]
+        )
         table.add_row(
             str(result["batch"]),
             result["engine"],
             *(short(result[key]) for key in _KEYS),
-            _comparison(result, "ratio", "correction_cost_cold_us"),
+            _comparison(result, ours, "ratio", "correction_cost_cold_us"),
             short(result["warm_median_ms"]),
-            _comparison(result, "warm_ratio", "correction_cost_us"),
+            _comparison(result, ours, "warm_ratio", "correction_cost_us"),
             result["verdict"],
-            end_section=result["engine"] == "taxel",
+            end_section=result is ours,
         )
     return table
 
@@ -41,7 +45,7 @@ def paper_table(results: Sequence[dict[str, Any]]) -> Table:
         column.justify = "right"
     for result in results:
         windows, mean, std = str(result["repetitions"]), short(result["mean_ms"]), short(result["std_ms"])
-        compared = _comparison(result, "ratio", "correction_cost_cold_us")
+        compared = _comparison(result, results[-1], "ratio", "correction_cost_cold_us")
         table.add_row(result["engine"], windows, mean, std, compared, result["verdict"])
         if "mean_ms_per_channel" in result:
             mean = short(result["mean_ms_per_channel"])
@@ -49,7 +53,9 @@ def paper_table(results: Sequence[dict[str, Any]]) -> Table:
     return table
 
 
-def remarks(results: Sequence[dict[str, Any]], machine: dict[str, Any]) -> list[str]:
+def remarks(
+    results: Sequence[dict[str, Any]], skipped: Mapping[str, str], machine: dict[str, Any]
+) -> list[str]:
     """What has to be known beside the table, a line each."""
     first = results[0]
     lines = [
@@ -61,9 +67,11 @@ def remarks(results: Sequence[dict[str, Any]], machine: dict[str, Any]) -> list[
         operations = "" if result["flops"] is None else f", {short(result['flops'] / 1e6)} MFLOP a window"
         lines.append(f"{name}: {result['how']}, threads: {result['threads']}{operations}.")
     lines += first["notes"]
-    difference = first["largest_difference"]
-    if difference is not None:
-        lines.append(f"Both engines agree to {difference:.2g} counts." if difference else "Equal bits.")
+    lines += [line for result in engines.values() if (line := _agreement(result))]
+    lines += [f"skipped {name}: {reason}" for name, reason in skipped.items()]
+    for result in results:
+        for name, milliseconds in result.get("too_slow", {}).items():
+            lines.append(f"batch {result['batch']}, {name}: not timed, a call takes {milliseconds:,.3g} ms")
     for result in results:
         lines += [f"batch {result['batch']}, {result['engine']}: {reason}" for reason in result["reasons"]]
     if first["size"] == "shipped":
@@ -72,12 +80,26 @@ def remarks(results: Sequence[dict[str, Any]], machine: dict[str, Any]) -> list[
     return lines
 
 
+def _agreement(result: dict[str, Any]) -> str:
+    """How far an engine's answers are from ours; nothing for ours, or where they are not compared."""
+    difference = result["largest_difference"]
+    if difference is None or result["engine"] == TAXEL:
+        return ""
+    rounded = ", which is what rounding its weights costs" if result["rounded"] else ""
+    same = f"differs from ours by at most {difference:.2g} counts{rounded}" if difference else "equal bits"
+    return f"{result['engine']}: {same}."
+
+
 def _compared(results: Sequence[dict[str, Any]]) -> str:
     """What the engines are compared by: a corrected model's effects cost time, any other gains some."""
-    return "cost, µs" if any(result["engine"] == "base" for result in results) else "ratio"
+    return "cost, µs" if any(result["engine"] == BASE for result in results) else "ratio"
 
 
-def _comparison(result: dict[str, Any], ratio: str, cost: str) -> str:
-    if cost in result:
-        return f"{result[cost]:+,.1f}"
-    return f"{short(result[ratio])}x" if ratio in result else ""
+def _comparison(result: dict[str, Any], ours: dict[str, Any], ratio: str, cost: str) -> str:
+    """How many times faster ours is than this engine; on our line of a corrected model its cost."""
+    if result is ours:
+        return f"{result[cost]:+,.1f}" if cost in result else ""
+    times = ours.get(f"{ratio}s", {}).get(result["engine"])
+    if result["engine"] == PUBLISHED:
+        times = ours[ratio]
+    return "" if times is None else f"{short(times)}x"

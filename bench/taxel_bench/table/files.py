@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from taxel_bench.figures import short
-from taxel_bench.table.drawing import draw_latency_against_batch, draw_time_against_parameters
+from taxel_bench.figures import markdown_table, short
+from taxel_bench.table.plots import draw_latency_against_batch, draw_time_against_parameters
 
 TABLE: Final = "table.json"
 
@@ -44,7 +44,7 @@ def markdown(machine: dict[str, Any], results: Sequence[Result]) -> str:
         "One window, one thread, medians in ms, all 21 channels. The published way and Taxel's runtime",
         "were called in turn, so that each finds cold caches; *warm* calls follow each other.",
         "",
-        *_markdown_table(_HEAD, single),
+        *markdown_table(_HEAD, single),
         "",
         "- *ms published*: the mean over 100 windows on another processor. For `xgb` the published script",
         "  printed the time of one channel; here stands 21 times that.",
@@ -58,7 +58,7 @@ def markdown(machine: dict[str, Any], results: Sequence[Result]) -> str:
         "",
         f"## Latency against batch size, input combination {first}",
         "",
-        *_markdown_table(_BATCH_HEAD, batches),
+        *markdown_table(_BATCH_HEAD, batches),
         "",
         "## Machine",
         "",
@@ -115,8 +115,3 @@ def _times(paper: Result, taxel: Result) -> list[str]:
 
 def _verdict(paper: Result, taxel: Result) -> str:
     return "VALID" if paper["verdict"] == taxel["verdict"] == "VALID" else "INVALID"
-
-
-def _markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
-    return ["| " + " | ".join(cells) + " |" for cells in lines]

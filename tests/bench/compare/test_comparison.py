@@ -12,24 +12,26 @@ from taxel.artifacts import folder_of
 from taxel.commands.cli import failing_clearly, new_app
 from taxel.errors import SettingsError, Unavailable
 from taxel_bench.compare.command import compare
-from taxel_bench.compare.comparison import Comparison, Plan, _prepared, run_comparison
-from taxel_bench.compare.contenders import taxel_contender
+from taxel_bench.compare.comparison import CompareSettings, Comparison, _prepared, run_comparison
 from taxel_bench.compare.figures import Figures
 from taxel_bench.compare.peers import parse_peers
 from taxel_bench.compare.rounds import BareRuntime, Round
+from taxel_bench.compare.servers import taxel_server
 from taxel_models.shipped import shipped_repository
 
 
 @pytest.fixture
-def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Plan:
+def settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> CompareSettings:
     """Of the smallest shipped network, where no peer is installed."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     folder = folder_of(shipped_repository(), "network-b")
-    return Plan(folder, parse_peers("fastapi,grpc"), install=False, rounds=2, seconds=0.05, seed=1)
+    return CompareSettings(
+        folder, parse_peers("fastapi,grpc"), install=False, rounds=2, seconds=0.05, seed=1
+    )
 
 
-def test_ours_is_measured_and_missing_peers_are_named(plan: Plan) -> None:
-    comparison = run_comparison(plan, lambda _: None)
+def test_ours_is_measured_and_missing_peers_are_named(settings: CompareSettings) -> None:
+    comparison = run_comparison(settings, lambda _: None)
     assert list(comparison.skipped) == ["fastapi", "grpc"]
     assert all("not installed: pass --install" in reason for reason in comparison.skipped.values())
     report = json.loads(json.dumps(comparison.report(), allow_nan=False))
@@ -40,24 +42,24 @@ def test_ours_is_measured_and_missing_peers_are_named(plan: Plan) -> None:
     assert report["ratios"] == []
 
 
-def test_wrong_answers_are_not_compared(plan: Plan) -> None:
-    with _prepared(plan) as (task, _):
-        wrong = replace(task, counts=task.counts + 1)
-        with pytest.raises(Unavailable, match="its answers differ by 1"), taxel_contender(wrong):
+def test_wrong_answers_are_not_compared(settings: CompareSettings) -> None:
+    with _prepared(settings) as (workload, _):
+        wrong = replace(workload, counts=workload.counts + 1)
+        with pytest.raises(Unavailable, match="its answers differ by 1"), taxel_server(wrong):
             pytest.fail("it was let in")
 
 
-def test_a_server_that_stops_is_told(plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_server_that_stops_is_told(settings: CompareSettings, monkeypatch: pytest.MonkeyPatch) -> None:
     """A peer without its packages: our own interpreter has no mosec."""
     (mosec,) = parse_peers("mosec")
     monkeypatch.setattr("taxel_bench.compare.comparison.find_environment", lambda *_: Path(sys.executable))
-    comparison = run_comparison(replace(plan, peers=[mosec], rounds=1), lambda _: None)
+    comparison = run_comparison(replace(settings, peers=[mosec], rounds=1), lambda _: None)
     assert "No module named 'mosec'" in comparison.skipped["mosec"]
 
 
-def test_trees_have_no_peers(plan: Plan) -> None:
+def test_trees_have_no_peers(settings: CompareSettings) -> None:
     with pytest.raises(SettingsError, match="xgboost_json: the peers serve ONNX networks"):
-        run_comparison(replace(plan, folder=folder_of(shipped_repository(), "xgb")), lambda _: None)
+        run_comparison(replace(settings, folder=folder_of(shipped_repository(), "xgb")), lambda _: None)
 
 
 def test_a_report_has_medians_and_ratios_of_rounds() -> None:

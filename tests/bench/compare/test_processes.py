@@ -20,8 +20,8 @@ PARENT = (
 
 
 def test_an_order_is_answered() -> None:
-    with running_program([sys.executable, "-c", ECHO], takes_orders=True) as program:
-        assert program.order(do="sing", times=3) == {"heard": {"do": "sing", "times": 3}}
+    with running_program([sys.executable, "-c", ECHO], takes_requests=True) as program:
+        assert program.request(do="sing", times=3) == {"heard": {"do": "sing", "times": 3}}
         assert program.runs
     assert not program.runs
 
@@ -29,17 +29,17 @@ def test_an_order_is_answered() -> None:
 def test_last_words_are_kept() -> None:
     command = [sys.executable, "-c", "raise ValueError('no ink')"]
     with (
-        running_program(command, takes_orders=True) as program,
+        running_program(command, takes_requests=True) as program,
         pytest.raises(Unavailable, match=r"^ValueError: no ink$"),
     ):
-        program.order(do="print")
+        program.request(do="print")
 
 
 def test_children_are_counted_and_ended() -> None:
     with running_program([sys.executable, "-c", PARENT]) as program:
         while program.cpu_seconds() < 0.5:
             time.sleep(0.05)
-        child = psutil.Process(int(program.last_words()))
+        child = psutil.Process(int(program.last_log_line()))
         assert child.is_running()
     assert not child.is_running() or child.status() == psutil.STATUS_ZOMBIE
 
@@ -55,8 +55,8 @@ def test_a_program_stays_on_its_cores() -> None:
         "print(json.dumps({'cores': found}), flush=True)"
     )
     command = [sys.executable, "-c", asking]
-    with running_program(command, takes_orders=True, cores=frozenset([core])) as program:
-        assert program.order() == {"cores": [core]}
+    with running_program(command, takes_requests=True, cores=frozenset([core])) as program:
+        assert program.request() == {"cores": [core]}
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="keeps processes on cores")

@@ -20,8 +20,8 @@ from taxel.errors import TaxelError, Unavailable
 from taxel_bench.load.clients import ready_clients
 from taxel_bench.load.command import load
 from taxel_bench.load.drive import drive
-from taxel_bench.load.plan import Plan, Scenario
 from taxel_bench.load.results import Results
+from taxel_bench.load.settings import LoadSettings, Scenario
 from taxel_bench.load.usage import ServerUsage
 from taxel_bench.server_process import running_server
 
@@ -73,8 +73,8 @@ def test_the_table_says_why_a_run_is_invalid(endpoint: str) -> None:
 
 
 def test_streams_last_as_long_as_told(endpoint: str) -> None:
-    plan = Plan.of("single-stream", "network-b", duration_s=0.3)
-    records = drive(plan, endpoint).records
+    settings = LoadSettings.of("single-stream", "network-b", duration_s=0.3)
+    records = drive(settings, endpoint).records
     assert len(records) > 1
     assert records["sent"].max() < 0.3
     assert (records["sent"][1:] >= records["answered"][:-1]).all()
@@ -82,7 +82,7 @@ def test_streams_last_as_long_as_told(endpoint: str) -> None:
 
 def test_arrivals_do_not_wait_for_answers(endpoint: str) -> None:
     """At a rate far above what can be answered, queries are due and sent while others are in flight."""
-    outcome = drive(Plan.of("server", "xgb", queries=500, rate_qps=50_000.0), endpoint)
+    outcome = drive(LoadSettings.of("server", "xgb", queries=500, rate_qps=50_000.0), endpoint)
     records = outcome.records
     assert len(records) == 500
     assert (records["sent"] >= records["scheduled"]).all()
@@ -92,8 +92,8 @@ def test_arrivals_do_not_wait_for_answers(endpoint: str) -> None:
 
 def test_a_queue_that_is_full_is_counted_as_errors(endpoint: str) -> None:
     """More samples at once than the server's queue takes."""
-    plan = Plan.of("offline", "xgb", queries=4, samples_per_query=60_000)
-    found = Results.of(plan, drive(plan, endpoint))
+    settings = LoadSettings.of("offline", "xgb", queries=4, samples_per_query=60_000)
+    found = Results.of(settings, drive(settings, endpoint))
     assert found.sent == 4 == found.answered + sum(found.errors.values())
     assert set(found.errors) == {"RESOURCE_EXHAUSTED"}
     assert found.verdict == "INVALID"
@@ -128,7 +128,7 @@ def test_what_cannot_be_run_is_told(endpoint: str, options: list[str], code: int
 def test_a_client_process_that_dies_is_told(endpoint: str) -> None:
     with (
         pytest.raises(TaxelError, match="client process 0 ended before its work was done, with code -9"),
-        ready_clients(Plan.of("single-stream", "xgb"), endpoint) as clients,
+        ready_clients(LoadSettings.of("single-stream", "xgb"), endpoint) as clients,
     ):
         (client,) = multiprocessing.active_children()
         client.kill()
@@ -180,7 +180,7 @@ def test_a_server_that_dies_during_the_run_is_told(scenario: Scenario, small_rep
 
         killing = pool.submit(kill_under_load)
         with pytest.raises(Unavailable, match="stopped answering"):
-            drive(Plan.of(scenario, "network-b", duration_s=30.0, timeout_s=5.0), doomed)
+            drive(LoadSettings.of(scenario, "network-b", duration_s=30.0, timeout_s=5.0), doomed)
         killing.result()
 
 

@@ -7,9 +7,9 @@ import pytest
 
 from taxel import artifacts
 from taxel_bench.load.drive import Outcome
-from taxel_bench.load.plan import Plan, Scenario
 from taxel_bench.load.records import RECORD, Records
 from taxel_bench.load.results import Results
+from taxel_bench.load.settings import LoadSettings, Scenario
 from taxel_bench.load.usage import ServerUsage
 from taxel_models.shipped import shipped_repository
 
@@ -31,10 +31,10 @@ def records_of(queries: int, code: str = "") -> Records:
 def results_of(
     records: Records, scenario: Scenario = "server", requests: int | None = None, **options: Any
 ) -> Results:
-    plan = Plan.of(scenario, "xgb", **options)
+    settings = LoadSettings.of(scenario, "xgb", **options)
     asked = len(records) if requests is None else requests
     server = ServerUsage(asked, 2, len(records), {"1": 1, "4": 1}, 0.5)
-    return Results.of(plan, Outcome(MANIFEST, records, server, clients_cpu_s=0.25))
+    return Results.of(settings, Outcome(MANIFEST, records, server, clients_cpu_s=0.25))
 
 
 def test_a_valid_run_has_its_figures() -> None:

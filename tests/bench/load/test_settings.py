@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taxel.errors import SettingsError
-from taxel_bench.load.plan import Plan, Scenario
+from taxel_bench.load.settings import LoadSettings, Scenario
 
 
 @pytest.mark.parametrize(
@@ -24,8 +24,8 @@ def test_each_scenario_has_its_own_defaults(
     duration_s: float | None,
     rate_qps: float | None,
 ) -> None:
-    plan = Plan.of(scenario, "xgb")
-    found = (plan.samples_per_query, plan.queries, plan.duration_s, plan.rate_qps)
+    settings = LoadSettings.of(scenario, "xgb")
+    found = (settings.samples_per_query, settings.queries, settings.duration_s, settings.rate_qps)
     assert found == (samples, queries, duration_s, rate_qps)
 
 
@@ -44,12 +44,12 @@ def test_options_that_contradict_each_other_are_refused(
     scenario: Scenario, options: dict[str, Any], text: str
 ) -> None:
     with pytest.raises(SettingsError, match=text):
-        Plan.of(scenario, "xgb", **options)
+        LoadSettings.of(scenario, "xgb", **options)
 
 
 @given(clients=st.integers(1, 20), more=st.integers(0, 100))
 def test_clients_share_all_queries(clients: int, more: int) -> None:
-    plan = Plan.of("single-stream", "xgb", clients=clients, queries=clients + more)
-    shares = [plan.share(client) or 0 for client in range(clients)]
+    settings = LoadSettings.of("single-stream", "xgb", clients=clients, queries=clients + more)
+    shares = [settings.share(client) or 0 for client in range(clients)]
     assert sum(shares) == clients + more
     assert max(shares) - min(shares) <= 1

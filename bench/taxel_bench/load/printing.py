@@ -3,17 +3,17 @@
 from rich.console import Console
 from rich.table import Table
 
-from taxel_bench.load.plan import Plan
 from taxel_bench.load.results import PERCENTILES, Percentiles, Results
+from taxel_bench.load.settings import LoadSettings
 
 
-def print_results(out: Console, plan: Plan, label: str, results: Results) -> None:
+def print_results(out: Console, settings: LoadSettings, label: str, results: Results) -> None:
     """Print what was sent, the verdict, the times and the usage.
 
     Args:
         label: of the model that answered, as NAME/VERSION.
     """
-    out.print(f"[bold]{plan.scenario}[/], {label}, {_described(plan)}: ", end="")
+    out.print(f"[bold]{settings.scenario}[/], {label}, {_described(settings)}: ", end="")
     out.print(results.verdict, style="bold green" if results.verdict == "VALID" else "bold red")
     for reason in results.reasons:
         out.print(f"  {reason}", markup=False, soft_wrap=True)
@@ -30,11 +30,11 @@ def print_results(out: Console, plan: Plan, label: str, results: Results) -> Non
         out.print(line, soft_wrap=True)
 
 
-def _described(plan: Plan) -> str:
-    parts = [f"{plan.clients} client{'s' * (plan.clients > 1)}"]
-    parts.append(f"{plan.samples_per_query} sample{'s' * (plan.samples_per_query > 1)} a query")
-    if plan.rate_qps is not None:
-        parts.append(f"{plan.rate_qps:g} queries/s")
+def _described(settings: LoadSettings) -> str:
+    parts = [f"{settings.clients} client{'s' * (settings.clients > 1)}"]
+    parts.append(f"{settings.samples_per_query} sample{'s' * (settings.samples_per_query > 1)} a query")
+    if settings.rate_qps is not None:
+        parts.append(f"{settings.rate_qps:g} queries/s")
     return ", ".join(parts)
 
 

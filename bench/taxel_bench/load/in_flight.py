@@ -11,7 +11,7 @@ from taxel.remote_connection import Done
 from taxel_bench.load.records import RECORD, Records, record
 
 
-class Flight:
+class QueriesInFlight:
     """Up to so many queries, of which any number may be in flight.
 
     Args:

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from taxel.errors import Unavailable
-from taxel_bench.compare import environments
-from taxel_bench.compare.environments import cache_folder, find_environment, install_environment
+from taxel_bench import environments
+from taxel_bench.environments import cache_folder, find_environment, install_environment
 
 
 @pytest.fixture(autouse=True)

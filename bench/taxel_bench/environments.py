@@ -38,7 +38,7 @@ def find_environment(name: str, requirements: Sequence[str]) -> Path:
     if found != list(requirements):
         state = "not installed" if found is None else "installed in other versions"
         raise Unavailable(f"{state}: pass --install to install {', '.join(requirements)} in {folder}")
-    return _interpreter(folder)
+    return interpreter_of(folder)
 
 
 def install_environment(name: str, requirements: Sequence[str]) -> Path:
@@ -52,14 +52,14 @@ def install_environment(name: str, requirements: Sequence[str]) -> Path:
     except Unavailable:
         with whole_folder(cache_folder() / name, replacing=_LIST) as folder:
             _fill(folder, requirements)
-    return _interpreter(cache_folder() / name)
+    return interpreter_of(cache_folder() / name)
 
 
 def _fill(folder: Path, requirements: Sequence[str]) -> None:
     try:
         venv.EnvBuilder(with_pip=bool(requirements)).create(folder)
         if requirements:
-            pip = [str(_interpreter(folder)), "-m", "pip", "install", "--quiet", "--no-input"]
+            pip = [str(interpreter_of(folder)), "-m", "pip", "install", "--quiet", "--no-input"]
             subprocess.run([*pip, *requirements], check=True, capture_output=True, text=True)
     except subprocess.CalledProcessError as error:
         said = (error.stderr or error.stdout or "").strip().splitlines()
@@ -67,5 +67,6 @@ def _fill(folder: Path, requirements: Sequence[str]) -> None:
     (folder / _LIST).write_text(json.dumps(list(requirements)), encoding="utf-8")
 
 
-def _interpreter(folder: Path) -> Path:
+def interpreter_of(folder: Path) -> Path:
+    """The interpreter of the environment in a folder."""
     return folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")

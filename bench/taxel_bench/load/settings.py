@@ -37,8 +37,8 @@ RULES: Final[dict[Scenario, Rules]] = {
 
 
 @dataclass(frozen=True)
-class Plan:
-    """One run, checked; made by `Plan.of`.
+class LoadSettings:
+    """One run, checked; made by `LoadSettings.of`.
 
     Attributes:
         scenario: how queries follow each other.
@@ -79,7 +79,7 @@ class Plan:
         timeout_s: float = TIMEOUT_S,
         seed: int = 0,
     ) -> Self:
-        """A plan with the scenario's own defaults where nothing is said.
+        """Settings with the scenario's own defaults where nothing is said.
 
         Raises:
             SettingsError: the options contradict each other or the scenario.

@@ -3,7 +3,7 @@ import numpy as np
 from taxel.channels import CHANNELS
 from taxel.errors import ResourceExhausted, Unavailable
 from taxel.protocol import InferResponse, pack_infer_response
-from taxel_bench.load.flight import Flight
+from taxel_bench.load.in_flight import QueriesInFlight
 
 
 def answer(rows: int) -> bytes:
@@ -13,13 +13,13 @@ def answer(rows: int) -> bytes:
 
 def test_every_query_that_was_sent_has_one_record() -> None:
     """Answered out of order, refused, answered wrongly, never answered; one was never sent."""
-    flight = Flight(queries=5, samples=2, start=0.0)
-    back = [flight.depart(due) for due in (1.0, 2.0, 3.0, 4.0)]
+    in_flight = QueriesInFlight(queries=5, samples=2, start=0.0)
+    back = [in_flight.depart(due) for due in (1.0, 2.0, 3.0, 4.0)]
     back[1](ResourceExhausted("full"))
     back[0](answer(2))
     back[2](answer(1))
-    assert not flight.server_gone
-    records = flight.land(patience_s=0.05)
+    assert not in_flight.server_gone
+    records = in_flight.land(patience_s=0.05)
     assert records["code"].tolist() == ["", "RESOURCE_EXHAUSTED", "INTERNAL", "DEADLINE_EXCEEDED"]
     assert records["scheduled"].tolist() == [1.0, 2.0, 3.0, 4.0]
     assert records[0][["queue_us", "compute_us"]].tolist() == (30, 20)
@@ -27,7 +27,7 @@ def test_every_query_that_was_sent_has_one_record() -> None:
 
 
 def test_a_server_that_has_gone_is_noticed() -> None:
-    flight = Flight(queries=2, samples=1, start=0.0)
-    flight.depart(0.0)(Unavailable("nobody answers"))
-    assert flight.server_gone
-    assert flight.land(0.05)["code"].tolist() == ["UNAVAILABLE"]
+    in_flight = QueriesInFlight(queries=2, samples=1, start=0.0)
+    in_flight.depart(0.0)(Unavailable("nobody answers"))
+    assert in_flight.server_gone
+    assert in_flight.land(0.05)["code"].tolist() == ["UNAVAILABLE"]

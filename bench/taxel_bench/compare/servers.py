@@ -29,17 +29,17 @@ _TOLERANCE: Final = 0.01
 
 
 @dataclass(frozen=True)
-class Contender:
+class ServerUnderTest:
     """A server that answers, and a client connected to it."""
 
     name: str
-    server: Program
+    process: Program
     client: Program
 
 
 @dataclass(frozen=True)
-class Task:
-    """What every contender has to do.
+class Workload:
+    """What every server has to do.
 
     Attributes:
         model: the ONNX file.
@@ -57,67 +57,70 @@ class Task:
 
 
 @contextmanager
-def taxel_contender(task: Task) -> Iterator[Contender]:
+def taxel_server(workload: Workload) -> Iterator[ServerUnderTest]:
     """Taxel's server and client.
 
     Raises:
         Unavailable: the server does not start, or answers something else.
     """
     port = free_port()
-    serve = serve_command(task.repository, f"tcp/{ADDRESS}:{port}")
-    with _contender("taxel", serve, None, sys.executable, "taxel_client", port, task) as contender:
-        yield contender
+    serve = serve_command(workload.repository, f"tcp/{ADDRESS}:{port}")
+    with _server("taxel", serve, None, sys.executable, "taxel_client", port, workload) as server:
+        yield server
 
 
 @contextmanager
-def peer_contender(peer: Peer, interpreter: Path, task: Task) -> Iterator[Contender]:
+def peer_server(peer: Peer, interpreter: Path, workload: Workload) -> Iterator[ServerUnderTest]:
     """A peer's server and client.
 
     Raises:
         Unavailable: the server does not start, or answers something else.
     """
     port = free_port()
-    serve = [*_module(str(interpreter), peer.server), "--model", str(task.model)]
+    serve = [*_module(str(interpreter), peer.server), "--model", str(workload.model)]
     serve += ["--address", ADDRESS, "--port", str(port)]
     client = str(interpreter) if peer.client_needs_packages else sys.executable
-    with _contender(peer.name, serve, _HERE, client, peer.client, port, task) as contender:
-        yield contender
+    with _server(peer.name, serve, _HERE, client, peer.client, port, workload) as server:
+        yield server
 
 
 @contextmanager
-def _contender(
+def _server(
     name: str,
     serve: Sequence[str],
     path: Path | None,
     client_interpreter: str,
     client: str,
     port: int,
-    task: Task,
-) -> Iterator[Contender]:
+    workload: Workload,
+) -> Iterator[ServerUnderTest]:
     ask = [*_module(client_interpreter, client), "--address", ADDRESS, "--port", str(port)]
-    ask += ["--windows", str(task.windows)]
-    cores = task.cores.servers if task.cores else None
-    with running_program(serve, path=path, cores=cores) as server, _connected(ask, server, task) as program:
-        yield Contender(name, server, program)
+    ask += ["--windows", str(workload.windows)]
+    cores = workload.cores.servers if workload.cores else None
+    with (
+        running_program(serve, path=path, cores=cores) as process,
+        _connected(ask, process, workload) as program,
+    ):
+        yield ServerUnderTest(name, process, program)
 
 
 @contextmanager
-def _connected(ask: Sequence[str], server: Program, task: Task) -> Iterator[Program]:
+def _connected(ask: Sequence[str], server: Program, workload: Workload) -> Iterator[Program]:
     """A client that has got right answers; tries again until the server is ready."""
     ends = time.monotonic() + _START_S
-    cores = task.cores.clients if task.cores else None
+    cores = workload.cores.clients if workload.cores else None
     while True:
-        with running_program(ask, path=_HERE, takes_orders=True, cores=cores) as client:
+        with running_program(ask, path=_HERE, takes_requests=True, cores=cores) as client:
             try:
-                counts = client.order(do="answer", rows=CHECKED_ROWS)["counts"]
+                counts = client.request(do="answer", rows=CHECKED_ROWS)["counts"]
             except Unavailable as error:
                 reason = str(error)
             else:
-                _check(np.array(counts), task.counts)
+                _check(np.array(counts), workload.counts)
                 yield client
                 return
         if not server.runs:
-            raise Unavailable(f"its server stopped: {server.last_words()}")
+            raise Unavailable(f"its server stopped: {server.last_log_line()}")
         if time.monotonic() > ends:
             raise Unavailable(f"its server does not answer within {_START_S:g} s: {reason}")
         time.sleep(_RETRY_S)

@@ -1,0 +1,97 @@
+"""Evaluates the ONNX graph of a dense network with NumPy alone.
+
+It is what one would write by hand: a product, an addition and an activation a layer. `onnx.reference`
+evaluates any graph with NumPy, but takes 3 times as long for one window of the paper's ffnn, and 5 times
+as long for network-b: it would be a weak peer.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+import numpy as np
+import onnx
+from numpy.typing import NDArray
+from onnx import NodeProto, helper, numpy_helper
+
+from taxel.errors import Unavailable
+
+Array = NDArray[Any]
+_Step = tuple[Callable[..., Array], dict[str, Any], list[str], str]
+
+
+def _gemm(x: Array, weights: Array, bias: Array, **attributes: float) -> Array:
+    assert attributes.get("alpha", 1) == attributes.get("beta", 1) == 1 - attributes.get("transA", 0)
+    return x @ (weights.T if attributes.get("transB", 0) else weights) + bias
+
+
+def _elu(x: Array, *, alpha: float) -> Array:
+    return np.where(x < 0, np.float32(alpha) * np.expm1(np.minimum(x, 0)), x)
+
+
+def _leaky_relu(x: Array, *, alpha: float) -> Array:
+    return np.where(x < 0, np.float32(alpha) * x, x)
+
+
+def _slice(x: Array, starts: Array, ends: Array, axes: Array, steps: Array | None = None) -> Array:
+    chosen = [slice(None)] * x.ndim
+    strides = [1] * len(starts) if steps is None else steps
+    for start, end, axis, stride in zip(starts, ends, axes, strides, strict=True):
+        chosen[axis] = slice(start, end, stride)
+    return x[tuple(chosen)]
+
+
+_OPERATORS: Final[dict[str, Callable[..., Array]]] = {
+    "Add": np.add,
+    "Sub": np.subtract,
+    "Mul": np.multiply,
+    "Div": np.divide,
+    "Tanh": np.tanh,
+    "Gemm": _gemm,
+    "Relu": lambda x: np.maximum(x, 0),
+    "LeakyRelu": _leaky_relu,
+    "Elu": _elu,
+    "Clip": np.clip,
+    "Sigmoid": lambda x: 1 / (1 + np.exp(-x)),
+    "Slice": _slice,
+    "Shape": lambda x, start=0, end=None: np.array(x.shape[start:end]),
+    "Expand": lambda x, shape: np.broadcast_to(x, np.broadcast_shapes(x.shape, tuple(shape))),
+    "Concat": lambda *parts, axis: np.concatenate(parts, axis),
+}
+
+
+class NumpyGraph:
+    """The graph of a dense network.
+
+    Args:
+        model: with one input and no branches.
+
+    Raises:
+        Unavailable: the graph has another operator than those of dense networks.
+    """
+
+    def __init__(self, model: onnx.ModelProto) -> None:
+        graph = model.graph
+        unknown = sorted({node.op_type for node in graph.node} - set(_OPERATORS))
+        if unknown:
+            raise Unavailable(f"no dense network: its graph has {', '.join(unknown)}")
+        self._constants = {constant.name: numpy_helper.to_array(constant) for constant in graph.initializer}
+        self._steps = [_step(node) for node in graph.node]
+        self._input = graph.input[0].name
+        self._output = graph.output[0].name
+
+    def evaluate(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The graph's first output for windows (n, f)."""
+        values = self._constants | {self._input: windows}
+        for function, attributes, inputs, output in self._steps:
+            values[output] = function(*_arguments(values, inputs), **attributes)
+        counts: NDArray[np.float32] = values[self._output]
+        return counts
+
+
+def _step(node: NodeProto) -> _Step:
+    attributes = {attribute.name: helper.get_attribute_value(attribute) for attribute in node.attribute}
+    return _OPERATORS[node.op_type], attributes, list(node.input), node.output[0]
+
+
+def _arguments(values: dict[str, Array], inputs: Sequence[str]) -> list[Array]:
+    return [values[name] for name in inputs]

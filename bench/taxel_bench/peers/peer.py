@@ -1,0 +1,116 @@
+"""What a peer is, what a peer is given, and how its packages get into this process."""
+
+import site
+import subprocess
+import sysconfig
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Final, Generic, TypeVar
+
+import onnx
+import xgboost
+
+from taxel.artifacts import Artifact
+from taxel.errors import Unavailable
+from taxel_bench.engines import Engine
+from taxel_bench.environments import find_environment, install_environment
+from taxel_models.families.networks.network import NetworkModel
+
+_SHARED: Final = ("numpy", "scipy", "scikit-learn", "onnxruntime")
+"""Packages of Taxel's own environment that a peer shares: it is installed with the same versions."""
+
+
+@dataclass(frozen=True)
+class ForestModel:
+    """A forest as peers get it.
+
+    Attributes:
+        boosters: a booster a channel, which computes z-scores; together they are the artifact's model.
+        install: whether a peer may take minutes to get ready.
+    """
+
+    artifact: Artifact
+    boosters: tuple[xgboost.Booster, ...]
+    install: bool
+
+
+@dataclass(frozen=True)
+class GraphModel:
+    """An ONNX network as peers get it.
+
+    Attributes:
+        graph: raw windows in, counts out.
+        network: the torch network behind it; None where there is none.
+        same_weights: whether `network` has the weights of `graph`.
+    """
+
+    artifact: Artifact
+    graph: onnx.ModelProto
+    network: NetworkModel | None
+    same_weights: bool
+
+
+Model = TypeVar("Model", ForestModel, GraphModel)
+
+
+@dataclass(frozen=True)
+class Peer(Generic[Model]):
+    """A library that a user may pick instead of Taxel's runtime.
+
+    Attributes:
+        name: on the command line, and `engine` in the results.
+        engine: makes its engine from a model. It raises `Unavailable` where it cannot evaluate it.
+        packages: with exact versions, in an environment of its own; none where Taxel's environment
+            has them.
+        module: that has to be importable there.
+    """
+
+    name: str
+    engine: Callable[[Model], Engine]
+    packages: tuple[str, ...] = ()
+    module: str = ""
+
+    def get_ready(self, *, install: bool) -> None:
+        """Make the peer's packages importable here.
+
+        Raises:
+            Unavailable: they are not installed and may not be, or they do not work.
+        """
+        if not self.packages:
+            return
+        requirements = [*self.packages, *_shared_versions()]
+        get = install_environment if install else find_environment
+        interpreter = get(self.name, requirements)
+        # A package that would end its process ends this one, not the benchmark.
+        done = subprocess.run(
+            [interpreter, "-c", f"import {self.module}"], capture_output=True, text=True, check=False
+        )
+        if done.returncode:
+            last = done.stderr.strip().splitlines()[-1:] or [f"it ended with code {done.returncode}"]
+            raise Unavailable(f"{self.module} cannot be imported: {last[0]}")
+        # Behind our own packages, so that what both have stays ours.
+        site.addsitedir(str(packages_of(interpreter)))
+
+
+def packages_of(interpreter: Path) -> Path:
+    """The folder that an environment's packages are in.
+
+    Raises:
+        Unavailable: the environment is of another Python version than this process.
+    """
+    base = str(interpreter.parents[1])
+    folder = Path(sysconfig.get_path("purelib", "venv", {"base": base, "platbase": base}))
+    if not folder.is_dir():
+        raise Unavailable(f"{base} was made by another Python: remove it, and pass --install")
+    return folder
+
+
+def _shared_versions() -> list[str]:
+    found = []
+    for name in _SHARED:
+        with suppress(PackageNotFoundError):
+            found.append(f"{name}=={version(name)}")
+    return found

@@ -1,0 +1,62 @@
+"""Which peers take part, and the engines of those that can."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from taxel.errors import SettingsError, Unavailable
+from taxel_bench.engines import Engine
+from taxel_bench.peers.forests import FOREST_PEERS
+from taxel_bench.peers.networks import GRAPH_PEERS
+from taxel_bench.peers.peer import Model, Peer
+
+ALL: Final = "all"
+
+
+@dataclass(frozen=True)
+class PeerChoice:
+    """The peers that a user has asked for.
+
+    Attributes:
+        names: None for all that there are for the model.
+        install: whether packages that are not installed are.
+    """
+
+    names: tuple[str, ...] | None
+    install: bool = False
+
+
+NO_PEERS: Final = PeerChoice(())
+
+
+def parse_peer_choice(text: str, *, install: bool) -> PeerChoice:
+    """Peers from `all` or `onnxruntime,openvino`.
+
+    Raises:
+        SettingsError: there is no such peer, of trees or networks.
+    """
+    if text == ALL:
+        return PeerChoice(None, install)
+    known = list(dict.fromkeys(peer.name for peer in (*FOREST_PEERS, *GRAPH_PEERS)))
+    names = tuple(dict.fromkeys(part.strip() for part in text.split(",")))
+    if unknown := [name for name in names if name not in known]:
+        raise SettingsError(f"--peers {text}: no peer {unknown[0]!r}; there is: {', '.join(known)}")
+    return PeerChoice(names, install)
+
+
+def open_peers(
+    choice: PeerChoice, peers: Sequence[Peer[Model]], model: Model
+) -> tuple[tuple[Engine, ...], dict[str, str]]:
+    """Engines of the chosen peers, and the reason for each that has none."""
+    engines: list[Engine] = []
+    skipped: dict[str, str] = {}
+    known = {peer.name: peer for peer in peers}
+    for name in known if choice.names is None else choice.names:
+        try:
+            if name not in known:
+                raise Unavailable(f"not for this kind of model: there is {', '.join(known)}")
+            known[name].get_ready(install=choice.install)
+            engines.append(known[name].engine(model))
+        except (Unavailable, ImportError) as error:
+            skipped[name] = str(error)
+    return tuple(engines), skipped

@@ -1,0 +1,169 @@
+"""Other libraries beside ours: the same answers, a result each, and who is missing told by name."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import onnx.reference
+import pytest
+from typer.testing import CliRunner, Result
+
+from taxel.artifacts import folder_of
+from taxel.errors import Unavailable
+from taxel_bench.commands import app
+from taxel_bench.paper_size import write_paper_sized
+from taxel_bench.peers.compiled_treelite import compiled_library
+from taxel_bench.peers.numpy_graph import NumpyGraph
+from taxel_bench.peers.selection import PeerChoice
+from taxel_bench.subjects import open_subject
+from taxel_bench.windows import random_windows
+from taxel_exporters.export import export
+from taxel_models.shipped import shipped_repository
+
+QUICK = ("--repetitions", "4", "--seconds", "0.1")
+HERE = {
+    "xgb": ("xgboost-merged", "onnxruntime"),
+    "ffnn": ("onnxruntime", "onnxruntime-int8", "onnxruntime-int8-dynamic", "numpy"),
+}
+"""Peers that need no environment of their own."""
+
+
+@pytest.fixture(autouse=True)
+def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+def bench(*arguments: str | Path, code: int = 0) -> Result:
+    done = CliRunner().invoke(app, ["run", *map(str, arguments)], env={"COLUMNS": "200"})
+    assert done.exit_code == code, done.output
+    return done
+
+
+@pytest.mark.parametrize("model", HERE)
+def test_each_peer_has_a_result_and_ours_compares_with_it(model: str) -> None:
+    arguments = ("--model", model, "--peers", ",".join(HERE[model]), "--batch", "1,8", *QUICK, "--json")
+    said = json.loads(bench(*arguments).stdout)
+    assert said["skipped"] == []
+    engines = ["paper", *HERE[model], "taxel"]
+    for batch in (1, 8):
+        results = [each for each in said["results"] if each["batch"] == batch]
+        ours = results[-1]
+        left_out = ours["too_slow"]
+        assert [each["engine"] for each in results] == [name for name in engines if name not in left_out]
+        peers = {each["engine"]: each for each in results[1:-1]}
+        for name, peer in peers.items():
+            assert peer["threads"] == 1
+            assert peer["rounded"] == ("int8" in name)
+            assert ours["ratios"][name] == pytest.approx(peer["median_ms"] / ours["median_ms"])
+            assert ours["cpu_ratios"][name] == pytest.approx(peer["cpu_median_ms"] / ours["cpu_median_ms"])
+            assert ours["warm_ratios"][name] == pytest.approx(
+                peer["warm_median_ms"] / ours["warm_median_ms"]
+            )
+        same_answers = [each for each in results[:-1] if not each.get("rounded")]
+        assert ours["best_peer"] == min(same_answers, key=lambda each: each["median_ms"])["engine"]
+        assert (
+            ours["best_warm_peer"] == min(same_answers, key=lambda each: each["warm_median_ms"])["engine"]
+        )
+        assert ours["evaluator"]
+
+
+def test_peers_give_the_answers_that_they_promise() -> None:
+    """A merged booster to the bit; other orders of sums to rounding; 8 bits to what they cost."""
+    for model, names in HERE.items():
+        with open_subject(model, peers=PeerChoice(names)) as subject:
+            assert [peer.name for peer in subject.peers] == list(names)
+            windows = random_windows(subject.manifest, 16, seed=2)
+            ours = subject.taxel.predict(windows)
+            std = np.asarray(subject.manifest.normalisation.output_std)
+            for peer in subject.peers:
+                apart = float((np.abs(peer.predict(windows) - ours) / std).max())
+                if peer.name == "xgboost-merged":
+                    assert apart == 0
+                elif "int8" in peer.name:
+                    assert 1e-4 < apart < 1
+                else:
+                    assert apart < 1e-4
+
+
+def test_peers_that_are_not_there_are_told_by_name() -> None:
+    said = json.loads(bench("--model", "xgb", "--peers", "all", *QUICK, "--json").stdout)
+    reasons = {each["peer"]: each["reason"] for each in said["skipped"]}
+    assert set(reasons) == {"treelite-gtil", "treelite-compiled", "daal4py"}
+    assert all("not installed: pass --install to install" in reason for reason in reasons.values())
+    assert "scikit-learn-intelex==" in reasons["daal4py"]
+    text = bench("--model", "ffnn", "--peers", "openvino,treelite-gtil,numpy", *QUICK).stdout
+    assert "skipped openvino: not installed: pass --install to install openvino==" in text
+    assert "skipped treelite-gtil: not for this kind of model" in text
+    assert "numpy: differs from ours by at most" in text
+
+
+def test_a_network_that_numpy_does_not_know_is_told() -> None:
+    said = json.loads(bench("--model", "transformer", "--peers", "numpy", *QUICK, "--json").stdout)
+    ((name, reason),) = [(each["peer"], each["reason"]) for each in said["skipped"]]
+    assert name == "numpy"
+    assert "its graph has" in reason
+    assert "Softmax" in reason
+
+
+def test_trees_as_onnx_have_peers_though_nothing_published(trained_folder: Path, tmp_path: Path) -> None:
+    export(trained_folder, tmp_path, name="finger", model_format="onnx")
+    arguments = ("--model", tmp_path / "finger" / "1", "--peers", "onnxruntime", *QUICK, "--json")
+    peer, ours = json.loads(bench(*arguments).stdout)["results"]
+    assert (peer["engine"], ours["engine"]) == ("onnxruntime", "taxel")
+    assert ours["best_peer"] == "onnxruntime"
+    assert "ratio" not in ours
+
+
+@pytest.mark.parametrize("model", ["ffnn", "network-a", "network-b"])
+def test_a_graph_by_numpy_is_what_onnx_says_of_it(model: str, tmp_path: Path) -> None:
+    graph = onnx.load(write_paper_sized(tmp_path, model, 8, seed=1) / "model.onnx")
+    columns = graph.graph.input[0].type.tensor_type.shape.dim[1].dim_value
+    windows = np.random.default_rng(0).standard_normal((5, columns)).astype(np.float32)
+    expected = onnx.reference.ReferenceEvaluator(graph).run(None, {graph.graph.input[0].name: windows})[0]
+    found = NumpyGraph(graph).evaluate(windows)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-3)
+
+
+def test_a_forest_is_compiled_on_request_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    with open_subject("xgb") as subject:
+        manifest = subject.manifest
+    from taxel.artifacts import read
+
+    artifact = read(folder_of(shipped_repository(), manifest.name))
+    monkeypatch.setattr("shutil.which", lambda name: f"/usr/bin/{name}")
+    with pytest.raises(Unavailable, match="pass --install"):
+        compiled_library(artifact, install=False)
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    with pytest.raises(Unavailable, match="no gcc"):
+        compiled_library(artifact, install=True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--model", "xgb", "--peers", "catboost"), "no peer 'catboost'"),
+        (("--model", "xgb", "--install"), "expected --peers"),
+    ],
+)
+def test_bad_use_is_said(arguments: tuple[str, ...], message: str) -> None:
+    assert message in bench(*arguments, code=2).output
+
+
+def test_a_corrected_model_has_no_peers(corrected: Path) -> None:
+    output = bench("--model", corrected, "--peers", "all", *QUICK, code=2).output
+    assert "which no peer evaluates" in output
+
+
+def results_of(*arguments: str) -> list[dict[str, Any]]:
+    results: list[dict[str, Any]] = json.loads(bench(*arguments, "--json").stdout)["results"]
+    return results
+
+
+@pytest.mark.filterwarnings("ignore:.torch.jit:DeprecationWarning")
+def test_torch_compiled_gives_the_networks_answers() -> None:
+    peer = results_of("--model", "network-b", "--peers", "torch-compiled", *QUICK)[1]
+    assert peer["engine"] == "torch-compiled"
+    assert 0 <= peer["largest_difference"] < 0.01

@@ -1,0 +1,100 @@
+"""`bench report`: a page's tables from JSON, who is faster by name, and our own page up to date."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from taxel_bench.commands import app
+from taxel_bench.report.page import rewritten
+from taxel_bench.run.comparing import compare_engines
+
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "results" / "benchmark.md"
+
+
+def result(engine: str, batch: int, median: float, warm: float, **more: Any) -> dict[str, Any]:
+    return {
+        "engine": engine,
+        "batch": batch,
+        "median_ms": median,
+        "p99_ms": 2 * median,
+        "cpu_median_ms": median,
+        "warm_median_ms": warm,
+        "verdict": "VALID",
+        "rounded": False,
+        "largest_difference": 0.001,
+        **more,
+    }
+
+
+def run_with_peers() -> dict[str, Any]:
+    results: list[dict[str, Any]] = []
+    for batch in (1, 1024):
+        group = [
+            result("paper", batch, 8.0 * batch, 6.0 * batch, largest_difference=0.0),
+            result("onnxruntime", batch, 4.0 * batch, 1.5 * batch),
+            result("openvino", batch, 5.0, 5.0),
+            result("onnxruntime-int8", batch, 0.5 * batch, 3.0 * batch, rounded=True),
+            result("taxel", batch, 1.0 * batch, 1.0 * batch, predictor_warm_median_ms=1.0),
+        ]
+        compare_engines(group)
+        results += group
+    results[-1]["too_slow"] = {"numpy": 4321.0}
+    return {"machine": {}, "results": results, "skipped": [{"peer": "torch-compiled", "reason": "no g++"}]}
+
+
+def report(page: Path, code: int = 0) -> Result:
+    done = CliRunner().invoke(app, ["report", str(page)])
+    assert done.exit_code == code, done.output
+    return done
+
+
+def test_the_best_peer_leads_and_who_is_faster_is_told(tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text(json.dumps(run_with_peers()))
+    page = tmp_path / "page.md"
+    page.write_text("# Before\n\n<!-- bench report run.json -->\nold\n<!-- end -->\n\nAfter.\n")
+    assert "1 parts written from JSON; the page is changed" in report(page).stdout
+    text = page.read_text()
+    assert text.startswith("# Before\n")
+    assert text.endswith("\nAfter.\n")
+    assert "old" not in text
+    assert "| 1 | onnxruntime | 4.00 | 1.00 | **4.00** | 8.00 | 8.00 | 2.00 | VALID |" in text
+    assert "| 1 | onnxruntime | 1.50 | 1.00 | **1.50** | 6.00 | 6.00 | 1.00 |" in text
+    assert "| 1,024 | openvino | 5.00 | 1,024 | **0.00488** |" in text
+    assert (
+        "- Faster than Taxel at 1 rows: onnxruntime-int8 (2.00 times in turn, with rounded weights)."
+        in text
+    )
+    assert "openvino (205 times in turn and 205 times warm), onnxruntime-int8 (2.00 times in turn" in text
+    assert "| published way | 8.00 / 6.00 | 8,192 / 6,144 | equal bits |" in text
+    assert "| *onnxruntime-int8* |" in text
+    assert "- Skipped: torch-compiled: no g++." in text
+    assert "- Left out at 1,024 rows: numpy, as its call takes 4,321 ms." in text
+    assert "the page is as it was" in report(page).stdout
+
+
+def test_our_own_page_holds_what_its_files_say() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    new, parts = rewritten(text, PAGE.parent)
+    assert parts == 5
+    assert new == text
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("nothing", "expected parts between"),
+        ("<!-- bench report a.json -->\nnever ends", "expected parts between"),
+        ("<!-- bench report missing.json -->\n<!-- end -->", "missing.json"),
+        ("<!-- bench report page.md -->\n<!-- end -->", "no JSON"),
+        ("<!-- bench report other.json -->\n<!-- end -->", "bench run --json"),
+    ],
+)
+def test_a_page_that_cannot_be_written_is_left_alone(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "other.json").write_text("{}")
+    page = tmp_path / "page.md"
+    page.write_text(text)
+    assert message in report(page, code=2).output.replace("\n", "")
+    assert page.read_text() == text
