@@ -56,17 +56,23 @@ def forms(
         machine = describe_machine()
         print_json({"machine": machine, "instruction_set": instruction_set(), "results": results})
         return
-    OUT.print(_table(results, switches, instruction_set()))
+    OUT.print(_table(results, batches, instruction_set()))
 
 
-def _table(results: list[dict[str, Any]], switches: tuple[str, ...], instructions: str) -> Any:
-    """One row a forest and batch size, one column a switch: what its absence costs, cold / warm."""
+def _table(results: list[dict[str, Any]], batches: list[int], instructions: str) -> Any:
+    """One row a forest and switch: what its absence costs at each batch size, cold / warm."""
     from rich.table import Table
 
-    table = Table("forest", "rows", "ms", *switches, caption=f"cold / warm, with {instructions}")
-    for first in range(0, len(results), len(switches) + 1):
-        complete, *others = results[first : first + len(switches) + 1]
-        costs = (f"{one['cold_cost']:+.0%} / {one['warm_cost']:+.0%}" for one in others)
-        taken = f"{complete['cold_cpu_ms']:.3f} / {complete['warm_cpu_ms']:.3f}"
-        table.add_row(complete["forest"], str(complete["rows"]), taken, *costs)
+    heads = (f"{rows} rows" if rows > 1 else "1 row" for rows in batches)
+    table = Table("forest", "without", *heads, caption=f"cold / warm, with {instructions}")
+    for name, without in dict.fromkeys((one["forest"], one["without"]) for one in results):
+        cells = (_cell(one) for one in results if (one["forest"], one["without"]) == (name, without))
+        table.add_row("" if without else name, without, *cells)
     return table
+
+
+def _cell(result: dict[str, Any]) -> str:
+    """Milliseconds of the processor's time for everything on, else by how much they grow."""
+    if result["without"]:
+        return f"{result['cold_cost']:+.0%} / {result['warm_cost']:+.0%}"
+    return f"{result['cold_cpu_ms']:.3f} / {result['warm_cpu_ms']:.3f} ms"

@@ -107,3 +107,23 @@ def test_where_nothing_can_be_written_every_process_compiles(tmp_path: Path) -> 
     for _ in range(2):
         assert call(tmp_path, XDG_CACHE_HOME=str(tmp_path / "no folder")) == (22, 0, "None")
     assert not list(tmp_path.rglob("*.nb?"))
+
+
+def test_a_second_process_compiles_no_kernel_again(tmp_path: Path) -> None:
+    code = """
+from taxel_server.runtimes.trees.few_rows import kernels
+from taxel_server.runtimes.trees.many_rows import leaf_sums, traversal
+from taxel_server.runtimes.trees.simd.lookups import can_look_up
+for number_bytes in (1, 2):
+    traversal.find_exits(number_bytes, 64)
+leaf_sums.add_leaves(64)
+if can_look_up():
+    kernels.find_exits(16, 8, False, True), kernels.add_blocks(16, True), kernels.put_exits()
+"""
+    kept = []
+    for _ in range(2):
+        environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+        subprocess.run([sys.executable, "-c", code], env=environment, check=True)
+        kept.append({(path.name, path.stat().st_mtime_ns) for path in tmp_path.rglob("*.nbc")})
+    assert kept[0]
+    assert kept[0] == kept[1]

@@ -17,7 +17,7 @@ SHIPPED = Path(__file__).parents[3] / "models" / "repository"
 def evaluators(name: str) -> list[CompiledEvaluator]:
     opened = open_runtime(artifacts.read(SHIPPED / name / "1"))
     if isinstance(opened, NetworkRuntime):
-        return [opened._kernel]
+        return [opened._program]
     assert isinstance(opened, TreesRuntime)
     return [
         evaluator for evaluator in opened._autotuned.evaluators if isinstance(evaluator, CompiledEvaluator)

@@ -114,11 +114,11 @@ def test_every_evaluator_gives_the_bits_of_the_node_walk(tmp_path: Path, shape: 
 
 
 @pytest.mark.parametrize("shape", ["even", "chains", "many small trees"])
-def test_packed_nodes_give_the_same_bits(
+def test_what_saves_memory_gives_the_same_bits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shape: str
 ) -> None:
     for module in (leaf_blocks, small_batch):
-        monkeypatch.setattr(module, "may_pack", lambda _: True)
+        monkeypatch.setattr(module, "waits_for_memory", lambda: True)
     check(tmp_path, SHAPES[shape], NAMES.get(shape, LARGE), (1, 3, 9))
 
 

@@ -36,9 +36,9 @@ class Switches:
 ALL_ON: Final = Switches()
 
 
-def may_pack(switches: Switches) -> bool:
-    """Whether nodes may take two bytes.
+def waits_for_memory() -> bool:
+    """Whether few rows wait for memory, as with AVX-512, rather than for the processor.
 
-    Fewer bytes cost more instructions: with AVX-512 memory is what takes the time, else the instructions.
+    Then fewer bytes a node, and asking for nodes ahead, save more time than their instructions take.
     """
-    return switches.packed_nodes and processor_has("avx512bw")
+    return processor_has("avx512bw")

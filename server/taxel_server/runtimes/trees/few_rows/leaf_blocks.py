@@ -32,7 +32,7 @@ from taxel_server.runtimes.trees.layout.tree_lanes import (
 from taxel_server.runtimes.trees.normalisation import Scales, put_rows, read_scales
 from taxel_server.runtimes.trees.reading.forest import Forest
 from taxel_server.runtimes.trees.simd.calls import call
-from taxel_server.runtimes.trees.switches import Switches, may_pack
+from taxel_server.runtimes.trees.switches import Switches, waits_for_memory
 
 _MOST_BYTES: Final = 2**27
 """Most memory that top trees, and lines for places without a tree, may take."""
@@ -149,7 +149,7 @@ class LeafBlocksEvaluator(CompiledEvaluator):
         size = table_size(columns)
         groups = _Groups.of(forest)
         trees = groups.trees(forest)
-        top = TopTrees.of(index, columns, trees, BLOCK_LEAVES, may_pack(switches))
+        top = TopTrees.of(index, columns, trees, BLOCK_LEAVES, switches.packed_nodes and waits_for_memory())
         blocks = LeafBlocks.of(index, columns, trees)
         nodes, counts, lines = together(top.nodes, blocks.counts.astype(f"u{top.bits // 8}"), blocks.lines)
         self._trees = _Trees(
@@ -159,7 +159,7 @@ class LeafBlocksEvaluator(CompiledEvaluator):
             top.steps,
             top.start,
             lines.ctypes.data + LINE * blocks.first,
-            switches.next_nodes,
+            switches.next_nodes and waits_for_memory(),
             nodes.ctypes.data,
             counts.ctypes.data,
             top.bits // 8,

@@ -19,7 +19,7 @@ from taxel_server.runtimes.trees.normalisation import Scales, put_rows, read_sca
 from taxel_server.runtimes.trees.reading.forest import Forest
 from taxel_server.runtimes.trees.simd.calls import call
 from taxel_server.runtimes.trees.simd.lookups import interleaved_lane
-from taxel_server.runtimes.trees.switches import Switches, may_pack
+from taxel_server.runtimes.trees.switches import Switches, waits_for_memory
 
 _BATCH: Final = 2800
 """Fewest trees whose exits are found before their leaves are added; all that stays in the cache."""
@@ -103,7 +103,7 @@ class SmallBatchEvaluator(CompiledEvaluator):
         bounds = output_tree[batch_output]
         places, batch_group = _places(index.leaves[order], bounds, lanes)
         trees = np.where(places >= 0, order[places], -1).reshape(-1, lanes)
-        top = TopTrees.of(index, columns, trees, 1, may_pack(switches))
+        top = TopTrees.of(index, columns, trees, 1, switches.packed_nodes and waits_for_memory())
         counts = index.leaves[order]
         source = np.repeat(index.leaf_start[order] - (np.cumsum(counts) - counts), counts)
         # What is left of an earlier call, in the rows that this one does not have, may point behind a tree.

@@ -70,9 +70,8 @@ def find_exits(number_bytes: int, rows: int) -> int:
     """
     (vector, lanes, apart), turns = _VECTORS[number_bytes, rows], _IN_TURN[number_bytes, rows]
     together, record = TOGETHER[number_bytes], RECORDS[number_bytes].itemsize
-    bits, size, share = 4 * record, 8 * vector, vector // lanes
+    bits, size, share, narrow = 4 * record, 8 * vector, vector // lanes, number_bytes == 1
     scale, copies = size // SET_BYTES, turns // share
-    put = _put_narrow if number_bytes == 1 else _put_wide
 
     @address_of("void(intp, intp, intp, intp, intp, intp, intp, intp)")
     def traverse(
@@ -115,7 +114,8 @@ def find_exits(number_bytes: int, rows: int) -> int:
                     node += record * together
                 for copy in range(copies):
                     places = group + _TREES_AT + 8 * (first + copy)
-                    put(memory, leaves + apart * copy, sixteens, exits, rows, places, share, vector)
+                    its_leaves = leaves + apart * copy
+                    _put(narrow, memory, its_leaves, sixteens, exits, rows, places, share, vector)
 
     return traverse
 
@@ -174,7 +174,7 @@ def _put_bits(bits: int, exits: int, places: int, trees: int, lanes: int) -> Non
 
 @inlined
 def _put_narrow(
-    memory: int, leaves: int, sixteens: int, exits: int, _apart: int, places: int, trees: int, lanes: int
+    memory: int, leaves: int, sixteens: int, exits: int, places: int, trees: int, lanes: int
 ) -> None:
     """Writes the number of the leaf that each row reached, a byte."""
     if sixteens <= 2:
@@ -207,6 +207,29 @@ def _put_wide(
     _number_by_sixteens(unions4096, 1, union, memory + 12 * size, lanes)
     _put_bits(memory, exits, places, trees, lanes)
     _put_bits(memory + 8 * size, exits + apart, places, trees, lanes)
+
+
+@inlined
+def _put(
+    narrow: bool,
+    memory: int,
+    leaves: int,
+    sixteens: int,
+    exits: int,
+    apart: int,
+    places: int,
+    trees: int,
+    lanes: int,
+) -> None:
+    """Writes the number of the leaf that each row reached, in one byte or two.
+
+    The kernels call this by its name: a function that a kernel closes over is another one for numba's cache
+    in each process.
+    """
+    if narrow:
+        _put_narrow(memory, leaves, sixteens, exits, places, trees, lanes)
+    else:
+        _put_wide(memory, leaves, sixteens, exits, apart, places, trees, lanes)
 
 
 @compiled
