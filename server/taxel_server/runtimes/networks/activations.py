@@ -69,7 +69,7 @@ def clip(x: np.float32, least: np.float32, greatest: np.float32) -> np.float32:
 
 @strict
 def tanh(x: np.float32, _alpha: np.float32, _beta: np.float32) -> np.float32:
-    """The hyperbolic tangent, by the system's library: a polynomial gains at most 9 % of a network's time."""
+    """The hyperbolic tangent, by the system's library: a polynomial of ours gains at most 9 %."""
     return np.float32(np.tanh(x))
 
 
