@@ -14,12 +14,9 @@ ROOT = Path(__file__).resolve().parents[2]
 TESTS = (
     "tests/clients",
     "tests/server/trees/test_exactness.py",
-    "tests/server/networks/test_runtime.py",
     "tests/server/test_local.py",
     "tests/end_to_end/test_shipped.py",
 )
-# They compile everything anew for lesser processors, which no Python changes.
-_NOT_HERE = "not lesser_processors"
 _TOOLS = ("pytest", "hypothesis", "xgboost-cpu" if sys.platform == "linux" else "xgboost")
 
 Check = Callable[[Environment], None]
@@ -56,7 +53,7 @@ def tests(environment: Environment) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         copy = shutil.copytree if (ROOT / test).is_dir() else shutil.copy
         copy(ROOT / test, target)
-    options = ("-q", "-x", "--import-mode=importlib", "-p", "no:cacheprovider", "-k", _NOT_HERE)
+    options = ("-q", "-x", "--import-mode=importlib", "-p", "no:cacheprovider")
     environment.python("-m", "pytest", "-o", "markers=measured", *options, *TESTS)
 
 

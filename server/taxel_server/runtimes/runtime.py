@@ -77,7 +77,7 @@ def check_platform(platform: Platform) -> None:
         for name in _MODULES[platform]:
             import_module(name)
     except ModuleNotFoundError as error:
-        raise MissingDependency(f"platform {platform}", str(error.name), "server") from None
+        raise _missing(platform, error) from None
     except Exception as error:  # a library that does not fit this Python or its other libraries
         raise ArtifactError(f"the runtime for {platform} cannot be imported: {error!r}") from error
 
@@ -91,10 +91,18 @@ def open_runtime(artifact: Artifact, options: RuntimeOptions = DEFAULTS) -> Runt
     """
     manifest = artifact.manifest
     check_platform(manifest.platform)
-    runtime = _FACTORIES[manifest.platform](artifact, options)
+    try:
+        runtime = _FACTORIES[manifest.platform](artifact, options)
+    except ModuleNotFoundError as error:  # of a library that is imported only when it is needed
+        raise _missing(manifest.platform, error) from None
     expected = manifest.window.model_columns
     if runtime.features != expected:
         raise ArtifactError(
             f"{artifact.model_path} takes {runtime.features} features, but its manifest names {expected}"
         )
     return CorrectedRuntime(runtime.evaluate, runtime.evaluator, manifest) if manifest.effects else runtime
+
+
+def _missing(platform: Platform, error: ModuleNotFoundError) -> MissingDependency:
+    package = str(error.name).partition(".")[0]
+    return MissingDependency(f"platform {platform}", package, "server")

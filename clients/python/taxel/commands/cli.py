@@ -89,7 +89,7 @@ def failing_clearly(command: Callable[..., None]) -> Callable[..., None]:
         except ModuleNotFoundError as error:
             if error.name is None or error.name.startswith("taxel"):
                 raise
-            _say_error(MissingDependency("this command", error.name, extra))
+            _say_error(MissingDependency("this command", error.name.partition(".")[0], extra))
             raise typer.Exit(1) from None
 
     return run
