@@ -33,10 +33,10 @@ def test_everything_is_offered_in_order(engine: Engine) -> None:
 
 def test_a_loaded_model_names_its_evaluators(engine: Engine) -> None:
     for model in engine.models():
+        runtime = engine.model(model.name, model.version).runtime
         assert "" not in (model.one_row, model.many_rows, model.instruction_set)
-    runtime = engine.model("skin").runtime
-    assert (model.one_row, model.instruction_set) == astuple(runtime.evaluator(1))
-    assert model.many_rows == runtime.evaluator(1024).name
+        assert (model.one_row, model.instruction_set) == astuple(runtime.evaluator(1))
+        assert model.many_rows == runtime.evaluator(1024).name
 
 
 def test_an_artifact_that_was_not_loaded_names_no_evaluator(repository: Path) -> None:
