@@ -31,7 +31,8 @@ def test_a_platform_without_a_runtime_is_refused(
 
 def test_a_missing_library_is_told(artifact: artifacts.Artifact, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "numba", None)
-    for name in [name for name in sys.modules if name.startswith("taxel_server.runtimes.trees")]:
+    ours = "taxel_server.runtimes.trees", "taxel_server.runtimes.compiled"
+    for name in [name for name in sys.modules if name.startswith(ours)]:
         monkeypatch.delitem(sys.modules, name)
     with pytest.raises(MissingDependency, match=r"numba: pip install 'taxel\[server\]'"):
         open_runtime(artifact)
