@@ -1,13 +1,18 @@
 """Compiled code is kept between processes, as long as none of the files that it came from changes."""
 
 import os
+import resource
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from threading import Barrier, Thread
 
+import numba
 import pytest
 
-from taxel_server.runtimes.compiled.compiling import fingerprint
+from taxel_server.runtimes.compiled import compiling
+from taxel_server.runtimes.compiled.compiling import compiled, fingerprint
 
 CALLING = """
 import sys
@@ -49,13 +54,14 @@ def write(folder: Path, step: int) -> None:
     )
 
 
-def call(folder: Path, **variables: str) -> tuple[int, int, str]:
+def call(folder: Path, prepare: Callable[[], None] | None = None, **variables: str) -> tuple[int, int, str]:
     """What a process of its own is told, how often the cache answered, and where the cache is."""
     environment = os.environ | {"XDG_CACHE_HOME": str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
     environment.pop("NUMBA_CACHE_DIR", None)
     done = subprocess.run(
         [sys.executable, "-c", CALLING, str(folder)],
         env=environment | variables,
+        preexec_fn=prepare,
         capture_output=True,
         text=True,
         check=True,
@@ -107,6 +113,48 @@ def test_where_nothing_can_be_written_every_process_compiles(tmp_path: Path) -> 
     for _ in range(2):
         assert call(tmp_path, XDG_CACHE_HOME=str(tmp_path / "no folder")) == (22, 0, "None")
     assert not list(tmp_path.rglob("*.nb?"))
+
+
+def test_a_user_without_a_home_compiles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_home() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+    monkeypatch.setattr(Path, "home", no_home)
+    assert compiling.cache_folder.__wrapped__() is None
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    assert compiling.cache_folder.__wrapped__() == tmp_path / f"compiled-{fingerprint(compiling._RUNTIMES)}"
+
+
+def test_on_a_full_disk_every_process_compiles(tmp_path: Path) -> None:
+    write(tmp_path, 1)
+
+    def no_room() -> None:
+        # Files can be made, and nothing can be written to them.
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+
+    for _ in range(2):
+        assert call(tmp_path, prepare=no_room) == (22, 0, "None")
+
+
+def test_threads_that_compile_leave_the_users_setting() -> None:
+    before = numba.config.CACHE_DIR
+    together, kept = Barrier(8), []
+
+    def decorate() -> None:
+        together.wait()
+        for _ in range(20):
+            function = compiled(lambda x: x + 1)
+            kept.append(Path(function._cache.cache_path).parent)  # type: ignore[attr-defined]
+
+    threads = [Thread(target=decorate) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert numba.config.CACHE_DIR == before
+    assert set(kept) == {compiling.cache_folder()}
 
 
 def test_a_second_process_compiles_no_kernel_again(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from threading import RLock
 from typing import Any, Final, ParamSpec, TypeVar, cast
 
 import numba
@@ -19,6 +20,12 @@ import numba
 from taxel import __version__
 
 _RUNTIMES: Final = Path(__file__).parent.parent
+
+_ROOM: Final = 2**16
+"""Bytes that must fit where compiled code is kept: numba fails if it cannot write there."""
+
+_DECORATING: Final = RLock()
+"""Held while numba's setting is changed: several threads may load models."""
 
 _Given = ParamSpec("_Given")
 _Result = TypeVar("_Result")
@@ -37,17 +44,29 @@ def fingerprint(folder: Path) -> str:
 def cache_folder() -> Path | None:
     """Where compiled code is kept: below `NUMBA_CACHE_DIR`, or else in the user's cache folder.
 
-    None if nothing can be written there: then every process compiles for itself.
+    None if nothing can be written there, or if the user has no home: then every process compiles for
+    itself.
     """
-    user = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    parent = Path(numba.config.CACHE_DIR or Path(user) / "taxel")
-    folder = parent / f"compiled-{fingerprint(_RUNTIMES)}"
     try:
+        folder = _cache_parent() / f"compiled-{fingerprint(_RUNTIMES)}"
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return folder
-    except OSError:
+        with tempfile.TemporaryFile(dir=folder, buffering=0) as file:
+            file.write(bytes(_ROOM))
+    except (OSError, RuntimeError):
         return None
+    return folder
+
+
+def _cache_parent() -> Path:
+    """The folder of the cache folders.
+
+    Raises:
+        RuntimeError: the user has no home, as in a container that runs as a user it does not know.
+    """
+    if numba.config.CACHE_DIR:
+        return Path(numba.config.CACHE_DIR)
+    user = os.environ.get("XDG_CACHE_HOME")
+    return (Path(user) if user else Path.home() / ".cache") / "taxel"
 
 
 def compiled(function: Callable[_Given, _Result]) -> Callable[_Given, _Result]:
@@ -75,9 +94,10 @@ def address_of(signature: str) -> Callable[[Callable[..., Any]], int]:
 @contextmanager
 def _caching() -> Iterator[bool]:
     """Sets numba's cache folder while a function is decorated: that is when numba looks where it is."""
-    folder, before = cache_folder(), numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(folder or "")
-    try:
-        yield folder is not None
-    finally:
-        numba.config.CACHE_DIR = before
+    with _DECORATING:
+        folder, before = cache_folder(), numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = str(folder or "")
+        try:
+            yield folder is not None
+        finally:
+            numba.config.CACHE_DIR = before
