@@ -9,6 +9,8 @@ from taxel import artifacts
 from taxel.errors import ArtifactError, MissingDependency
 from taxel_server.runtimes import open_runtime, runtime
 
+SHIPPED = Path(__file__).parents[2] / "models" / "repository"
+
 
 @pytest.fixture
 def artifact(repository: Path) -> artifacts.Artifact:
@@ -43,3 +45,15 @@ def test_a_model_file_of_another_width_is_refused(repository: Path) -> None:
     narrow = artifacts.read(repository / "skin" / "2")
     with pytest.raises(ArtifactError, match="expected 12"):
         open_runtime(artifacts.Artifact(wide.manifest, narrow.model_path))
+
+
+def test_a_network_of_another_width_is_refused(
+    artifact: artifacts.Artifact, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The model file's twelve features, and a manifest of six."""
+    folded = artifact.manifest.normalisation.model_copy(update={"folded": True})
+    changes = {"platform": "onnxruntime_onnx", "normalisation": folded}
+    manifest = artifact.manifest.model_copy(update=changes)
+    with pytest.raises(ArtifactError, match="takes 12 features, but its manifest names 6"):
+        open_runtime(artifacts.Artifact(manifest, SHIPPED / "ffnn" / "1" / "model.onnx"))
+    assert caplog.text == ""

@@ -48,6 +48,8 @@ def _onnx(artifact: Artifact, options: RuntimeOptions) -> Runtime:
 
     path, normalisation = artifact.model_path, artifact.manifest.normalisation
     runtime = OnnxRuntime(path, normalisation, options.threads, options.providers)
+    if runtime.features != len(normalisation.input_mean):
+        return runtime  # which `open_runtime` refuses
     if options.providers != DEFAULTS.providers or not options.network_program:
         return runtime
     return faster_runtime(path, normalisation, runtime)

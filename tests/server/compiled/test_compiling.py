@@ -153,7 +153,7 @@ def test_threads_that_compile_leave_the_users_setting() -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    assert numba.config.CACHE_DIR == before
+    assert before == numba.config.CACHE_DIR
     assert set(kept) == {compiling.cache_folder()}
 
 
