@@ -77,12 +77,6 @@ def _pointer(_context: Any, _address: Any) -> Any:
 
 
 @inlined
-def array_at(address: int, size: int, dtype: Any) -> Any:
-    """The array of one axis at an address; in compiled code."""
-    return numba.carray(_pointer(address), size, dtype)
-
-
-@inlined
 def array_in(arguments: NDArray[np.int64], entry: int, dtype: Any) -> Any:
     """The array of one axis that an entry describes; in compiled code."""
     return numba.carray(_pointer(arguments[entry, 0]), arguments[entry, 1], dtype)

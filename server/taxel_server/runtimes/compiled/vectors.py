@@ -132,24 +132,14 @@ def integer_at(_context: Any, _address: Any, literal_bits: Any) -> Any:
     return types.intp(types.intp, literal_bits), generate
 
 
-@operation
-def float_at(_context: Any, _address: Any) -> Any:
-    """The float32 at an address."""
-
-    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
-        return load_from(builder, given[0], _FLOAT, 4)
-
-    return types.float32(types.intp), generate
-
-
-def _storing(kind: Callable[[Any], Any], align: int) -> Any:
-    """Makes an operation that writes a value of some type to an address."""
+def _storing(kind: Callable[[Any], Any]) -> Any:
+    """Makes an operation that writes a value of some type to an address, at any alignment."""
 
     @intrinsic  # type: ignore[untyped-decorator, unused-ignore]
     def store_value(_context: Any, _address: Any, value: Any) -> Any:
         def generate(context: Any, builder: Any, _signature: Any, given: Any) -> Any:
             pointer = builder.inttoptr(given[0], given[1].type.as_pointer())
-            builder.store(given[1], pointer, align=align)
+            builder.store(given[1], pointer, align=1)
             return context.get_dummy_value()
 
         return types.void(types.intp, kind(value)), generate
@@ -157,13 +147,10 @@ def _storing(kind: Callable[[Any], Any], align: int) -> Any:
     return store_value
 
 
-store = _storing(lambda vector: vector, 1)
+store = _storing(lambda vector: vector)
 """Writes a vector to an address, at any alignment."""
 
-put_float = _storing(lambda _: types.float32, 4)
-"""Writes a float32 to an address."""
-
-put_int64 = _storing(lambda _: types.intp, 1)
+put_int64 = _storing(lambda _: types.intp)
 """Writes eight bytes to an address, at any alignment."""
 
 
@@ -188,7 +175,7 @@ def splat(_context: Any, _value: Any, literal_bits: Any, literal_lanes: Any) -> 
     vector = Vector(literal_bits.literal_value, literal_lanes.literal_value)
 
     def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
-        return spread(builder, builder.trunc(given[0], ir.IntType(vector.bits)), vector.lanes)
+        return broadcast(builder, builder.trunc(given[0], ir.IntType(vector.bits)), vector.lanes)
 
     return vector(types.intp, literal_bits, literal_lanes), generate
 
@@ -199,7 +186,7 @@ def splat_float(_context: Any, _value: Any, literal_lanes: Any) -> Any:
     vector = FloatVector(literal_lanes.literal_value)
 
     def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
-        return spread(builder, given[0], vector.lanes)
+        return broadcast(builder, given[0], vector.lanes)
 
     return vector(types.float32, literal_lanes), generate
 
@@ -242,7 +229,7 @@ def declare(builder: ir.IRBuilder, name: str, result: ir.Type, given: list[ir.Ty
     return builder.module.declare_intrinsic(name, (), ir.FunctionType(result, given))
 
 
-def spread(builder: ir.IRBuilder, value: ir.Value, lanes: int) -> ir.Value:
+def broadcast(builder: ir.IRBuilder, value: ir.Value, lanes: int) -> ir.Value:
     """Generates a vector of one value in every lane."""
     one = ir.VectorType(value.type, 1)
     single = builder.insert_element(ir.Constant(one, ir.Undefined), value, ir.IntType(32)(0))

@@ -6,7 +6,14 @@ from llvmlite import ir
 from numba.core import cgutils, types
 
 from taxel_server.runtimes.compiled.processor import register_bytes
-from taxel_server.runtimes.compiled.vectors import declare, join, lane_numbers, load_from, operation, spread
+from taxel_server.runtimes.compiled.vectors import (
+    broadcast,
+    declare,
+    join,
+    lane_numbers,
+    load_from,
+    operation,
+)
 
 LANES: Final = register_bytes() // 2
 """Columns of a panel: two registers of float32."""
@@ -79,7 +86,7 @@ def _generate(builder: ir.IRBuilder, count: int, bits: int, arguments: list[ir.V
         for row, total in zip(rows, sums, strict=True):
             address = builder.add(row, builder.mul(term, _WORD(4)))
             value = load_from(builder, address, _FLOAT, align=4)
-            factors = [spread(builder, value, LANES), weights, builder.load(total, typ=_VECTOR)]
+            factors = [broadcast(builder, value, LANES), weights, builder.load(total, typ=_VECTOR)]
             builder.store(builder.call(multiply_add, factors), total)
 
     turns = builder.udiv(terms, _WORD(len(chains)))

@@ -11,11 +11,11 @@ from numba.core.types.containers import UniTuple
 
 from taxel_server.runtimes.compiled.vectors import (
     Vector,
+    broadcast,
     join,
     llvm_type,
     load_from,
     operation,
-    spread,
     take,
 )
 
@@ -30,7 +30,7 @@ def not_below(_context: Any, _values: Any, _cut: Any, literal_missing_too: Any) 
     def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
         values = load_from(builder, given[0], ir.VectorType(ir.FloatType(), 64), 4)
         compare = builder.fcmp_unordered if literal_missing_too.literal_value else builder.fcmp_ordered
-        return builder.bitcast(compare(">=", values, spread(builder, given[1], 64)), _INT64)
+        return builder.bitcast(compare(">=", values, broadcast(builder, given[1], 64)), _INT64)
 
     return types.int64(types.intp, types.float32, literal_missing_too), generate
 

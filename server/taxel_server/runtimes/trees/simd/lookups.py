@@ -4,15 +4,23 @@ An instruction that the processor does not have would end the process, so each i
 features that code is generated for. Without byte shuffles (`can_look_up`), only `gather` works.
 """
 
-from typing import Final
+from typing import Any, Final
 
 from llvmlite import ir
 from numba.core import types
 from numba.core.types.containers import UniTuple
-from numba.extending import intrinsic
 
 from taxel_server.runtimes.compiled.processor import instruction_set, processor_has, register_bytes
-from taxel_server.runtimes.compiled.vectors import FloatVector, Vector, join, lane_numbers, llvm_type, take
+from taxel_server.runtimes.compiled.vectors import (
+    FloatVector,
+    Vector,
+    declare,
+    join,
+    lane_numbers,
+    llvm_type,
+    operation,
+    take,
+)
 
 _BYTE: Final = ir.IntType(8)
 _BYTES_IN_A_SHUFFLE: Final = 16
@@ -24,16 +32,16 @@ def can_look_up() -> bool:
     return instruction_set() != "generic"
 
 
-@intrinsic
-def assemble(_context, byte0, byte1, byte2, byte3):  # type: ignore[no-untyped-def]
+@operation
+def assemble(_context: Any, byte0: Any, byte1: Any, byte2: Any, byte3: Any) -> Any:
     """Float32 values of their four bytes, the lowest first; value i is that of lane `assembled_lane`[i]."""
     result = FloatVector(byte0.lanes)
 
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
         width = min(register_bytes(), byte0.lanes)
         pieces = []
         for first in range(0, byte0.lanes, width):
-            one, two, three, four = (take(builder, byte, range(first, first + width)) for byte in arguments)
+            one, two, three, four = (take(builder, byte, range(first, first + width)) for byte in given)
             low, high = _unpack(builder, one, two, 1), _unpack(builder, three, four, 1)
             pieces += [part for pair in zip(low, high, strict=True) for part in _unpack(builder, *pair, 2)]
         return builder.bitcast(join(builder, pieces), llvm_type(result))
@@ -54,17 +62,17 @@ def assembled_lane(lanes: int) -> list[int]:
     return places
 
 
-@intrinsic(prefer_literal=True)
-def interleave(_context, _address, distance, lanes):  # type: ignore[no-untyped-def]
+@operation
+def interleave(_context: Any, _address: Any, literal_distance: Any, literal_lanes: Any) -> Any:
     """Eight rows of bytes in memory, so far apart, as vectors in which a lane's eight bytes stand together.
 
     The lanes come in the order of `interleaved_lane`.
     """
-    vector = Vector(8, lanes.literal_value)
+    vector = Vector(8, literal_lanes.literal_value)
 
-    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         rows = [
-            _load_bytes(builder, arguments[0], row * distance.literal_value, vector.lanes)
+            _load_bytes(builder, given[0], row * literal_distance.literal_value, vector.lanes)
             for row in range(8)
         ]
         pairs = [_unpack(builder, rows[row], rows[row + 1], 1) for row in range(0, 8, 2)]
@@ -83,7 +91,7 @@ def interleave(_context, _address, distance, lanes):  # type: ignore[no-untyped-
         ]
         return context.make_tuple(builder, signature.return_type, eights)
 
-    return UniTuple(vector, 8)(types.intp, distance, lanes), generate
+    return UniTuple(vector, 8)(types.intp, literal_distance, literal_lanes), generate
 
 
 def interleaved_lane(lanes: int) -> list[int]:
@@ -93,19 +101,19 @@ def interleaved_lane(lanes: int) -> list[int]:
     ]
 
 
-@intrinsic(prefer_literal=True)
-def gather(_context, _table, _places, upper, lanes):  # type: ignore[no-untyped-def]
+@operation
+def gather(_context: Any, _table: Any, _places: Any, literal_upper: Any, literal_lanes: Any) -> Any:
     """The float32 values of a table at the unsigned places in memory, in the order of `assembled_lane`.
 
-    A place is a byte; or two, if `upper` is not 0: how far behind the lower bytes the upper ones are.
+    A place is one byte. If `literal_upper` is not 0, it has an upper byte, too, so far behind the lower.
     """
-    vector = FloatVector(lanes.literal_value)
-    distance = upper.literal_value
+    vector = FloatVector(literal_lanes.literal_value)
+    distance = literal_upper.literal_value
 
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
         float_type, index = ir.FloatType(), ir.IntType(64)
-        base = builder.inttoptr(arguments[0], float_type.as_pointer())
-        first = builder.inttoptr(arguments[1], _BYTE.as_pointer())
+        base = builder.inttoptr(given[0], float_type.as_pointer())
+        first = builder.inttoptr(given[1], _BYTE.as_pointer())
 
         def byte_at(place: int) -> ir.Value:
             byte = builder.load(builder.gep(first, [index(place)], source_etype=_BYTE), align=1, typ=_BYTE)
@@ -121,14 +129,14 @@ def gather(_context, _table, _places, upper, lanes):  # type: ignore[no-untyped-
             result = builder.insert_element(result, value, ir.IntType(32)(lane))
         return result
 
-    return vector(types.intp, types.intp, upper, lanes), generate
+    return vector(types.intp, types.intp, literal_upper, literal_lanes), generate
 
 
-@intrinsic(prefer_literal=True)
-def lookup(_context, _table, size, places):  # type: ignore[no-untyped-def]
-    """table[place] in every lane: `size` bytes in memory, 16, 32, 48, 64, 128 or 256 of them."""
+@operation
+def lookup(_context: Any, _table: Any, literal_size: Any, places: Any) -> Any:
+    """table[place] in every lane; the table has `literal_size` bytes: 16, 32, 48, 64, 128 or 256."""
 
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+    def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
         width = min(register_bytes(), places.lanes)
         if instruction_set() == "neon":
             permute = _permute_by_neon_tables
@@ -139,15 +147,15 @@ def lookup(_context, _table, size, places):  # type: ignore[no-untyped-def]
         pieces = [
             permute(
                 builder,
-                arguments[0],
-                size.literal_value,
-                take(builder, arguments[2], range(first, first + width)),
+                given[0],
+                literal_size.literal_value,
+                take(builder, given[2], range(first, first + width)),
             )
             for first in range(0, places.lanes, width)
         ]
         return join(builder, pieces)
 
-    return places(types.intp, size, places), generate
+    return places(types.intp, literal_size, places), generate
 
 
 def _permute_by_shuffles(builder: ir.IRBuilder, table: ir.Value, size: int, places: ir.Value) -> ir.Value:
@@ -158,8 +166,8 @@ def _permute_by_shuffles(builder: ir.IRBuilder, table: ir.Value, size: int, plac
         32: "llvm.x86.avx2.pshuf.b",
         64: "llvm.x86.avx512.pshuf.b.512",
     }
-    function = _declare(builder, name[width], places.type, [places.type, places.type])
-    add_up_to = _declare(builder, f"llvm.uadd.sat.v{width}i8", places.type, [places.type, places.type])
+    function = declare(builder, name[width], places.type, [places.type, places.type])
+    add_up_to = declare(builder, f"llvm.uadd.sat.v{width}i8", places.type, [places.type, places.type])
     found = []
     for first in range(0, size, _BYTES_IN_A_SHUFFLE):
         # A shuffle looks at the lowest four bits, and gives 0 where the highest is set.
@@ -185,7 +193,7 @@ def _permute_by_neon_tables(
             for start in range(first, min(first + _BYTES_IN_A_NEON_TABLE, size), 16)
         ]
         name = f"llvm.aarch64.neon.tbl{len(entries)}.v16i8"
-        function = _declare(builder, name, places.type, [places.type] * (len(entries) + 1))
+        function = declare(builder, name, places.type, [places.type] * (len(entries) + 1))
         inside = builder.sub(places, _constant(first, 16)) if first else places
         found.append(builder.call(function, [*entries, inside]))
     return _union(builder, found)
@@ -196,9 +204,9 @@ def _permute_by_wide_table(builder: ir.IRBuilder, table: ir.Value, size: int, pl
     vector = places.type
     if size <= 64:
         entries = _load_bytes(builder, table, 0, size)
-        function = _declare(builder, "llvm.x86.avx512.permvar.qi.512", vector, [vector, vector])
+        function = declare(builder, "llvm.x86.avx512.permvar.qi.512", vector, [vector, vector])
         return builder.call(function, [take(builder, entries, [lane % size for lane in range(64)]), places])
-    function = _declare(builder, "llvm.x86.avx512.vpermi2var.qi.512", vector, [vector] * 3)
+    function = declare(builder, "llvm.x86.avx512.vpermi2var.qi.512", vector, [vector] * 3)
     found = []
     for first in range(0, size, 128):
         low = _load_bytes(builder, table, first, 64)
@@ -239,10 +247,6 @@ def _unpack(builder: ir.IRBuilder, left: ir.Value, right: ir.Value, size: int) -
                 places += [*range(element, element + size), *range(count + element, count + element + size)]
         halves.append(builder.shuffle_vector(left, right, lane_numbers(places)))
     return halves
-
-
-def _declare(builder: ir.IRBuilder, name: str, result: ir.Type, arguments: list[ir.Type]) -> ir.Function:
-    return builder.module.declare_intrinsic(name, (), ir.FunctionType(result, arguments))
 
 
 def _load_bytes(builder: ir.IRBuilder, address: ir.Value, first: int, count: int) -> ir.Value:

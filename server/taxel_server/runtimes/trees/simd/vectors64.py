@@ -12,10 +12,10 @@ from numba.core import types
 from taxel_server.runtimes.compiled.vectors import (
     FloatVector,
     Vector,
+    broadcast,
     declare,
     llvm_type,
     operation,
-    spread,
 )
 
 _BIT: Final = ir.IntType(1)
@@ -40,7 +40,7 @@ def elements(_context: Any, _start: Any, places: Any, literal_size: Any) -> Any:
 
     def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
         offset = builder.shl(given[1], ir.Constant(llvm_type(places), [shift] * places.lanes))
-        return builder.add(spread(builder, given[0], places.lanes), offset)
+        return builder.add(broadcast(builder, given[0], places.lanes), offset)
 
     return places(types.intp, places, literal_size), generate
 
