@@ -1,7 +1,7 @@
 """`taxel loop`: find what a model lacks in recordings, and export it as a new version with that added."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -13,7 +13,8 @@ from taxel.errors import SettingsError
 if TYPE_CHECKING:
     from taxel_models.loop.pipeline import LoopResult
 
-_CHECKED_WINDOWS = 2048
+_CHECKED_WINDOWS: Final = 2048
+"""The most windows that an exported correction is checked on."""
 
 
 @needs("loop", *SERVING, "jinja2", "matplotlib", "scipy", "threadpoolctl")
@@ -23,7 +24,8 @@ def loop(
     ],
     repository: Annotated[Path, typer.Option(help="Folder of artifacts that has the model.")],
     data: Annotated[
-        list[Path], typer.Option(help="A recording of the real thing; again for several, each a session.")
+        list[Path],
+        typer.Option(help="A recording of the real sensor; give it again for several, each a session."),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the report.")],
     export: Annotated[
@@ -38,29 +40,31 @@ def loop(
         typer.Option(
             min=0.0,
             max=60.0,
-            help="Seconds at the start of each segment in which a user's own sensor would be measured "
-            "to take its offsets; 0: none is.",
+            help="Seconds at the start of each segment that count as a calibration of a user's own sensor; "
+            "0: no calibration.",
         ),
     ] = 0.0,
     temperature: Annotated[
         str,
         typer.Option(
-            help="What a model that takes tdc is given: measured, or its mean; with mean "
-            "tdc is no candidate either."
+            help="What a model gets for tdc: measured, or its mean. With mean, the loop does not look for "
+            "an effect of tdc either."
         ),
     ] = "measured",
     least_share: Annotated[
         float,
-        typer.Option(min=0.0, max=1.0, help="Of the error: an effect that takes away less is not named."),
+        typer.Option(
+            min=0.0, max=1.0, help="The least share of the error that an effect must take away to be named."
+        ),
     ] = 0.02,
     exclude: Annotated[
-        list[str] | None, typer.Option(help="An effect that is not to be looked for; again for several.")
+        list[str] | None, typer.Option(help="An effect not to look for; give it again for several.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of the split and of what chance gives.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the split and of all random draws.")] = 0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a report at OUTPUT.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Compare a model with recordings, name the effects that it lacks, and tell what adding them brings.
+    """Compare a model with recordings, name the effects that it lacks, and say what adding them gains.
 
     Writes report.json, report.md, report.html and plots; `--json` prints report.json.
     """

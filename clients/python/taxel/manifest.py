@@ -115,8 +115,8 @@ class Normalisation(Schema):
     folded: bool = False
 
 
-class Source(Schema):
-    """One recording that a model was trained on."""
+class RecordingFingerprint(Schema):
+    """Which recording a model was trained on, or a study was run on."""
 
     name: str
     format: str
@@ -128,7 +128,7 @@ class Training(Schema):
     """How a model was trained: enough to train it again."""
 
     family: str
-    data: tuple[Source, ...]
+    data: tuple[RecordingFingerprint, ...]
     windows: dict[str, int]
     split: dict[str, Any]
     seed: int

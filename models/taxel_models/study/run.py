@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Self
 
-from taxel.manifest import Source
+from taxel.manifest import RecordingFingerprint
 from taxel_models.families.family import Progress, unseen
 from taxel_models.recordings import Recording
 from taxel_models.study.cell import CellResult, CellTask, compute
@@ -46,7 +46,7 @@ class Study:
     """
 
     settings: StudySettings
-    sources: tuple[Source, ...]
+    sources: tuple[RecordingFingerprint, ...]
     grouping: Grouping
     rows: int
     rows_used: int
@@ -64,7 +64,7 @@ class Study:
         grouping = choose_grouping(ticks, settings.grouping, settings.folds)
         used = reduce_rows(ticks, grouping, settings.rows, settings.seed)
         sources = tuple(
-            Source(
+            RecordingFingerprint(
                 name=recording.name,
                 format=recording.format,
                 rows=len(recording),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from taxel import __version__
 from taxel.channels import CHANNELS
 from taxel.errors import SettingsError
-from taxel.manifest import Normalisation, Source, Training
+from taxel.manifest import Normalisation, RecordingFingerprint, Training
 from taxel.scaling import Scaler
 from taxel.windows import WindowSpec
 from taxel_models.evaluation.metrics import ErrorMetrics
@@ -122,7 +122,7 @@ def train(
         extras=extras,
         training=Training(
             family=kind.name,
-            data=tuple(_source(recording) for recording in recordings),
+            data=tuple(_fingerprint_of(recording) for recording in recordings),
             windows=data.counts(),
             split=settings.split.describe(),
             seed=settings.seed,
@@ -144,8 +144,8 @@ def _normalisation(scalers: Scalers) -> Normalisation:
     )
 
 
-def _source(recording: Recording) -> Source:
-    return Source(
+def _fingerprint_of(recording: Recording) -> RecordingFingerprint:
+    return RecordingFingerprint(
         name=recording.name, format=recording.format, rows=len(recording), sha256=recording.fingerprint
     )
 
