@@ -17,10 +17,10 @@ _OUTPUTS: Final = ([OUTPUT_NAME], [OUTPUT_NAME, SPREAD_NAME])
 
 
 class OnnxRuntime:
-    """One ONNX model that takes raw windows and gives counts. Thread-safe; lets go of the GIL.
+    """One ONNX model that takes raw windows and gives counts. Thread-safe; releases the GIL.
 
-    Threads and spinning are set, not left to defaults: a library that spins on every core beside
-    a simulator's loop steals the loop's time. With one thread the caller's own computes.
+    Threads and spinning are set, not left to defaults: a library that spins on every core takes
+    time from a simulator's loop beside it. With one thread, the caller's own thread computes.
 
     Args:
         normalisation: has to be folded into the model.

@@ -38,8 +38,8 @@ class CompiledEvaluator(ABC):
 
     def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32]) -> None:
         """Fills `result` (n, outputs) with what the model says of `windows` (n, features)."""
-        # Numba would compile for each kind of array: what comes from the network is read-only, and
-        # lies in a message wherever it comes to lie.
+        # Numba would compile for each kind of array. An array from the network is read-only, and may
+        # be unaligned in its message.
         flags = windows.flags
         if flags.writeable or not flags.aligned:
             windows = windows.view() if flags.aligned else windows.copy()

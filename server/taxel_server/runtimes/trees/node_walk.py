@@ -1,4 +1,4 @@
-"""Walks a forest plainly, from node to node: the judge of every faster evaluator, and the last resort."""
+"""Walks a forest from node to node: the reference for faster evaluators, and what runs where none fits."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -42,7 +42,7 @@ def read_scales(arguments: NDArray[np.int64], first: int) -> Scales:
 
 @compiled
 def restore(scales: Scales, output: int, value: np.float32) -> np.float32:
-    """A sum in the scale that its output was trained from."""
+    """A sum of leaves in the unit of its output: counts."""
     return value * scales.output_std[output] + scales.output_mean[output] if scales.applied else value
 
 

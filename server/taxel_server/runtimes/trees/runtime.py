@@ -71,7 +71,7 @@ class TreesRuntime:
         return result
 
     def evaluator(self, rows: int) -> EvaluatorInfo:
-        """What computes so many windows; of more than a long block's, the whole blocks."""
+        """The evaluator of so many windows; if they are more than one long block, that of whole blocks."""
         return EvaluatorInfo(self._cheapest[min(rows, len(self._cheapest) - 1)].name, instruction_set())
 
     def _share(

@@ -1,4 +1,4 @@
-"""What of the evaluation of forests can be switched off, to measure what it is worth."""
+"""Parts of the evaluation of forests that can be switched off, to measure how much time each saves."""
 
 from dataclasses import dataclass
 from typing import Final

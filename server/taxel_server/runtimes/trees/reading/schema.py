@@ -1,4 +1,4 @@
-"""What of XGBoost's JSON model schema (version 3) we read; all else in a file is skipped.
+"""The part of XGBoost's JSON model schema (version 3) that is read; the rest of a file is skipped.
 
 The schema is documented at https://xgboost.readthedocs.io/en/stable/tutorials/saving_model.html.
 """
