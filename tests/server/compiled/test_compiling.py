@@ -51,17 +51,21 @@ def write(folder: Path, step: int) -> None:
 
 def call(folder: Path, **variables: str) -> tuple[int, int, str]:
     """What a process of its own is told, how often the cache answered, and where the cache is."""
+    value, hits, place = run(folder, **variables).stdout.split()
+    return int(value), int(hits), place
+
+
+def run(folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Calls the compiled function in a process of its own."""
     environment = os.environ | {"XDG_CACHE_HOME": str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
     environment.pop("NUMBA_CACHE_DIR", None)
-    done = subprocess.run(
+    return subprocess.run(
         [sys.executable, "-c", CALLING, str(folder)],
         env=environment | variables,
         capture_output=True,
         text=True,
         check=True,
     )
-    value, hits, place = done.stdout.split()
-    return int(value), int(hits), place
 
 
 def test_a_change_in_what_is_called_compiles_again(tmp_path: Path) -> None:
@@ -107,6 +111,17 @@ def test_where_nothing_can_be_written_every_process_compiles(tmp_path: Path) -> 
     for _ in range(2):
         assert call(tmp_path, XDG_CACHE_HOME=str(tmp_path / "no folder")) == (22, 0, "None")
     assert not list(tmp_path.rglob("*.nb?"))
+
+
+def test_who_waits_for_a_compilation_is_told(tmp_path: Path) -> None:
+    write(tmp_path, 1)
+    assert "the first start of this version compiles" in run(tmp_path).stderr
+    assert run(tmp_path).stderr == ""
+    (tmp_path / "no folder").touch()
+    for _ in range(2):
+        told = run(tmp_path, XDG_CACHE_HOME=str(tmp_path / "no folder")).stderr
+        assert "no folder" in told
+        assert "every start compiles again" in told
 
 
 def test_a_second_process_compiles_no_kernel_again(tmp_path: Path) -> None:

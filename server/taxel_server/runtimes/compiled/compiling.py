@@ -6,6 +6,7 @@ holds a fingerprint of all the files that may be called.
 """
 
 import hashlib
+import logging
 import os
 import tempfile
 from collections.abc import Callable, Iterator
@@ -17,6 +18,8 @@ from typing import Any, Final, ParamSpec, TypeVar, cast
 import numba
 
 from taxel import __version__
+
+_LOG: Final = logging.getLogger(__name__)
 
 _RUNTIMES: Final = Path(__file__).parent.parent
 
@@ -37,17 +40,23 @@ def fingerprint(folder: Path) -> str:
 def cache_folder() -> Path | None:
     """Where compiled code is kept: below `NUMBA_CACHE_DIR`, or else in the user's cache folder.
 
-    None if nothing can be written there: then every process compiles for itself.
+    None if nothing can be written there: then every process compiles for itself. Whoever has to wait
+    for a compilation is told.
     """
     user = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     parent = Path(numba.config.CACHE_DIR or Path(user) / "taxel")
     folder = parent / f"compiled-{fingerprint(_RUNTIMES)}"
+    new = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
-            return folder
+            pass
     except OSError:
+        _LOG.warning("%s: not writable: every start compiles again, for about half a minute", folder)
         return None
+    if new:
+        _LOG.warning("the first start of this version compiles, for about half a minute")
+    return folder
 
 
 def compiled(function: Callable[_Given, _Result]) -> Callable[_Given, _Result]:
