@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 import taxel
 from taxel.errors import Unavailable
 from taxel.protocol import pack_infer_request, unpack_error, unpack_infer_response
-from taxel_server.runtimes.compiled.compiling import cache_folder
+from taxel_server.engine import Engine
 
 WindowMaker = Callable[..., NDArray[np.float32]]
 Starter = Callable[..., subprocess.Popen[str]]
@@ -49,9 +49,11 @@ def run(tmp_path: Path) -> Iterator[Starter]:
 
 
 @pytest.fixture
-def serving(run: Starter, repository: Path, endpoint: str) -> Callable[..., subprocess.Popen[str]]:
-    """A server that is ready. If it is the first on this machine, it says nothing about that."""
-    cache_folder()
+def serving(
+    run: Starter, repository: Path, endpoint: str, engine: Engine
+) -> Callable[..., subprocess.Popen[str]]:
+    """A server that is ready. `engine` has loaded the same models, so that it need not compile."""
+    del engine
 
     def serve(*arguments: Any) -> subprocess.Popen[str]:
         process = run("--repository", repository, "--listen", endpoint, "--json", *arguments)

@@ -40,23 +40,27 @@ def fingerprint(folder: Path) -> str:
 def cache_folder() -> Path | None:
     """Where compiled code is kept: below `NUMBA_CACHE_DIR`, or else in the user's cache folder.
 
-    None if nothing can be written there: then every process compiles for itself. Whoever has to wait
-    for a compilation is told.
+    None if nothing can be written there: then every process compiles for itself.
     """
     user = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     parent = Path(numba.config.CACHE_DIR or Path(user) / "taxel")
     folder = parent / f"compiled-{fingerprint(_RUNTIMES)}"
-    new = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
-            pass
+            return folder
     except OSError:
-        _LOG.warning("%s: not writable: every start compiles again, for about half a minute", folder)
         return None
-    if new:
+
+
+@cache
+def announce() -> None:
+    """Tell whoever is about to wait for a compilation: once in a process, in the log."""
+    folder = cache_folder()
+    if folder is None:
+        _LOG.warning("no cache folder can be written: every start compiles, for about half a minute")
+    elif next(folder.rglob("*.nbc"), None) is None:
         _LOG.warning("the first start of this version compiles, for about half a minute")
-    return folder
 
 
 def compiled(function: Callable[_Given, _Result]) -> Callable[_Given, _Result]:
