@@ -1,6 +1,7 @@
 """`taxel serve` as a process of its own: starting, refusing to start, stopping."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 import taxel
 from taxel.errors import Unavailable
 from taxel.protocol import pack_infer_request, unpack_error, unpack_infer_response
+from taxel_server.engine import Engine
 
 WindowMaker = Callable[..., NDArray[np.float32]]
 Starter = Callable[..., subprocess.Popen[str]]
@@ -47,8 +49,11 @@ def run(tmp_path: Path) -> Iterator[Starter]:
 
 
 @pytest.fixture
-def serving(run: Starter, repository: Path, endpoint: str) -> Callable[..., subprocess.Popen[str]]:
-    """A server that is ready."""
+def serving(
+    run: Starter, repository: Path, endpoint: str, engine: Engine
+) -> Callable[..., subprocess.Popen[str]]:
+    """A server that is ready. `engine` has loaded the same models, so that it need not compile."""
+    del engine
 
     def serve(*arguments: Any) -> subprocess.Popen[str]:
         process = run("--repository", repository, "--listen", endpoint, "--json", *arguments)
@@ -185,6 +190,23 @@ def test_without_a_repository_it_serves_what_comes_with_taxel(run: Starter, endp
     assert line, process.stderr.read()
     with taxel.load() as shipped:
         assert [one["name"] for one in json.loads(line)["models"]] == [one.name for one in shipped.models()]
+
+
+def test_in_a_narrow_terminal_no_name_is_cut_off(run: Starter, endpoint: str) -> None:
+    process = run("--listen", endpoint, "--json")
+    served = json.loads(process.stdout.readline())["models"]
+    listed = subprocess.run(
+        [sys.executable, "-m", "taxel", "models", "--connect", endpoint],
+        env=os.environ | {"COLUMNS": "80"},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    assert "…" not in listed
+    assert f"instruction set: {served[0]['instruction_set']}" in listed
+    for model in served:
+        assert f"{model['name']}/{model['version']}" in listed
+        assert model["one_row"] in listed
 
 
 def test_an_occupied_port_is_told(serving: Starter, run: Starter, repository: Path, endpoint: str) -> None:

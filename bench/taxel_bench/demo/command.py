@@ -37,6 +37,7 @@ def demo(
     # Told to stop, it still stops its server.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     paced_rows = round(seconds * 100)
+    ERR.print("starting a server; the first start on a machine takes about half a minute")
     recording = simulate(_WARMED_UP + max(rows, paced_rows), _SEED).rows(slice(_WARMED_UP, None))
     with (
         running_server(shipped_repository()) as endpoint,

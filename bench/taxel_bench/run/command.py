@@ -76,7 +76,7 @@ def run(
     """Time a model in this process, in turn with the published way and other libraries.
 
     A corrected model is timed in turn with its base. `--json` prints `machine`, `results`, one for
-    each batch size and engine, and `skipped`; bench/README.md names their fields.
+    each batch size and engine, and `skipped`; bench/run.md names their fields.
     """
     from taxel_bench.machine import describe_machine
     from taxel_bench.peers.selection import NO_PEERS, parse_peer_choice

@@ -190,4 +190,7 @@ def _open(endpoint: str, timeout: float, shared_memory: bool) -> zenoh.Session:
     except zenoh.ZError as error:
         # What follows ' at /' is where zenoh was built.
         reason = str(error).partition(" at /")[0]
-        raise Unavailable(f"no server at {endpoint} within {timeout:g} s: {reason}") from None
+        raise Unavailable(
+            f"no server at {endpoint} within {timeout:g} s; expected a `taxel serve` that has printed"
+            f" 'listening on': {reason}"
+        ) from None

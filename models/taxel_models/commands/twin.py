@@ -1,7 +1,7 @@
 """`taxel twin`: write a simulated recording, with injected effects if asked for."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -13,6 +13,16 @@ from taxel.errors import SettingsError
 if TYPE_CHECKING:
     from taxel_models.recordings import Recording
     from taxel_models.recovery.injection import Injection
+
+_SUMMARY: Final = {
+    "touched_share": "rows in contact: {:.1%}",
+    "force_p99_n": "force, 99th percentile: {:.4g} N",
+    "force_max_n": "force, maximum: {:.4g} N",
+    "tdc_first": "tdc at the start: {:.0f} counts",
+    "tdc_last": "tdc at the end: {:.0f} counts",
+    "mean_predictor_norm_mae": "normalised MAE of the mean predictor: {:.4g}",
+}
+"""How each figure of a summary is printed."""
 
 Rows = Annotated[int, typer.Option("--rows", min=1, help="Length: 100 rows are a second.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Same seed and rows, same recording.")]
@@ -77,7 +87,7 @@ def twin(
         soft_wrap=True,
     )
     for name, value in summary.items():
-        OUT.print(f"  {name.replace('_', ' ')}: {value:.4g}")
+        OUT.print("  " + _SUMMARY[name].format(value))
 
 
 def _injected(recording: "Recording", effects: list[str], seed: int) -> "Injection":

@@ -21,6 +21,8 @@ from pathlib import Path
 from taxel_server.runtimes.compiled import compiling
 compiling._RUNTIMES = Path(sys.argv[1])
 import outer
+compiling.announce()
+compiling.announce()
 value = outer.twice_called(20)
 print(value, sum(outer.twice_called.stats.cache_hits.values()), compiling.cache_folder())
 """
@@ -56,9 +58,17 @@ def write(folder: Path, step: int) -> None:
 
 def call(folder: Path, prepare: Callable[[], None] | None = None, **variables: str) -> tuple[int, int, str]:
     """What a process of its own is told, how often the cache answered, and where the cache is."""
+    value, hits, place = run(folder, prepare, **variables).stdout.split()
+    return int(value), int(hits), place
+
+
+def run(
+    folder: Path, prepare: Callable[[], None] | None = None, **variables: str
+) -> subprocess.CompletedProcess[str]:
+    """Calls the compiled function in a process of its own."""
     environment = os.environ | {"XDG_CACHE_HOME": str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": "1"}
     environment.pop("NUMBA_CACHE_DIR", None)
-    done = subprocess.run(
+    return subprocess.run(
         [sys.executable, "-c", CALLING, str(folder)],
         env=environment | variables,
         preexec_fn=prepare,
@@ -66,8 +76,6 @@ def call(folder: Path, prepare: Callable[[], None] | None = None, **variables: s
         text=True,
         check=True,
     )
-    value, hits, place = done.stdout.split()
-    return int(value), int(hits), place
 
 
 def test_a_change_in_what_is_called_compiles_again(tmp_path: Path) -> None:
@@ -155,6 +163,28 @@ def test_threads_that_compile_leave_the_users_setting() -> None:
         thread.join()
     assert before == numba.config.CACHE_DIR
     assert set(kept) == {compiling.cache_folder()}
+
+
+def test_who_waits_for_a_compilation_is_told_once(tmp_path: Path) -> None:
+    write(tmp_path, 1)
+    assert run(tmp_path).stderr.count("the first start of this version compiles") == 1
+    assert run(tmp_path).stderr == ""
+    (tmp_path / "no folder").touch()
+    for _ in range(2):
+        told = run(tmp_path, XDG_CACHE_HOME=str(tmp_path / "no folder")).stderr
+        assert told.count("every start compiles") == 1
+
+
+def test_who_only_lists_models_is_told_nothing(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "taxel", "models"],
+        env=os.environ | {"XDG_CACHE_HOME": str(tmp_path), "NUMBA_CACHE_DIR": ""},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert "READY" in done.stdout
+    assert done.stderr == ""
 
 
 def test_a_second_process_compiles_no_kernel_again(tmp_path: Path) -> None:

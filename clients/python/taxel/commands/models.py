@@ -9,7 +9,7 @@ from rich.table import Table
 
 from taxel.commands.cli import OUT, Json, print_json
 from taxel.errors import SettingsError
-from taxel.predictor import PredictorSource
+from taxel.predictor import ModelInfo, PredictorSource
 
 Connect = Annotated[
     str | None, typer.Option("--connect", metavar="ENDPOINT", help="A running server, as tcp/HOST:PORT.")
@@ -46,14 +46,23 @@ def models(connect: Connect = None, repository: Repository = None, as_json: Json
     if as_json:
         print_json({"models": [asdict(model) for model in offered]})
         return
-    loaded = any(model.one_row for model in offered)
-    more = ("one row", "many rows", "instructions") if loaded else ()
-    table = Table("model", "version", "state", "inputs", "platform", *more)
-    for model in offered:
-        combination = "" if model.combination is None else str(model.combination)
-        evaluators = (model.one_row, model.many_rows, model.instruction_set) if loaded else ()
-        table.add_row(model.name, model.version, model.state, combination, model.platform, *evaluators)
-    OUT.print(table)
+    OUT.print(_table(offered))
+    sets = sorted({model.instruction_set for model in offered if model.instruction_set})
+    if sets:
+        OUT.print(f"instruction set: {', '.join(sets)}")
     for model in offered:
         if model.reason:
             OUT.print(f"{model.name}/{model.version}: {model.reason}", markup=False, soft_wrap=True)
+
+
+def _table(offered: list[ModelInfo]) -> Table:
+    """A row for each model: its platform, or what evaluates it where it is loaded. No name is cut off."""
+    table = Table()
+    loaded = any(model.one_row for model in offered)
+    for heading in ("model", "state", "inputs", *(("one row", "many rows") if loaded else ("platform",))):
+        table.add_column(heading, overflow="fold")
+    for model in offered:
+        combination = "" if model.combination is None else str(model.combination)
+        last = (model.one_row, model.many_rows) if loaded else (model.platform,)
+        table.add_row(f"{model.name}/{model.version}", model.state, combination, *last)
+    return table

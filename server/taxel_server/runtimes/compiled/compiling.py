@@ -6,6 +6,7 @@ holds a fingerprint of all the files that may be called.
 """
 
 import hashlib
+import logging
 import os
 import tempfile
 from collections.abc import Callable, Iterator
@@ -18,6 +19,8 @@ from typing import Any, Final, ParamSpec, TypeVar, cast
 import numba
 
 from taxel import __version__
+
+_LOG: Final = logging.getLogger(__name__)
 
 _RUNTIMES: Final = Path(__file__).parent.parent
 
@@ -67,6 +70,16 @@ def _cache_parent() -> Path:
         return Path(numba.config.CACHE_DIR)
     user = os.environ.get("XDG_CACHE_HOME")
     return (Path(user) if user else Path.home() / ".cache") / "taxel"
+
+
+@cache
+def announce() -> None:
+    """Tell whoever is about to wait for a compilation: once in a process, in the log."""
+    folder = cache_folder()
+    if folder is None:
+        _LOG.warning("no cache folder can be written: every start compiles, for about half a minute")
+    elif next(folder.rglob("*.nbc"), None) is None:
+        _LOG.warning("the first start of this version compiles, for about half a minute")
 
 
 def compiled(function: Callable[_Given, _Result]) -> Callable[_Given, _Result]:
