@@ -1,8 +1,8 @@
-"""Compiles functions with numba, and keeps what was compiled between processes.
+"""Compiles functions with numba and caches the code for other processes.
 
-Numba compiles a cached function again when its own file has changed, but not when a file has changed
-that it calls into. So the cache has a folder of its own for each state of the code: the folder's name
-holds a fingerprint of all the files that may be called.
+Numba compiles a cached function again if its own file has changed, but not if another file that it calls
+has changed. So each state of the code has another cache folder: the folder's name holds a fingerprint of
+all files that may be called.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ _Result = TypeVar("_Result")
 
 
 def fingerprint(folder: Path) -> str:
-    """Of the versions of Taxel and numba, and of the Python files below a folder: names and content."""
+    """The fingerprint of the Python files below a folder, and of the versions of Taxel and numba."""
     total = hashlib.sha256(f"{__version__} {numba.__version__}".encode())
     for path in sorted(folder.rglob("*.py")):
         total.update(f"{path.relative_to(folder)}:{path.stat().st_size}:".encode())
@@ -35,9 +35,9 @@ def fingerprint(folder: Path) -> str:
 
 @cache
 def cache_folder() -> Path | None:
-    """Where compiled code is kept: below `NUMBA_CACHE_DIR`, or else in the user's cache folder.
+    """The folder of compiled code: below `NUMBA_CACHE_DIR`, or else in the user's cache folder.
 
-    None if nothing can be written there: then every process compiles for itself.
+    None if nothing can be written there. Then every process compiles again.
     """
     user = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     parent = Path(numba.config.CACHE_DIR or Path(user) / "taxel")
@@ -51,7 +51,7 @@ def cache_folder() -> Path | None:
 
 
 def compiled(function: Callable[_Given, _Result]) -> Callable[_Given, _Result]:
-    """Compiles a function for the types that it is called with, and keeps the code; it releases the GIL."""
+    """Compiles a function for the types of its arguments and caches the code. It releases the GIL."""
     with _caching() as caching:
         result = numba.njit(cache=caching, nogil=True)(function)
     return cast("Callable[_Given, _Result]", result)
@@ -63,7 +63,7 @@ def inlined(function: Callable[_Given, _Result]) -> Callable[_Given, _Result]:
 
 
 def address_of(signature: str) -> Callable[[Callable[..., Any]], int]:
-    """Compiles a function at once, for a signature in numba's words; gives its address."""
+    """Compiles a function at once for a signature in numba's notation, and gives its address."""
 
     def compile_now(function: Callable[..., Any]) -> int:
         with _caching() as caching:
@@ -74,7 +74,7 @@ def address_of(signature: str) -> Callable[[Callable[..., Any]], int]:
 
 @contextmanager
 def _caching() -> Iterator[bool]:
-    """Sets numba's cache folder while a function is decorated: that is when numba looks where it is."""
+    """Sets numba's cache folder while a function is decorated: numba reads it only then."""
     folder, before = cache_folder(), numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(folder or "")
     try:

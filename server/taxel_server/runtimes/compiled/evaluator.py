@@ -1,4 +1,4 @@
-"""A compiled function with its arguments, and memory for it: what forests and networks have in common."""
+"""Evaluators: a compiled function with its arguments and memory, for forests and networks."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -15,7 +15,7 @@ class Evaluator(Protocol):
 
     @property
     def name(self) -> str:
-        """How it evaluates."""
+        """The evaluator's name, such as `leaf-blocks`."""
 
     def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32]) -> None:
         """Fills `result` (n, outputs) with what the model says of `windows` (n, features)."""
@@ -27,7 +27,7 @@ class CompiledEvaluator(ABC):
     name: str
 
     def __init__(self, evaluation: Callable[..., None], arguments: NDArray[np.int64]) -> None:
-        """Takes a function of these arguments, a scratch's arguments, windows and a result."""
+        """Keeps a compiled function of four arguments: these, those of a scratch, windows, and a result."""
         self._evaluation = evaluation
         self._arguments = arguments
         self._idle = list[Scratch]()
@@ -38,13 +38,13 @@ class CompiledEvaluator(ABC):
 
     def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32]) -> None:
         """Fills `result` (n, outputs) with what the model says of `windows` (n, features)."""
-        # Numba would compile for each kind of array: what comes from the network is read-only, and
-        # lies in a message wherever it comes to lie.
+        # Numba compiles a function anew for each kind of array: windows from the network may be read-only
+        # and not aligned.
         flags = windows.flags
         if flags.writeable or not flags.aligned:
             windows = windows.view() if flags.aligned else windows.copy()
             windows.flags.writeable = False
-        # A list's own operations are atomic, and cost less than a lock or a thread's own memory.
+        # A list's operations are atomic. They cost less than a lock or memory for each thread.
         try:
             scratch = self._idle.pop()
         except IndexError:

@@ -1,4 +1,4 @@
-"""Evaluates a network: few windows by its program, more by ONNX Runtime."""
+"""Evaluates a network: its program takes few windows, ONNX Runtime takes more."""
 
 import logging
 import time
@@ -25,7 +25,7 @@ from taxel_server.runtimes.onnx_models import OnnxRuntime
 _LOG: Final = logging.getLogger(__name__)
 
 _TOLERANCE: Final = 1e-4
-"""How far a program may lie from ONNX Runtime, in standard deviations of a channel."""
+"""The largest difference of a program from ONNX Runtime, in standard deviations of a channel."""
 
 _Evaluate = Callable[[NDArray[np.float32]], object]
 
@@ -34,7 +34,7 @@ _REPEATS: Final = 9
 
 
 class ProgramEvaluator(CompiledEvaluator):
-    """A program, evaluated window by window; safe to call from any thread."""
+    """Evaluates a program, window by window; safe to call from any thread."""
 
     name = "network-program"
 
@@ -46,7 +46,7 @@ class ProgramEvaluator(CompiledEvaluator):
 
     @override
     def _scratch(self) -> Scratch:
-        """A memory for one call at a time."""
+        """Memory for one call at a time."""
         return Scratch((self._memory,))
 
     def counts(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -61,7 +61,7 @@ class NetworkRuntime:
 
     Attributes:
         features: values in one window.
-        most_windows: that the program takes.
+        most_windows: the most windows that the program takes.
     """
 
     def __init__(self, program: ProgramEvaluator, onnx_runtime: OnnxRuntime, most_windows: int) -> None:
@@ -77,7 +77,7 @@ class NetworkRuntime:
         return self._program.counts(windows)
 
     def evaluator(self, rows: int) -> EvaluatorInfo:
-        """The program, or ONNX Runtime where there are more windows than it takes."""
+        """The program, or ONNX Runtime if there are more windows than the program takes."""
         if rows > self.most_windows:
             return self._onnx_runtime.evaluator(rows)
         return EvaluatorInfo(self._program.name, instruction_set())
@@ -86,19 +86,19 @@ class NetworkRuntime:
 def faster_runtime(
     model_path: Path, normalisation: Normalisation, onnx_runtime: OnnxRuntime
 ) -> NetworkRuntime | OnnxRuntime:
-    """A runtime that evaluates few windows faster; the given one where there is none.
+    """A runtime that evaluates few windows faster, or the given one if no program is faster.
 
     Args:
         model_path: an ONNX file.
-        normalisation: of its windows and channels.
-        onnx_runtime: of that file, on the CPU.
+        normalisation: the normalisation of its windows and channels.
+        onnx_runtime: the runtime of that file, on the CPU.
     """
     try:
         program = ProgramEvaluator(lower(read_graph(model_path)))
     except Unsupported as reason:
         _LOG.info("%s: left to ONNX Runtime as a whole: %s", model_path, reason)
         return onnx_runtime
-    except Exception:  # A graph that nobody thought of is no reason not to serve it.
+    except Exception:  # ONNX Runtime can serve a graph even if the lowering has an error.
         _LOG.exception("%s: could not be compiled; ONNX Runtime serves it: please report it", model_path)
         return onnx_runtime
     draws = np.random.default_rng(0).standard_normal((_MOST_WINDOWS, onnx_runtime.features))
@@ -117,7 +117,7 @@ def faster_runtime(
 def _most_windows(
     program: ProgramEvaluator, windows: NDArray[np.float32], onnx_runtime: OnnxRuntime
 ) -> int:
-    """Most windows that the program evaluates at least as fast as ONNX Runtime."""
+    """The most windows that the program evaluates at least as fast as ONNX Runtime."""
     for count in range(1, len(windows) + 1):
         some = windows[:count]
         if _least_seconds(program.counts, some) > _least_seconds(onnx_runtime.evaluate, some):
@@ -126,7 +126,7 @@ def _most_windows(
 
 
 def _least_seconds(evaluate_windows: _Evaluate, windows: NDArray[np.float32]) -> float:
-    """The least of some: a moment's disturbance must not decide for good."""
+    """The least time of some calls, so that a short disturbance decides nothing."""
     least = np.inf
     for _ in range(_REPEATS):
         start = time.perf_counter()

@@ -1,18 +1,26 @@
-"""Table look-ups in vectors: the operations that have an instruction of their own on each processor.
+"""Table look-ups in vectors: each processor has other instructions for them.
 
-An instruction that the processor does not have would end the process, so each is chosen by the
-features that code is generated for. Without byte shuffles (`can_look_up`), only `gather` works.
+A process ends at an instruction that its processor lacks. So the features that code is generated for
+decide which instruction is used. Without byte shuffles (`can_look_up`), only `gather` works.
 """
 
-from typing import Final
+from collections.abc import Sequence
+from typing import Any, Final
 
 from llvmlite import ir
 from numba.core import types
 from numba.core.types.containers import UniTuple
-from numba.extending import intrinsic
 
 from taxel_server.runtimes.compiled.processor import instruction_set, processor_has, register_bytes
-from taxel_server.runtimes.compiled.vectors import FloatVector, Vector, join, lane_numbers, llvm_type, take
+from taxel_server.runtimes.compiled.vectors import (
+    FloatVector,
+    Vector,
+    join,
+    lane_numbers,
+    llvm_type,
+    operation,
+    take,
+)
 
 _BYTE: Final = ir.IntType(8)
 _BYTES_IN_A_SHUFFLE: Final = 16
@@ -24,17 +32,23 @@ def can_look_up() -> bool:
     return instruction_set() != "generic"
 
 
-@intrinsic
-def assemble(_context, byte0, byte1, byte2, byte3):  # type: ignore[no-untyped-def]
-    """Float32 values of their four bytes, the lowest first; value i is that of lane `assembled_lane`[i]."""
+@operation
+def assemble(_context: Any, byte0: Vector, byte1: Vector, byte2: Vector, byte3: Vector) -> Any:
+    """Float32 values from their four bytes, the lowest byte first.
+
+    The values come in the order of `assembled_lane`.
+    """
     result = FloatVector(byte0.lanes)
 
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+    def generate(
+        _context: Any, builder: ir.IRBuilder, _signature: Any, arguments: Sequence[ir.Value]
+    ) -> ir.Value:
         width = min(register_bytes(), byte0.lanes)
         pieces = []
         for first in range(0, byte0.lanes, width):
-            one, two, three, four = (take(builder, byte, range(first, first + width)) for byte in arguments)
-            low, high = _unpack(builder, one, two, 1), _unpack(builder, three, four, 1)
+            lanes = range(first, first + width)
+            lowest, lower, upper, highest = (take(builder, byte, lanes) for byte in arguments)
+            low, high = _unpack(builder, lowest, lower, 1), _unpack(builder, upper, highest, 1)
             pieces += [part for pair in zip(low, high, strict=True) for part in _unpack(builder, *pair, 2)]
         return builder.bitcast(join(builder, pieces), llvm_type(result))
 
@@ -42,7 +56,7 @@ def assemble(_context, byte0, byte1, byte2, byte3):  # type: ignore[no-untyped-d
 
 
 def assembled_lane(lanes: int) -> list[int]:
-    """The lane whose value `assemble` puts at each place: it is spared the shuffles to sort them."""
+    """The lane whose value `assemble` puts at each place. Sorting the values would take more shuffles."""
     width = min(register_bytes(), lanes)
     quarter = width // 4
     places = []
@@ -54,15 +68,18 @@ def assembled_lane(lanes: int) -> list[int]:
     return places
 
 
-@intrinsic(prefer_literal=True)
-def interleave(_context, _address, distance, lanes):  # type: ignore[no-untyped-def]
-    """Eight rows of bytes in memory, so far apart, as vectors in which a lane's eight bytes stand together.
+@operation
+def interleave(_context: Any, _address: Any, distance: Any, lanes: Any) -> Any:
+    """Reads eight rows of bytes from memory and puts the eight bytes of each lane side by side.
 
-    The lanes come in the order of `interleaved_lane`.
+    `distance` is the number of bytes from one row to the next. The lanes come in the order of
+    `interleaved_lane`.
     """
     vector = Vector(8, lanes.literal_value)
 
-    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+    def generate(
+        context: Any, builder: ir.IRBuilder, signature: Any, arguments: Sequence[ir.Value]
+    ) -> ir.Value:
         rows = [
             _load_bytes(builder, arguments[0], row * distance.literal_value, vector.lanes)
             for row in range(8)
@@ -87,22 +104,25 @@ def interleave(_context, _address, distance, lanes):  # type: ignore[no-untyped-
 
 
 def interleaved_lane(lanes: int) -> list[int]:
-    """The lane at each place of what `interleave` gives for so many; sorting would take more shuffles."""
+    """The lane at each place of `interleave`'s result. Sorting the lanes would take more shuffles."""
     return [
         16 * piece + 2 * part + lane for part in range(8) for piece in range(lanes // 16) for lane in (0, 1)
     ]
 
 
-@intrinsic(prefer_literal=True)
-def gather(_context, _table, _places, upper, lanes):  # type: ignore[no-untyped-def]
-    """The float32 values of a table at the unsigned places in memory, in the order of `assembled_lane`.
+@operation
+def gather(_context: Any, _table: Any, _places: Any, upper: Any, lanes: Any) -> Any:
+    """Reads the float32 values of a table at unsigned places, which stand in memory.
 
-    A place is a byte; or two, if `upper` is not 0: how far behind the lower bytes the upper ones are.
+    The values come in the order of `assembled_lane`. A place is one byte if `upper` is 0. Otherwise it is
+    two bytes, and `upper` is the distance from the lower bytes to the upper ones.
     """
     vector = FloatVector(lanes.literal_value)
     distance = upper.literal_value
 
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+    def generate(
+        _context: Any, builder: ir.IRBuilder, _signature: Any, arguments: Sequence[ir.Value]
+    ) -> ir.Value:
         float_type, index = ir.FloatType(), ir.IntType(64)
         base = builder.inttoptr(arguments[0], float_type.as_pointer())
         first = builder.inttoptr(arguments[1], _BYTE.as_pointer())
@@ -124,11 +144,13 @@ def gather(_context, _table, _places, upper, lanes):  # type: ignore[no-untyped-
     return vector(types.intp, types.intp, upper, lanes), generate
 
 
-@intrinsic(prefer_literal=True)
-def lookup(_context, _table, size, places):  # type: ignore[no-untyped-def]
-    """table[place] in every lane: `size` bytes in memory, 16, 32, 48, 64, 128 or 256 of them."""
+@operation
+def lookup(_context: Any, _table: Any, size: Any, places: Vector) -> Any:
+    """table[place] in every lane. The table has `size` bytes of memory: 16, 32, 48, 64, 128 or 256."""
 
-    def generate(_context, builder, _signature, arguments):  # type: ignore[no-untyped-def]
+    def generate(
+        _context: Any, builder: ir.IRBuilder, _signature: Any, arguments: Sequence[ir.Value]
+    ) -> ir.Value:
         width = min(register_bytes(), places.lanes)
         if instruction_set() == "neon":
             permute = _permute_by_neon_tables
@@ -151,7 +173,7 @@ def lookup(_context, _table, size, places):  # type: ignore[no-untyped-def]
 
 
 def _permute_by_shuffles(builder: ir.IRBuilder, table: ir.Value, size: int, places: ir.Value) -> ir.Value:
-    """One byte shuffle for every 16 entries; the places' upper bits choose among their results."""
+    """One byte shuffle for every 16 entries. A shuffle gives 0 for places outside its entries."""
     width = places.type.count
     name = {
         16: "llvm.x86.ssse3.pshuf.b.128",
@@ -162,12 +184,12 @@ def _permute_by_shuffles(builder: ir.IRBuilder, table: ir.Value, size: int, plac
     add_up_to = _declare(builder, f"llvm.uadd.sat.v{width}i8", places.type, [places.type, places.type])
     found = []
     for first in range(0, size, _BYTES_IN_A_SHUFFLE):
-        # A shuffle looks at the lowest four bits, and gives 0 where the highest is set.
+        # A shuffle reads the lowest four bits of a place. It gives 0 where the highest bit is set.
         inside = places
         if first:
             inside = builder.xor(places, _constant(first, width))
         inside = builder.call(add_up_to, [inside, _constant(0x80 - _BYTES_IN_A_SHUFFLE, width)])
-        # Loaded one by one, or LLVM would load them together and spend shuffles to part them.
+        # Separate loads: LLVM would split one large load with shuffles.
         entries = _load_bytes(builder, table, first, _BYTES_IN_A_SHUFFLE)
         everywhere = take(builder, entries, [lane % _BYTES_IN_A_SHUFFLE for lane in range(width)])
         found.append(builder.call(function, [everywhere, inside]))
@@ -177,7 +199,7 @@ def _permute_by_shuffles(builder: ir.IRBuilder, table: ir.Value, size: int, plac
 def _permute_by_neon_tables(
     builder: ir.IRBuilder, table: ir.Value, size: int, places: ir.Value
 ) -> ir.Value:
-    """ARM's TBL: 16, 32, 48 or 64 entries in one instruction, which gives 0 for places beyond them."""
+    """ARM's TBL: one instruction for 16, 32, 48 or 64 entries. It gives 0 for places outside them."""
     found = []
     for first in range(0, size, _BYTES_IN_A_NEON_TABLE):
         entries = [
@@ -192,7 +214,7 @@ def _permute_by_neon_tables(
 
 
 def _permute_by_wide_table(builder: ir.IRBuilder, table: ir.Value, size: int, places: ir.Value) -> ir.Value:
-    """AVX-512 VBMI: 64 or 128 entries in one instruction."""
+    """AVX-512 VBMI: one instruction for 64 or 128 entries."""
     vector = places.type
     if size <= 64:
         entries = _load_bytes(builder, table, 0, size)
@@ -208,7 +230,7 @@ def _permute_by_wide_table(builder: ir.IRBuilder, table: ir.Value, size: int, pl
 
 
 def _choose(builder: ir.IRBuilder, found: list[ir.Value], places: ir.Value, bit: int) -> ir.Value:
-    """Halves the candidates by one bit of the places after another, the lowest first."""
+    """Chooses among the candidates by the bits of the places from `bit` upwards; each bit halves them."""
     while len(found) > 1:
         shifted = builder.shl(places, _constant(7 - bit, places.type.count))
         upper = builder.icmp_signed("<", shifted, _constant(0, places.type.count))
@@ -222,14 +244,14 @@ def _choose(builder: ir.IRBuilder, found: list[ir.Value], places: ir.Value, bit:
 
 
 def _union(builder: ir.IRBuilder, found: list[ir.Value]) -> ir.Value:
-    """What was found where it was found: each of the others is 0."""
+    """The bitwise or of all vectors. In each lane, at most one vector is not 0."""
     while len(found) > 1:
         found = [builder.or_(found[0], found[1]), *found[2:]]
     return found[0]
 
 
 def _unpack(builder: ir.IRBuilder, left: ir.Value, right: ir.Value, size: int) -> list[ir.Value]:
-    """Alternates elements of `size` bytes, for the low and the high half of every 16 bytes."""
+    """Interleaves elements of `size` bytes: first of the low, then of the high half of every 16 bytes."""
     count = left.type.count
     halves = []
     for half in (0, 8):
