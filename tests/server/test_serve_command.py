@@ -184,7 +184,9 @@ def test_without_a_repository_it_serves_what_comes_with_taxel(run: Starter, endp
     line = process.stdout.readline()
     assert line, process.stderr.read()
     with taxel.load() as shipped:
-        assert [one["name"] for one in json.loads(line)["models"]] == [one.name for one in shipped.models()]
+        assert [model["name"] for model in json.loads(line)["models"]] == [
+            model.name for model in shipped.models()
+        ]
 
 
 def test_an_occupied_port_is_told(serving: Starter, run: Starter, repository: Path, endpoint: str) -> None:

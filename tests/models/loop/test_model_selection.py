@@ -125,9 +125,9 @@ def test_what_does_not_repeat_has_to_explain_as_much() -> None:
 
 
 def test_nothing_stands_in_the_place_of_what_is_certain_or_explains_nothing() -> None:
-    one, other = cause("one", STEADY), cause("other", STEADY)
-    certain = replace(one, candidate=replace(one.candidate, certain=True))
-    assert could_replace(one, other)
+    score, other = cause("one", STEADY), cause("other", STEADY)
+    certain = replace(score, candidate=replace(score.candidate, certain=True))
+    assert could_replace(score, other)
     assert not could_replace(certain, other)
     assert not could_replace(cause("nothing", 0.0 * STEADY), other)
 
@@ -136,9 +136,9 @@ def shown_in(channels: list[int], share: float, *, figures: int = 1) -> tuple[Sc
     """A cause that explains so much of some channels in every fold, and what it is worth by channel."""
     worth = np.zeros(21)
     worth[channels] = share
-    one = cause("few", STEADY * share * len(channels) / 21, figures=figures)
+    score = cause("few", STEADY * share * len(channels) / 21, figures=figures)
     steady = np.repeat(worth[None, :], 8, axis=0) + 0.01 * np.sin(np.arange(8))[:, None]
-    return replace(one, channel_share=steady), worth
+    return replace(score, channel_share=steady), worth
 
 
 def test_a_cause_of_few_channels_that_explains_far_more_in_them_goes_first() -> None:
