@@ -1,4 +1,4 @@
-"""Whether the machine let a measurement run undisturbed: how it was shared, and how steady it was."""
+"""Whether other programs disturbed a measurement: the machine's load and the steadiness of the times."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -9,10 +9,10 @@ import psutil
 from taxel_bench.timing import TimedCalls
 
 LEAST_RUNNING: Final = 0.95
-"""Processors that a call has to use: other programs may take no more than 5 % of its time."""
+"""The least processors that a call must use: other programs may take no more than 5 % of its time."""
 
 MOST_RUNNING: Final = 1.1
-"""Processors that a call may use: with more, it has computed with more than one thread."""
+"""The most processors that a call may use: more means that it computed with several threads."""
 
 MOST_STOLEN: Final = 0.02
 """Share of the processors' time that a hypervisor may give to other machines."""

@@ -1,4 +1,4 @@
-"""An engine: one way of evaluating a model, in the parts that are timed and those that are not."""
+"""Engines: the ways of evaluating a model that are timed in turn."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,10 +18,10 @@ BASE: Final = "base"
 """Names of engines; any other engine has its peer's name."""
 
 SAME_ANSWERS: Final = 1e-4
-"""Standard deviations of a channel by which answers may differ where sums have another order."""
+"""The largest difference of answers whose sums have another order, in standard deviations of a channel."""
 
 THREADS: Final = 1
-"""That evaluate one call, in every engine."""
+"""How many threads of every engine evaluate a call."""
 
 
 @dataclass(frozen=True)
@@ -54,14 +54,14 @@ class Engine:
 
 
 def taxel_engine(model: LoadedModel, flops: int | None) -> Engine:
-    """Our runtime: it takes raw windows and gives counts, so that normalisation is timed with it."""
+    """Our runtime. It takes raw windows and gives counts, so its time includes normalisation."""
     return Engine(TAXEL, _runtime(model), np.ascontiguousarray, model.runtime.evaluate, _channels, flops)
 
 
 def base_engine(artifact: Artifact, flops: int | None) -> Engine:
     """Our runtime of a corrected model's file, without the effects that correct it.
 
-    It is loaded apart: in turn with the corrected model, neither finds what the other has fetched.
+    It is loaded separately: the two models take turns, and neither finds the other's data in the caches.
     """
     base = artifact.base
     model = LoadedModel(base.manifest, open_runtime(base))

@@ -1,4 +1,4 @@
-"""What a figure was measured on: without it no figure means anything."""
+"""The machine that figures were measured on."""
 
 import os
 import platform

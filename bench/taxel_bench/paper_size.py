@@ -1,4 +1,4 @@
-"""Models of the published size from a seed, as artifacts: nothing is trained, speed is the same."""
+"""Artifacts of the published size with random weights: they are not trained, but as fast."""
 
 import hashlib
 from pathlib import Path

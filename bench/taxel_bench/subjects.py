@@ -1,4 +1,4 @@
-"""What is measured: one model under our runtime, and under other engines beside it."""
+"""Subjects of the benchmark: a model with our runtime and the engines that it is compared with."""
 
 import tempfile
 from collections.abc import Callable, Iterator
@@ -43,15 +43,15 @@ class Subject:
     Attributes:
         model: as the user named it.
         size: `shipped` for an artifact as it is, `paper` for one of the published size.
-        trees: how the trees of a forest from a seed grow; None for any other model.
+        trees: how the trees of a random forest grow; None for any other model.
         taxel: our runtime.
         baseline: the published way; of a corrected model, its base. None where there is neither for
             this artifact, and `notes` say why.
         peers: other libraries that evaluate the same model file.
         skipped: peers that cannot, each with the reason.
-        predict: what a user calls in process: our runtime behind its checks.
+        predict: what a user calls in process: our runtime and its checks.
         evaluator: which of our evaluators computes so many windows.
-        notes: what a reader of the figures has to know.
+        notes: what a reader of the figures must know.
     """
 
     model: str
@@ -68,7 +68,7 @@ class Subject:
 
     @property
     def engines(self) -> tuple[Engine, ...]:
-        """Ours last: what is timed after another engine finds cold caches."""
+        """All engines, ours last: the caches then hold another engine's data."""
         baseline = () if self.baseline is None else (self.baseline,)
         return (*baseline, *self.peers, self.taxel)
 

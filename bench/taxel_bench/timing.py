@@ -1,4 +1,4 @@
-"""Latencies: taken call by call after a warm-up, told as a median and tails."""
+"""Latencies: measured call by call after a warm-up, reported as a median and tails."""
 
 import gc
 import time
@@ -36,7 +36,7 @@ class Latencies:
 
     @property
     def drift(self) -> float:
-        """By what share the median of the later half of calls differs from that of the earlier."""
+        """The relative difference between the medians of the later and the earlier half of the calls."""
         earlier, later = np.array_split(self.seconds, 2)
         return float(abs(np.median(later) / np.median(earlier) - 1))
 

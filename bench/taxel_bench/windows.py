@@ -10,7 +10,7 @@ from taxel.manifest import Manifest
 def random_windows(manifest: Manifest, rows: int, seed: int | SeedSequence) -> NDArray[np.float32]:
     """Windows drawn from the normal distribution of the model's training inputs, (rows, f).
 
-    Of what only effects take nothing is known but the defaults, which stand in.
+    Features that only effects take have their defaults.
     """
     statistics = manifest.normalisation
     draws = np.random.default_rng(seed).standard_normal((rows, len(statistics.input_mean)))

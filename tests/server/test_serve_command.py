@@ -189,7 +189,9 @@ def test_without_a_repository_it_serves_what_comes_with_taxel(run: Starter, endp
     line = process.stdout.readline()
     assert line, process.stderr.read()
     with taxel.load() as shipped:
-        assert [one["name"] for one in json.loads(line)["models"]] == [one.name for one in shipped.models()]
+        assert [model["name"] for model in json.loads(line)["models"]] == [
+            model.name for model in shipped.models()
+        ]
 
 
 def test_in_a_narrow_terminal_no_name_is_cut_off(run: Starter, endpoint: str) -> None:

@@ -1,1 +1,1 @@
-"""What each evaluator of forests, and each special case within one, is worth."""
+"""`bench forms`: measures what each evaluator of forests, and each special case, is worth."""

@@ -86,7 +86,7 @@ def _evaluation(
 
 
 def _figures(name: str, calls: TimedCalls, complete: TimedCalls) -> dict[str, float]:
-    """Medians, and by which factor a call takes longer than the complete one of the same round."""
+    """Medians, and the factor by which a call is slower than the complete forest in the same round."""
     return {
         f"{name}_ms": calls.median_ms,
         f"{name}_cpu_ms": calls.cpu_median_ms,

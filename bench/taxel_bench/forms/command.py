@@ -27,8 +27,8 @@ def forms(
 ) -> None:
     """Time forests with each evaluator, and each special case within one, switched off.
 
-    Everything is evaluated in turn in one run: cold, after the caches were emptied, and warm. The cost of
-    an absence is by how much the processor's time grows, by the median over the rounds.
+    All are evaluated in turn in one run: cold, after the caches were emptied, and warm. The cost of an
+    absence is the growth of the processor's time, as the median over the rounds.
     """
     from taxel_bench.forms.absence import NAMES, Absences
     from taxel_bench.forms.files import forest_files
@@ -60,7 +60,7 @@ def forms(
 
 
 def _table(results: list[dict[str, Any]], batches: list[int], instructions: str) -> Any:
-    """One row a forest and switch: what its absence costs at each batch size, cold / warm."""
+    """One row for each forest and switch: what its absence costs at each batch size, cold / warm."""
     from rich.table import Table
 
     heads = (f"{rows} rows" if rows > 1 else "1 row" for rows in batches)
@@ -72,7 +72,7 @@ def _table(results: list[dict[str, Any]], batches: list[int], instructions: str)
 
 
 def _cell(result: dict[str, Any]) -> str:
-    """Milliseconds of the processor's time for everything on, else by how much they grow."""
+    """The processor's milliseconds with all switches on, or their growth with one off."""
     if result["without"]:
         return f"{result['cold_cost']:+.0%} / {result['warm_cost']:+.0%}"
     return f"{result['cold_cpu_ms']:.3f} / {result['warm_cpu_ms']:.3f} ms"

@@ -29,7 +29,7 @@ class QueriesInFlight:
         # A query that never comes back stays as it is here.
         self._records["code"] = DeadlineExceeded.code
         self.server_gone = False
-        """Whether a query has found nobody to answer it."""
+        """Whether no server answered a query."""
 
     def depart(self, scheduled: float) -> Done:
         """Note that the next query is sent now; what to call with its answer."""

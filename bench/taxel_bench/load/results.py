@@ -120,7 +120,7 @@ def _errors(records: Records) -> dict[str, int]:
 
 
 def _reasons(settings: LoadSettings, records: Records, answered: Records, server: ServerUsage) -> list[str]:
-    """What speaks against a run."""
+    """The reasons why a run is not valid."""
     reasons = _shortage(settings, len(answered))
     if errors := _errors(records):
         told = ", ".join(f"{count} {code}" for code, count in errors.items())

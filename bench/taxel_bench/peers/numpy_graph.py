@@ -1,8 +1,8 @@
 """Evaluates the ONNX graph of a dense network with NumPy alone.
 
-It is what one would write by hand: a product, an addition and an activation a layer. `onnx.reference`
-evaluates any graph with NumPy, but takes 3 times as long for one window of the paper's ffnn, and 5 times
-as long for network-b: it would be a weak peer.
+A user would write it by hand like this: each layer is a product, an addition and an activation.
+`onnx.reference` evaluates any graph with NumPy, but it would be a weak peer: one window takes 3 times as
+long with the paper's ffnn, and 5 times with network-b.
 """
 
 from collections.abc import Callable, Sequence

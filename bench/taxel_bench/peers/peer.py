@@ -1,4 +1,4 @@
-"""What a peer is, what a peer is given, and how its packages get into this process."""
+"""Peers: what they are, what they are given, and how their packages are imported."""
 
 import site
 import subprocess
@@ -20,12 +20,12 @@ from taxel_bench.environments import find_environment, install_environment
 from taxel_models.families.networks.network import NetworkModel
 
 _SHARED: Final = ("numpy", "scipy", "scikit-learn", "onnxruntime")
-"""Packages of Taxel's own environment that a peer shares: it is installed with the same versions."""
+"""Packages that a peer shares with Taxel: both use the same versions."""
 
 
 @dataclass(frozen=True)
 class ForestModel:
-    """A forest as peers get it.
+    """The forest that peers are given.
 
     Attributes:
         boosters: a booster a channel, which computes z-scores; together they are the artifact's model.
@@ -39,7 +39,7 @@ class ForestModel:
 
 @dataclass(frozen=True)
 class GraphModel:
-    """An ONNX network as peers get it.
+    """The ONNX network that peers are given.
 
     Attributes:
         graph: raw windows in, counts out.

@@ -1,4 +1,4 @@
-"""The torch network behind an ONNX artifact: its architecture, and its weights where they are found."""
+"""The torch network behind an ONNX artifact: its architecture, and its weights if they can be read."""
 
 from typing import Final
 
@@ -18,9 +18,8 @@ _PREFIX: Final = "network."
 def network_of(manifest: Manifest, graph: onnx.GraphProto) -> tuple[NetworkModel, bool] | None:
     """The network that an artifact was exported from, and whether it has the artifact's weights.
 
-    They are read from the graph. An artifact that saw no data has those that its seed gives. Where
-    neither is possible, as the exporter has rearranged or rounded them, the weights are from the
-    seed too: as fast, with other values.
+    The weights are read from the graph. This fails if the exporter has rearranged or rounded them. Then the
+    seed gives the weights: an untrained artifact has the same ones; any other is as fast with other values.
 
     Returns:
         None where the artifact was not exported from a single network of ours.

@@ -1,4 +1,4 @@
-"""The published way for trees: one XGBRegressor a channel, asked one after another, one thread."""
+"""The published way for trees: one XGBRegressor for each channel, one after another, in one thread."""
 
 import json
 from pathlib import Path
@@ -15,7 +15,7 @@ from taxel_bench.operations.of_trees import count_tree_operations, leaf_depths
 
 
 class Regressors:
-    """A merged forest taken apart again, without loss; the inverse of `taxel_exporters.merge`.
+    """Splits a merged forest into its boosters, without loss: the inverse of `taxel_exporters.merge`.
 
     Args:
         model_path: XGBoost's JSON of a model with one output a tree.
@@ -36,7 +36,7 @@ class Regressors:
 
     @property
     def boosters(self) -> tuple[xgboost.Booster, ...]:
-        """A booster a channel."""
+        """One booster for each channel."""
         return tuple(regressor.get_booster() for regressor, _ in self._models)
 
     def engine(self, windows: NDArray[np.float32]) -> Engine:

@@ -11,8 +11,8 @@ Result = dict[str, Any]
 def compare_engines(results: Sequence[Result]) -> None:
     """Add to our result how it compares with the results beside it, of one batch size.
 
-    Of a corrected model that is what its effects cost, of any other model how many times faster
-    ours is. Peers have a ratio each, and the fastest has its name in `best_peer`.
+    For a corrected model, this is the cost of its effects. For any other model, it is how many times faster
+    ours is. Each peer has a ratio, and `best_peer` names the fastest.
     """
     engines = {result["engine"]: result for result in results}
     ours = engines[TAXEL]

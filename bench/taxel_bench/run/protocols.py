@@ -29,7 +29,7 @@ PAPER_WINDOWS: Final = 100
 _WARM_UP: Final = 50
 _WARM_UP_SHARE: Final = 0.05
 _WARM_SHARE: Final = 0.1
-"""Of the allowed time: for warming up, and for what is timed back to back afterwards."""
+"""The shares of the allowed time for the warm-up, and for the calls that are timed back to back."""
 
 _FEWEST: Final = 10
 
@@ -64,7 +64,7 @@ class Effort:
         return self.repetitions or min(queries_for(99), self._fitting(round_s, 1.0))
 
     def warm_rounds(self, round_s: float) -> int:
-        """Timed rounds of what is timed beside: no more, and within its share of the time."""
+        """Rounds of calls that are timed alone: no more than the engines have, in a share of the time."""
         return min(self.repetitions or queries_for(99), self._fitting(round_s, _WARM_SHARE))
 
     def _fitting(self, round_s: float, share: float) -> int:
@@ -168,7 +168,7 @@ def _call(engine: Engine, inputs: Sequence[NDArray[np.float32]]) -> Call:
 def _back_to_back(
     calls: Sequence[Call], effort: Effort, watch: Watch, begin: float, end: float
 ) -> list[TimedCalls]:
-    """Calls of one engine by themselves, so that they find their own data in the caches."""
+    """Calls of one engine alone, so that they find their own data in the caches."""
     round_s = warm_up(calls, rounds=_WARM_UP, seconds=_WARM_UP_SHARE * _WARM_SHARE * effort.seconds)
     rounds = effort.warm_rounds(round_s)
     return interleaved(calls, repetitions=rounds, watch=_part(watch, begin, end, rounds))

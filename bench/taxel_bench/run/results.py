@@ -12,7 +12,7 @@ _KEYS = ("median_ms", "p90_ms", "p99_ms")
 
 
 def serving_table(results: Sequence[dict[str, Any]]) -> Table:
-    """One row a batch size and engine, milliseconds."""
+    """One row for each batch size and engine, in milliseconds."""
     compared = _compared(results)
     table = Table(
         *("batch", "engine", "median", "p90", "p99", compared, "warm", compared, "verdict"),
@@ -38,7 +38,7 @@ def serving_table(results: Sequence[dict[str, Any]]) -> Table:
 
 
 def paper_table(results: Sequence[dict[str, Any]]) -> Table:
-    """One row an engine, and one for the figure of a single channel that the published script printed."""
+    """One row for each engine, and one for a single channel, which the published script printed."""
     heads = ("engine", "windows", "mean", "std", _compared(results), "verdict")
     table = Table(*heads, caption="milliseconds")
     for column in table.columns[1:-1]:
@@ -56,7 +56,7 @@ def paper_table(results: Sequence[dict[str, Any]]) -> Table:
 def remarks(
     results: Sequence[dict[str, Any]], skipped: Mapping[str, str], machine: dict[str, Any]
 ) -> list[str]:
-    """What has to be known beside the table, a line each."""
+    """Notes under the table, one line each."""
     first = results[0]
     lines = [
         f"{first['model']}, {first['size']} size, input combination {first['inputs']}: "
@@ -91,12 +91,12 @@ def _agreement(result: dict[str, Any]) -> str:
 
 
 def _compared(results: Sequence[dict[str, Any]]) -> str:
-    """What the engines are compared by: a corrected model's effects cost time, any other gains some."""
+    """The figure that compares engines: the cost of a corrected model's effects, or a speed-up."""
     return "cost, µs" if any(result["engine"] == BASE for result in results) else "ratio"
 
 
 def _comparison(result: dict[str, Any], ours: dict[str, Any], ratio: str, cost: str) -> str:
-    """How many times faster ours is than this engine; on our line of a corrected model its cost."""
+    """How many times faster ours is than this engine. On our line of a corrected model: its cost."""
     if result is ours:
         return f"{result[cost]:+,.1f}" if cost in result else ""
     times = ours.get(f"{ratio}s", {}).get(result["engine"])

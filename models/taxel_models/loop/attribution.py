@@ -1,5 +1,6 @@
 """What an attribution found: effects that were named, and those that were not."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from taxel.channels import CHANNELS
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.cross_validation import Score
 from taxel_models.loop.effects.effect import Effect
+from taxel_models.loop.model_selection import FOLD_LEVEL, LEVEL
 from taxel_models.loop.observations import Observations
 
 
@@ -19,11 +21,11 @@ class Named:
     Attributes:
         effect: which.
         score: of the form that was taken, when it was.
-        weights: (21, k), fitted to the fit part beside the other named ones.
+        weights: (21, k), fitted to the fit part together with the other named effects.
         contribution: (n, 21) what it adds to the prediction, counts.
-        p_value: chance of so much by blocks turned round, the most of all candidates.
-        confounded_with: effects that explain nearly as much in its place.
-        conditional: share of the fit part's energy that is lost without it, the others fitted anew.
+        p_value: how often chance lets any candidate stand out as much, by random signs of blocks.
+        confounded_with: effects that could replace it.
+        conditional: the share of the fit part's energy that is lost without it.
     """
 
     effect: Effect
@@ -82,3 +84,44 @@ class Attribution:
     named: tuple[Named, ...]
     rejected: tuple[Rejected, ...]
     residual: Floats
+
+
+def rejected(
+    scores: Sequence[Score],
+    p_values: Mapping[str, float],
+    named: Sequence[Named],
+    alone: Sequence[Score],
+    scale: Floats,
+) -> tuple[Rejected, ...]:
+    """The effects that were not named, with the reason; those that explain most alone come first.
+
+    Args:
+        scores: the best forms on the residual of the named effects.
+        p_values: their p-values, by effect.
+        named: the named effects.
+        alone: the best forms on the first residual.
+        scale: (21,) what an error of each channel counts, 1/counts².
+    """
+    names = {other.name for other in named}
+    shares = {score.candidate.effect: score.share for score in alone}
+    confounded = {name for other in named for name in other.confounded_with}
+    found = []
+    for score in scores:
+        name = score.candidate.effect
+        if name in names:
+            continue
+        p_value = p_values[name]
+        if name in confounded:
+            reason = "cannot be told apart from an effect that was named and explains more"
+        elif p_value > LEVEL:
+            reason = "no more than chance gives"
+        elif score.repeats > FOLD_LEVEL:
+            reason = "stands out, but does not repeat over the folds"
+        elif score.contradicts(scale):
+            reason = "stands out, but its weights differ more than its cause allows"
+        else:
+            reason = "too little to matter"
+        found.append(
+            Rejected(name, score.candidate.form, score.share, shares.get(name, 0.0), p_value, reason)
+        )
+    return tuple(sorted(found, key=lambda other: -other.alone))

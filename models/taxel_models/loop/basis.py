@@ -1,4 +1,4 @@
-"""Regressors of a residual: what one candidate effect could add to each channel, up to weights."""
+"""Regressors of a residual: their weighted sum is what a candidate adds to each channel."""
 
 from dataclasses import dataclass
 from typing import Protocol

@@ -1,4 +1,4 @@
-"""Blocks: whole segments or long stretches of them, the least that is ever fitted or held out."""
+"""Blocks: whole segments, or long parts of them. All rows of a block are fitted or held out together."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -11,18 +11,18 @@ from taxel_models.loop.observations import Observations
 
 FOLDS: Final = 8
 BLOCK_ROWS: Final = 500
-"""Longest block, 5 s: a contact or two, and far longer than what neighbouring rows share."""
+"""The longest block, 5 s: one or two contacts, and much longer than neighbouring rows are correlated."""
 
 MOST_BLOCKS: Final = 300
 GUARD_ROWS: Final = 20
-"""Rows left out at a cut inside a segment: a window's look-back and look-ahead."""
+"""Rows that are left out at a cut inside a segment: the windows there share samples."""
 
 FEWEST: Final = 16
 
 
 @dataclass(frozen=True)
 class Blocks:
-    """Which block each row is in and what each block is for.
+    """The block of each row, and the part that each block belongs to.
 
     Attributes:
         of_row: (n,) number of the row's block, -1 for a guard row.
@@ -52,14 +52,13 @@ class Blocks:
 def cut(
     observations: Observations, *, seed: int, held_out: float = 0.3, group: str | None = None
 ) -> Blocks:
-    """Cut rows into blocks and draw the evaluation part and the folds.
+    """Cuts rows into blocks and draws the evaluation part and the folds.
 
-    A block is a whole segment, or where segments are long a stretch of one of about 5 s. With a
-    group column, a block has one value of it, and all blocks of a value are held out together, as are
-    those of a fold.
+    A block is a whole segment, or a part of about 5 s of a long segment. With a group, each block has one
+    value of the group, and all blocks of a value are held out together.
 
     Args:
-        held_out: share of the blocks, or of the group's values, to evaluate on.
+        held_out: the share of the blocks, or of the group's values, in the evaluation part.
         group: a covariate whose values are kept together, such as `material`.
 
     Raises:
@@ -116,7 +115,7 @@ def _stretches(segment: NDArray[np.int64]) -> NDArray[np.int64]:
 def _units(
     observations: Observations, of_row: NDArray[np.int64], count: int, group: str | None
 ) -> NDArray[np.int64]:
-    """(blocks,) what is drawn together: each block by itself, or all blocks of a group's value."""
+    """(blocks,) the unit that is drawn: a single block, or all blocks of a group's value."""
     if group is None:
         return np.arange(count)
     first_rows = np.flatnonzero(np.diff(of_row, prepend=-1))
@@ -136,7 +135,7 @@ def _guarded(observations: Observations, of_row: NDArray[np.int64]) -> NDArray[n
 
 
 def thinned(blocks: Blocks, rows: int) -> Blocks:
-    """The same blocks with evenly fewer rows, about so many in the fit part."""
+    """The same blocks with fewer rows, evenly spaced: about `rows` in the fit part."""
     step = max(1, int(blocks.fit.sum()) // rows)
     kept = np.arange(len(blocks.of_row)) % step == 0
     return Blocks(np.where(kept, blocks.of_row, -1), blocks.fold)

@@ -1,4 +1,4 @@
-"""From named effects to a corrected model: online forms, the features they need, and what they come to."""
+"""From named effects to a corrected model: online forms, the features they need, and their predictions."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

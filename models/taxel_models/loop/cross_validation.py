@@ -1,4 +1,4 @@
-"""How well a candidate explains what is left on blocks it was not fitted to, and what chance gives."""
+"""Cross-validation: how well a candidate, or chance, explains the residual of held-out blocks."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -15,13 +15,13 @@ from taxel_models.loop.statistics import SufficientStatistics
 
 FORCE_BINS: Final = 8
 MOST_ROW_WEIGHT: Final = 4.0
-"""A bin of rows counts at most so much more, or less, than the mean."""
+"""A bin of rows counts at most so many times more, or less, than the mean."""
 
 LEANS: Final = 4.0
-"""Of two tests one has to pass; the other's p may be so many times as much."""
+"""One of two tests must pass; the p-value of the other one may be so many times as large."""
 
 HUBER: Final = 2.0
-"""Times its bin's root mean square: beyond, a row's residual counts in proportion, not squared."""
+"""A residual beyond so many times its bin's root mean square counts linearly, not squared."""
 
 
 @dataclass(frozen=True)
@@ -29,12 +29,12 @@ class Score:
     """What one candidate explains in cross-validation.
 
     Attributes:
-        candidate: which form of which effect.
-        statistics: of its regressors with what is left.
+        candidate: the form of an effect.
+        statistics: the statistics of its regressors with the residual.
         strength: (21,) F of each channel's weights.
-        share: of the residual's energy, trusted rows first, that it explains over all channels.
-        fold_share: (folds,) share explained in each fold.
-        channel_share: (folds, 21) likewise, of each channel's own energy.
+        share: the share of the residual's energy that it explains over all channels; rows are weighted.
+        fold_share: (folds,) the share that it explains in each fold.
+        channel_share: (folds, 21) the share of each channel's energy that it explains in each fold.
     """
 
     candidate: Candidate
@@ -56,11 +56,12 @@ class Score:
 
     @property
     def repeats(self) -> float:
-        """The same p, or that where channels count by what the other folds say; the greater by a quarter.
+        """The smaller p-value of two tests, or a quarter of the larger one if that is more.
 
-        What changes a few channels would be lost among the others' noise. No fold has a say in what
-        counts in it, so that chance alone is as likely below 0 as above. Either may tell, if the other
-        leans the same way. A cause with the same figures for all channels has to show in all alike.
+        The first test counts all channels alike. The second weighs channels by what the other folds show,
+        because noise of the other channels would hide an effect of a few. A fold has no influence on its
+        own weights, so under chance its share is as likely below 0 as above. One test must pass, and the
+        other must tend the same way. An effect with the same weights for all channels has only the first.
         """
         if self.candidate.fitting.pooled or self.candidate.moves:
             return self.t_test
@@ -90,7 +91,7 @@ class Score:
         return float(deviation / max(float(np.linalg.norm(mean)), 1e-12))
 
     def contradicts(self, scale: Floats) -> bool:
-        """Whether its weights are not as its cause would have them: too unlike.
+        """Whether its weights differ more than its cause allows.
 
         Args:
             scale: (21,) what an error of each channel counts, 1/counts².
@@ -99,7 +100,7 @@ class Score:
 
     @property
     def freedom(self) -> int:
-        """Figures that are fitted or settled."""
+        """The number of its parameters, fitted or settled."""
         fitting, size = self.candidate.fitting, self.candidate.basis.size
         if fitting.fixed:
             size = 0
@@ -140,8 +141,8 @@ def row_weights_of(residual: Floats, pressed: Floats, fit: NDArray[np.bool_]) ->
 def absolute_of(residual: Floats, fit: NDArray[np.bool_]) -> Floats:
     """(n,) weights that make squared errors count about as absolute ones do: 1 over the row's size.
 
-    What an effect is worth to a user is told by the mean absolute error, which a few contacts that the
-    model misses altogether do not rule.
+    The mean absolute error tells what an effect is worth to a user: a few contacts that the model predicts
+    badly do not dominate it.
     """
     size = np.sqrt((residual**2 * scale_of(residual[fit])).mean(axis=1))
     return np.asarray(1.0 / np.maximum(size, np.quantile(size[fit], 0.1)))
@@ -167,11 +168,11 @@ def cross_validate(candidate: Candidate, statistics: SufficientStatistics, scale
 
 
 def stands_out(statistics: SufficientStatistics, scale: Floats, signs: Floats) -> Floats:
-    """(1 + draws,) how far a candidate stands out from chance, first as it is, then by chance alone.
+    """(1 + draws,) how far a candidate stands out from chance: first of the data, then of each draw.
 
-    Two figures do: the channels' strengths together, and the strongest channel's; each in standard
-    deviations of what it is when every block's residual is turned round at random, which keeps what
-    rows of a block share (wild cluster bootstrap; Cameron, Gelbach and Miller 2008).
+    Two figures count, the sum of the channels' strengths and the strongest channel's. Their unit is their
+    standard deviation over draws with a random sign for every block's residual. A block keeps its
+    correlations (wild cluster bootstrap; Cameron, Gelbach and Miller 2008).
     """
     every = np.vstack([np.ones((1, signs.shape[1])), signs])
     strengths = np.log1p(statistics.strengths(scale, every))

@@ -1,4 +1,4 @@
-"""Which of several scores is taken: a form of one effect, or one of several causes."""
+"""Model selection: chooses among the scores of one effect's forms, and among effects."""
 
 import math
 from collections.abc import Sequence
@@ -8,50 +8,60 @@ from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.cross_validation import Score, difference_test
 
+LEVEL: Final = 0.01
+"""The family-wise level of a step: how often it may name an effect where there is none."""
+
+CONTENDER_LEVEL: Final = 0.05
+"""The family-wise level of other effects if one passes `LEVEL`: another may explain more."""
+
 FOLD_LEVEL: Final = 0.025
-"""Of the t-test over folds: what a few blocks bring about may stand out and still not repeat."""
+"""The level of the t-test over folds: an effect of a few blocks may stand out, but it does not repeat."""
 
 LEAST_SHARE: Final = 0.02
-"""Of the residual's energy over all channels: less is not worth a new version."""
+"""The least share of the residual's energy over all channels: less is not worth a new version."""
 
 NEARLY: Final = 0.9
-"""Of the most that any effect is worth: among those, the share decides, which tells causes apart better."""
+"""Effects worth at least this part of the most any effect is worth compete by their share of the energy."""
 
 AS_GOOD: Final = 0.985
-"""Of the best share: a form with fewer figures that explains so much of it is taken instead."""
+"""A form with fewer parameters is chosen if it explains at least this part of the best share."""
 
 MUCH_SIMPLER: Final = 0.25
-"""Of another's figures: of an effect with no more, less is asked."""
+"""A much simpler effect has at most this part of the other's parameters."""
 
 CLEARLY_LESS: Final = 0.005
-"""Of the t-test over folds: a much simpler effect is taken in the best one's place if what it lacks is too
-little to be named by itself, and no clear loss."""
+"""The level of the t-test over folds at which a much simpler effect explains clearly less than the best."""
 
 LEAST_CHANNEL_SHARE: Final = 0.15
-"""Of one channel's energy: a cause of few channels matters to them."""
+"""The least share of one channel's energy: an effect of few channels matters to these."""
 
 FEW: Final = 1 / 3
 MUCH_BETTER: Final = 1.5
-"""A cause of at most so many of the channels that explains so many times as much in them goes first."""
+"""An effect of at most so many of the channels goes first if it explains so many times as much there."""
 
 CONFOUNDED: Final = 0.8
-"""Of an effect's share: another that explains so much in its place cannot be told from it."""
+"""Another effect can replace a named one if it explains at least this part of its share."""
 
 CONTAINED: Final = 0.5
-"""The same of a much simpler one, which the effect may hold in itself beside something else."""
+"""The same part for a much simpler effect, which the named one may contain."""
+
+
+def contends(score: Score, p_value: float) -> bool:
+    """Whether an effect stands out from chance clearly, or less clearly but in all folds."""
+    return p_value <= LEVEL or (p_value <= CONTENDER_LEVEL and score.repeats <= FOLD_LEVEL)
 
 
 def simplest(scores: Sequence[Score]) -> Score:
-    """The best score, or one with fewer fitted figures that explains nearly as much."""
+    """The best score, or one with fewer parameters that explains nearly as much."""
     best = max(scores, key=lambda score: score.share)
     near = [score for score in scores if score is best or score.share >= AS_GOOD * best.share > 0]
     return min(near, key=lambda score: (score.freedom, -score.share))
 
 
 def steadiest(scores: Sequence[Score]) -> Score:
-    """The simplest of the best forms; if it does not repeat over the folds, a much simpler one that does.
+    """The simplest of the best forms. If it does not repeat over the folds, a much simpler one that does.
 
-    A form with many figures may explain most on the whole and yet not everywhere.
+    A form with many parameters may explain most on average, but not in every fold.
     """
     best = simplest(scores)
     plain = [score for score in scores if score.repeats <= FOLD_LEVEL and _much_simpler(score, best)]
@@ -59,10 +69,14 @@ def steadiest(scores: Sequence[Score]) -> Score:
 
 
 def worth_most(able: Sequence[tuple[float, Score]]) -> list[Score]:
-    """Of scores and what they are worth over all channels, those that are worth nearly the most.
+    """The scores that are worth nearly the most over all channels.
 
-    And much simpler ones that explain more than the one that is: what bumps all over the skin, say,
-    make of a turned frame is worth a little more in mean absolute error, and is no better explained.
+    Much simpler effects stay, too, if they explain more of the energy than the one that is worth most. An
+    example is a turned frame: many bumps over the skin imitate it, and they are worth a little more in mean
+    absolute error.
+
+    Args:
+        able: scores with what they are worth.
     """
     most, top = max(able, key=lambda pair: pair[0])
     return [
@@ -73,12 +87,11 @@ def worth_most(able: Sequence[tuple[float, Score]]) -> list[Score]:
 
 
 def likeliest(scores: Sequence[Score], scale: Floats) -> Score:
-    """Of different causes the one that explains most; of those that do as well, the simplest.
+    """The effect that explains most, or the simplest one that does as well (`_does_as_well`).
 
-    As well means nearly as much, and not less in every fold; of a much simpler one less is asked.
-    Between two with as many weights stands their observations: what the data say for the better one, t²/2,
-    and how alike the electrodes' weights are, since a common cause draws them from one distribution,
-    and a narrow one leaves less to choose.
+    Among effects with the same number of parameters, two terms decide. The first is the data's support for
+    the better one, t²/2. The second is how alike the electrodes' weights are: a common cause draws them
+    from one narrow distribution.
 
     Args:
         scale: (21,) what an error of each channel counts, 1/counts².
@@ -89,7 +102,7 @@ def likeliest(scores: Sequence[Score], scale: Floats) -> Score:
     def doubt(score: Score) -> float:
         t = 0.0 if score is best else score.against(best)[0]
         electrodes = len(CHANNELS[ELECTRODE_COLUMNS])
-        # How unlike they are is one figure more where the cause does not say it (Schwarz 1978).
+        # Without a limit, the weights' spread is a parameter, too (Schwarz 1978).
         open_ended = math.log(electrodes) / 2 if score.candidate.alike is None else 0.0
         return t**2 / 2 + electrodes * math.log(max(score.unlikeness(scale), 1e-3)) + open_ended
 
@@ -97,13 +110,14 @@ def likeliest(scores: Sequence[Score], scale: Floats) -> Score:
 
 
 def more_specific(chosen: Score, others: Sequence[tuple[Score, Floats]]) -> Score:
-    """A cause of a few channels that explains far more in them than the chosen one, or else that one.
+    """An effect of a few channels that explains far more in them than the chosen one, or the chosen one.
 
-    What changes all channels, and has figures enough, takes up a part of it; what is left then looks
-    like anything. The other way round nothing is lost.
+    An effect of all channels with many parameters would explain a part of it, and the rest would look like
+    another effect. If the effect of few channels goes first, nothing is lost.
 
     Args:
-        others: with what each is worth by channel, (21,).
+        chosen: the score that would be named.
+        others: scores with what each is worth, (21,).
     """
     specific = []
     for score, worth in others:
@@ -116,13 +130,13 @@ def more_specific(chosen: Score, others: Sequence[tuple[Score, Floats]]) -> Scor
     return max(specific, key=lambda found: found[0])[1] if specific else chosen
 
 
-def could_stand_for(score: Score, other: Score) -> bool:
-    """Whether another effect explains so much in a named one's place that the data do not tell them apart.
+def could_replace(score: Score, other: Score) -> bool:
+    """Whether another effect could replace a named one: the data do not tell the two apart.
 
-    A constant of each material, say, holds a drift in itself if materials were recorded in turn: it
-    explains more, since materials differ as well, and the drift is no less likely for that.
+    An example: materials are recorded one after another. Then a constant for each material also explains a
+    drift. It explains more than the drift, because materials differ, but the drift is as likely.
     """
-    # Where an effect explains nothing by itself, nothing can be said to explain as much.
+    # If an effect explains nothing alone, no other can be said to explain as much.
     if score.candidate.certain or score.share <= 0:
         return False
     contained = _much_simpler(other, score) and other.repeats <= FOLD_LEVEL
@@ -130,10 +144,10 @@ def could_stand_for(score: Score, other: Score) -> bool:
 
 
 def _does_as_well(score: Score, best: Score) -> bool:
-    """Whether a cause explains nearly as much as the best, or is much simpler and leaves too little.
+    """Whether an effect explains nearly as much as the best, or is much simpler and lacks little.
 
-    Bumps all over the skin, say, hold a constant in themselves, and whatever else the recording has:
-    where that is not worth naming, the constant is the cause.
+    An example: bumps all over the skin contain a constant and explain a little more. If the difference is
+    not worth naming, the constant is the cause.
     """
     less = score.against(best)[1]
     if score.share >= AS_GOOD * best.share and less > FOLD_LEVEL:

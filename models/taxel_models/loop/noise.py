@@ -1,8 +1,8 @@
-"""How much of a residual could be explained at all: the channels' own noise.
+"""The noise floor: the part of a residual that no effect can explain.
 
-What changes from row to row without memory cannot be predicted. Its variance is read off second
-differences of the residual, which slow causes hardly touch: Var(r[t-1] - 2 r[t] + r[t+1]) = 6 sigma².
-Where there are rows in free air, the scatter of the measurement about its local mean is a second reading.
+White noise cannot be predicted. Its variance follows from second differences of the residual, since slow
+causes hardly change these: Var(r[t-1] - 2 r[t] + r[t+1]) = 6 sigma². Rows in free air give a second
+estimate: the scatter of the measurement about its local mean.
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class NoiseFloor:
 
     @classmethod
     def of(cls, observations: Observations) -> "NoiseFloor":
-        """Both readings of a recording."""
+        """Both estimates of a recording."""
         inside = observations.segment[2:] == observations.segment[:-2]
         residual = observations.residual
         found = _robust_sd(_second(residual)[inside])
@@ -47,7 +47,7 @@ class NoiseFloor:
         return np.minimum(1.0, self.differences**2 / np.maximum(energy, 1e-12))
 
     def report(self, energy: NDArray[np.float64], output_std: NDArray[np.float64]) -> dict[str, Any]:
-        """For `report.json`: the error that remains when everything else is explained."""
+        """The error that remains if everything but noise is explained, for `report.json`."""
         mae = self.differences * np.sqrt(2 / np.pi)
         return {
             "method": "second differences of the residual; the noise is taken as normal",

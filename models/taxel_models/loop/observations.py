@@ -1,4 +1,4 @@
-"""What the loop looks at: predictions beside measurements, and what else is known of each row."""
+"""Observations: a model's predictions, the measurements, and the other columns of each row."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,7 +23,7 @@ Predict = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 
 class Model(Protocol):
-    """What the loop asks of a model: a predictor of `taxel.load` does it."""
+    """The model that the loop takes, such as a predictor of `taxel.load`."""
 
     @property
     def manifest(self) -> Manifest:
@@ -38,7 +38,7 @@ class Model(Protocol):
 
 @dataclass(frozen=True)
 class TakenCalibration:
-    """What a user's own sensor would have shown at the start of each row's segment.
+    """A calibration at the start of each row's segment, as a user's sensor would give it.
 
     Attributes:
         offsets: (n, 21) measured less predicted, counts.
@@ -198,9 +198,9 @@ def gather(model: Model, recordings: Sequence[Recording], *, measured_temperatur
     """Windows, predictions and measurements of recordings, aligned.
 
     Args:
-        model: called with up to 4096 windows at a time.
-        measured_temperature: a model that takes `tdc` gets the recording's; else its default, and the
-            temperature is not looked at.
+        model: is called with up to 4096 windows.
+        measured_temperature: whether a model that takes `tdc` gets the recording's. If not, it gets the
+            default, and the loop does not use the temperature.
 
     Raises:
         RecordingError: no recording has a whole window.
@@ -266,7 +266,7 @@ def predict_all(predict: Predict, windows: NDArray[np.float32]) -> Floats:
 
 
 def _predictions(model: Model, windows: NDArray[np.float32]) -> tuple[Floats, Floats]:
-    """What the model gives and what it gives without its effects, (n, 21) counts each."""
+    """The model's predictions, and those without its effects, (n, 21) counts each."""
     predicted = predict_all(model.predict, windows)
     return predicted, predict_all(model.predict_base, windows) if model.manifest.effects else predicted
 

@@ -1,4 +1,4 @@
-"""Closing the loop: from a model and recordings to findings and a correction."""
+"""The pipeline of the loop: from a model and recordings to findings and a correction."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -32,16 +32,16 @@ from taxel_models.recordings import Recording
 
 @dataclass(frozen=True)
 class LoopSettings:
-    """How to look.
+    """Settings of the loop.
 
     Attributes:
-        seed: of the split and of what chance gives.
-        held_out: share of the blocks to evaluate on.
+        seed: the seed of the split and of the blocks' random signs.
+        held_out: the share of the blocks in the evaluation part.
         hold_out_by: a covariate whose values are held out whole, such as `material`.
         measured_temperature: whether a model that takes the temperature is given the recording's.
         calibration_s: seconds at the start of each segment in which a user's own sensor is measured.
-        least_share: of the error that an effect has to take away to be named.
-        exclude: effects that are not to be looked for, such as `temperature`.
+        least_share: the share of the error that an effect must remove to be named.
+        exclude: effects that are not tried, such as `temperature`.
     """
 
     seed: int = 0
@@ -55,15 +55,15 @@ class LoopSettings:
 
 @dataclass(frozen=True)
 class LoopResult:
-    """Everything that came of it.
+    """The result of the loop.
 
     Attributes:
-        findings: for people and programs.
-        observations: as it was gathered.
-        blocks: what was fitted to and what was evaluated on.
-        attribution: what was named, with its contributions row by row.
-        new: what a corrected model consists of.
-        after: (n, 21) what the corrected model gives, counts.
+        findings: the report's content.
+        observations: the rows, before any input was moved.
+        blocks: the fit part and the evaluation part.
+        attribution: the named effects, with their contributions to each row.
+        new: the effects of the corrected model.
+        after: (n, 21) the corrected model's predictions, counts.
     """
 
     findings: Findings
@@ -88,7 +88,7 @@ def run_loop(
     settings: LoopSettings,
     progress: Callable[[str], None] | None = None,
 ) -> LoopResult:
-    """Find what a model lacks and what adding it brings, on blocks that nothing was fitted to.
+    """Names effects, and measures the corrected model on blocks that nothing was fitted to.
 
     Raises:
         RecordingError: the recordings are too short to hold anything out, or lack a column.
@@ -224,7 +224,7 @@ def _paired(observations: Observations, blocks: Blocks, after: Floats, output_st
     numbers = np.unique(blocks.of_row[rows])
     falls = np.array([by_row[blocks.of_row == number].mean() for number in numbers])
     if not falls.std() > 0:
-        # All blocks fall by the same amount: the test is not defined, and says nothing.
+        # If the error of all blocks falls by the same amount, the test is not defined.
         mean = float(falls.mean())
         return PairedTest(blocks=len(falls), difference=mean, low=mean, high=mean, t=0.0, p_value=0.5)
     interval = stats.ttest_1samp(falls, 0.0).confidence_interval(0.95)

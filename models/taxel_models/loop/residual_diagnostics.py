@@ -1,4 +1,4 @@
-"""What is left after the named effects: noise, or structure that no candidate explains."""
+"""Residual diagnostics: whether the remaining residual is noise, or structure that no effect explains."""
 
 from typing import Final
 
@@ -13,19 +13,19 @@ from taxel_models.loop.resting import TOUCH_N
 from taxel_models.loop.spectrum import power_density, stretches
 
 MORE_THAN_NOISE: Final = 0.1
-"""Share of what is left that noise cannot account for, from which on it counts as structured."""
+"""The residual counts as structured if noise leaves at least this share of its energy unexplained."""
 
 AUTOCORRELATION: Final = 0.1
 
 IN_A_CHANNEL: Final = 0.3
-"""Likewise of one channel's share and autocorrelation: a cause of few channels is lost in the mean."""
+"""The same for one channel's share and autocorrelation: the mean hides an effect of few channels."""
 
 _SECOND: Final = 100
 PIECE_ROWS: Final = 256
 """Of the spectrum: 2.56 s."""
 
 _PEAK: Final = 8.0
-"""Power of a spectral line over the median within a band around it, from which on it is told."""
+"""The least power of a spectral line that is reported, over the median of a band around it."""
 
 
 def diagnose_residual(
@@ -66,7 +66,7 @@ def _correlations(observations: Observations, left: Floats, rows: NDArray[np.boo
 
 
 def _hint(observations: Observations, left: Floats, rows: NDArray[np.bool_], beyond: Floats) -> str:
-    """In words; `beyond` (21,) is each channel's energy that noise cannot account for, counts²."""
+    """A sentence on where to look. `beyond` (21,) is each channel's energy beyond noise, counts²."""
     relative = beyond / np.maximum(observations.measured[rows].var(axis=0), 1e-9)
     worst = [CHANNELS[channel] for channel in np.argsort(-relative)[:3]]
     hints = [f"most in {', '.join(worst)}"]
@@ -83,7 +83,7 @@ def _hint(observations: Observations, left: Floats, rows: NDArray[np.bool_], bey
 
 
 def _line(observations: Observations, left: Floats) -> float | None:
-    """The frequency of a spectral line that stands out, Hz, in all rows: a hum is in each of them."""
+    """The frequency of a strong spectral line, Hz. All rows are used, since a hum is in each of them."""
     wanted = stretches(observations, np.ones(len(left), bool))
     frequencies, power = power_density(left, wanted, PIECE_ROWS)
     if not len(power):

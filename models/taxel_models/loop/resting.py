@@ -1,4 +1,4 @@
-"""What a channel reads while nothing is touched."""
+"""Resting counts: what a channel reads without contact."""
 
 from typing import Final
 
@@ -19,8 +19,8 @@ _RAW_COUNTS: Final = 500.0
 def resting(pressed: Floats, counts: Floats) -> Floats:
     """(21,) the median of counts (n, 21) in free air.
 
-    A finger that is never in free air shows its rest where it is pressed least (n,), N; but where its
-    channels are tared, they rest at 0, however hard it is pressed.
+    Without rows in free air, tared channels rest at 0; for others, the rows with the least force (n,), N,
+    are used.
     """
     free = pressed < TOUCH_N
     if free.sum() >= _REST_ROWS:

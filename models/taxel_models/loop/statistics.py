@@ -1,7 +1,7 @@
-"""Least squares on blocks: second statistics of a candidate's regressors with the residual.
+"""Sufficient statistics: least squares on the blocks' sums of a candidate's regressors and the residual.
 
-Everything that attribution asks of a candidate (weights, cross-validated gains, what chance gives)
-follows from the statistics of its blocks, so that the rows are read once.
+The weights, the cross-validation and the test against chance all follow from these sums, so the rows are
+read once.
 """
 
 from dataclasses import dataclass
@@ -15,19 +15,19 @@ from taxel_models.loop.basis import Basis, Floats, broadcast
 from taxel_models.loop.blocks import Blocks
 
 RIDGE: Final = 1e-3
-"""Of each regressor's own energy: steadies regressors that say nearly the same."""
+"""The ridge, relative to each regressor's energy: nearly collinear regressors get stable weights."""
 
 
 @dataclass(frozen=True)
 class Fitting:
-    """How weights are found.
+    """How weights are fitted.
 
     Attributes:
-        pooled: one weight for all channels, as a cause that they share; else each its own.
-        fixed: weights are 1: there is nothing to fit.
+        pooled: whether all channels share their weights, as they share the cause.
+        fixed: whether the weights are 1 and nothing is fitted.
         allowed: (21, k), which weights may differ from 0; None for all.
-        ridge: (k,) by how much of its own energy each regressor is held back, where there are many and
-            they say nearly the same; their weights are not shrunk a second time. None for few.
+        ridge: (k,) each regressor's ridge over its energy, for many nearly collinear regressors. Their
+            weights are not shrunk again. None for few regressors.
     """
 
     pooled: bool = False
@@ -127,8 +127,8 @@ class SufficientStatistics:
         0, whatever rows inside a block share (a cluster-robust score test).
 
         Args:
-            signs: (draws, blocks) of +1 and -1 that turn each block's residual round, so that the
-                candidate has nothing to find but what chance gives.
+            signs: (draws, blocks) of +1 and -1, the sign of each block's residual. With random signs, a
+                candidate explains only chance.
             cross: of the blocks to use; all if None.
         """
         cross = self.cross if cross is None else cross

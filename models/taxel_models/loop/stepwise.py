@@ -1,8 +1,9 @@
-"""The search: effects compete for the residual, one is named at a time, until chance does as well.
+"""Stepwise selection: effects compete for the residual, and each step names one of them.
 
-At each step every form of every effect is cross-validated on what is left. The best is named if it
-explains more than any candidate does when blocks are turned round by chance, and enough to matter;
-then all named ones are fitted again together. At the end each is tried without the others' help.
+A step cross-validates every form of every effect on the remaining residual. It names the best effect if
+that explains more than chance lets any candidate explain, and if it explains enough. Then all named effects
+are fitted again. The steps end when no effect passes. To find what chance explains, the signs of whole
+blocks are drawn at random.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,7 +13,7 @@ from typing import Final
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from taxel_models.loop.attribution import Attribution, Named, Rejected
+from taxel_models.loop.attribution import Attribution, Named, rejected
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks, thinned
 from taxel_models.loop.cross_validation import (
@@ -30,7 +31,9 @@ from taxel_models.loop.model_selection import (
     FOLD_LEVEL,
     LEAST_CHANNEL_SHARE,
     LEAST_SHARE,
-    could_stand_for,
+    LEVEL,
+    contends,
+    could_replace,
     likeliest,
     more_specific,
     simplest,
@@ -40,18 +43,12 @@ from taxel_models.loop.model_selection import (
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.statistics import SufficientStatistics
 
-LEVEL: Final = 0.01
-"""Family-wise: how often a step may name an effect where there is none."""
-
-CONTENDER_LEVEL: Final = 0.05
-"""Family-wise, for the other causes of what stands out at `LEVEL`: one may explain it better."""
-
 DRAWS: Final = 199
 MOST_ROWS: Final = 24_000
-"""That are fitted to: neighbouring rows say nearly the same."""
+"""The most rows that are fitted: neighbouring rows tell nearly the same."""
 
 CERTAIN_CHANNEL_SHARE: Final = 0.01
-"""Of one channel's error, for a fault that cannot be chance: it is there, however little it changes."""
+"""The least share of one channel's error that names a certain fault, which chance cannot cause."""
 
 MOST_EFFECTS: Final = 8
 REFITS: Final = 3
@@ -62,13 +59,13 @@ class StepwiseSelection:
     """One attribution.
 
     Args:
-        observations: the recordings beside the model's predictions.
-        blocks: what is fitted to and what is kept for the final comparison, which is not looked at.
-        effects: the candidates.
-        seed: of the blocks that are turned round.
-        least_share: of the error that an effect has to take away to be named, over all channels or,
-            where that is more than is asked of one channel anyway, in one.
-        progress: told what is being looked at.
+        observations: the recordings with the model's predictions.
+        blocks: the fit part and the evaluation part. The selection does not use the evaluation part.
+        effects: the effects that compete.
+        seed: the seed of the blocks' random signs.
+        least_share: the share of the error that an effect must remove to be named, over all channels. One
+            channel is enough if the effect removes this share of its error, and `LEAST_CHANNEL_SHARE`.
+        progress: is told which effect is tried.
     """
 
     def __init__(
@@ -93,15 +90,15 @@ class StepwiseSelection:
         self._absolute = absolute_of(observations.residual, blocks.fit)
         self._named: list[Named] = []
         self._alone: list[Score] = []
-        """On the first residual, before anything was named."""
+        """The scores on the first residual, before an effect was named."""
         self._tried: set[tuple[str, str]] = set()
-        """Forms that were named once: none is named again, so that the search ends."""
+        """Forms that were named before. No form is named twice, so the selection ends."""
         self._forms: dict[str, tuple[Candidate, ...]] = {}
-        """Forms on the present observations, of effects that do not look at the residual."""
+        """The forms of effects that do not depend on the residual, for the present observations."""
 
     def run(self) -> Attribution:
-        """Name effects until nothing is left that chance does not explain as well."""
-        # Products of a few columns: threads would cost more than they bring.
+        """Names effects until chance explains the residual as well as any candidate."""
+        # The products have few columns: threads cost more time than they save.
         with threadpool_limits(1):
             return self._run()
 
@@ -117,12 +114,11 @@ class StepwiseSelection:
             self._refit()
             self._drop_superfluous()
         self._confound()
-        return Attribution(
-            self._observations, tuple(self._named), self._rejected(scores, p_values), self._left()
-        )
+        others = rejected(scores, p_values, self._named, self._alone, self._scale)
+        return Attribution(self._observations, tuple(self._named), others, self._left())
 
     def _left(self, without: Named | None = None) -> Floats:
-        """(n, 21) what is left when the named effects, or all but one, are taken out."""
+        """(n, 21) the residual without the named effects; `without` is not taken out."""
         left = self._observations.residual
         for named in self._named:
             if not named.score.candidate.moves:
@@ -160,7 +156,7 @@ class StepwiseSelection:
         return cross_validate(candidate, statistics, self._scale)
 
     def _p_values(self, scores: Sequence[Score]) -> dict[str, float]:
-        """For each effect how often chance lets any candidate stand out as much."""
+        """For each effect, how often chance lets any candidate stand out as much."""
         found = np.stack([stands_out(score.statistics, self._scale, self._signs) for score in scores])
         most = found[:, 1:].max(axis=0)
         return {
@@ -169,12 +165,16 @@ class StepwiseSelection:
         }
 
     def best(self, scores: Sequence[Score], p_values: dict[str, float]) -> Score | None:
-        """Of the effects that stand out and are worth most, the one that explains most or is simpler.
+        """The effect to name, or None.
 
-        One at least has to stand out clearly and to repeat over the folds: that something is there is
-        decided so. What it is, is decided by what each explains on held-out blocks: a test that the
-        better explanation passes less clearly is no reason to prefer the worse. Nothing else stands in
-        the way of a certain one.
+        1. A candidate must stand out from chance, have plausible weights, and be worth enough. A certain
+           candidate that is worth enough is named at once.
+        2. At least one candidate must stand out at `LEVEL` and repeat over the folds. This decides that
+           there is an effect at all.
+        3. Of the candidates that are worth nearly the most, the one that explains most on held-out blocks
+           is named, or a simpler one that explains as much. The p-values do not decide here: the better
+           explanation may have the larger p-value.
+        4. An effect of few channels goes first if it explains far more in them.
         """
         moved = {named.name for named in self._named if named.score.candidate.moves}
         able: list[tuple[float, Score]] = []
@@ -184,7 +184,7 @@ class StepwiseSelection:
             tried = (candidate.effect, candidate.form) in self._tried
             if tried or candidate.effect in moved or score.contradicts(self._scale):
                 continue
-            if not (candidate.certain or _contends(score, p_value)):
+            if not (candidate.certain or contends(score, p_value)):
                 continue
             worths = self._worth(score)
             total, most = float(worths.mean()), float(worths.max())
@@ -201,7 +201,7 @@ class StepwiseSelection:
         return more_specific(likeliest(worth_most(able), self._scale), clear)
 
     def _worth(self, score: Score) -> Floats:
-        """(21,) share of each channel's first error that it takes away in cross-validation."""
+        """(21,) the share of each channel's first error that it removes in cross-validation."""
         candidate = score.candidate
         alike = SufficientStatistics.of(
             candidate.basis, self._left(), self._absolute, self._blocks, candidate.fitting
@@ -219,7 +219,7 @@ class StepwiseSelection:
         if chosen.candidate.moved is None:
             contribution = chosen.candidate.basis.times(weights)
         else:
-            # What the model predicts changes, and with it all forms.
+            # The predictions change, and so do all forms.
             before, self._observations = self._observations, chosen.candidate.moved(self._observations)
             contribution = self._observations.predicted - before.predicted
             self._forms.clear()
@@ -227,7 +227,7 @@ class StepwiseSelection:
         self._named = [other for other in self._named if other.name != named.name] + [named]
 
     def _refit(self) -> None:
-        """Fit all named effects again, each to what the others leave, until they agree."""
+        """Fits all named effects again, each to the residual of the others, for some rounds."""
         for _ in range(REFITS if len(self._named) > 1 else 1):
             for place, named in enumerate(self._named):
                 self._named[place] = self._fitted_again(named)
@@ -242,7 +242,7 @@ class StepwiseSelection:
         return replace(named, score=refitted, weights=weights, contribution=contribution)
 
     def _drop_superfluous(self) -> None:
-        """Take back what no longer explains anything beside the others."""
+        """Removes named effects that explain too little beside the others."""
         while len(self._named) > 1:
             conditional = [self._conditional(named) for named in self._named]
             weakest = int(np.argmin([share for share, _ in conditional]))
@@ -255,7 +255,7 @@ class StepwiseSelection:
             self._refit()
 
     def _conditional(self, named: Named) -> tuple[float, float]:
-        """Share of the energy, over all channels and in the channel where it is most, lost without it."""
+        """The share of the energy that is lost without it: the mean over channels, and the largest."""
         fit = self._blocks.fit
         first = self._first.residual[fit]
         energy = np.maximum((first**2).mean(axis=0), 1e-9)
@@ -263,49 +263,21 @@ class StepwiseSelection:
         return float((gain / energy).mean()), float((gain / energy).max())
 
     def _confound(self) -> None:
-        """For each named effect, which others could stand in its place."""
+        """Finds the effects that could replace each named effect."""
         names = {named.name for named in self._named}
         for place, named in enumerate(self._named):
-            self._progress(f"what could stand for {named.name}")
-            # Forms of one that moves the inputs are relative to what they were before.
+            self._progress(f"what could replace {named.name}")
+            # Forms that move the inputs are relative to the inputs before.
             moves = named.score.candidate.moves
             scores = self._alone if moves else self.scores(self._left(without=named))
             own = next((other for other in scores if other.candidate.effect == named.name), None)
             able = tuple(
                 other.candidate.effect
                 for other in scores
-                if own is not None and other.candidate.effect not in names and could_stand_for(own, other)
+                if own is not None and other.candidate.effect not in names and could_replace(own, other)
             )
             conditional = self._conditional(named)[0]
             self._named[place] = replace(named, confounded_with=able, conditional=conditional)
-
-    def _rejected(self, scores: Sequence[Score], p_values: dict[str, float]) -> tuple[Rejected, ...]:
-        names = {named.name for named in self._named}
-        alone = {score.candidate.effect: score.share for score in self._alone}
-        rejected = []
-        for score in scores:
-            name = score.candidate.effect
-            if name in names:
-                continue
-            p_value = p_values[name]
-            if p_value > LEVEL:
-                reason = "no more than chance gives"
-            elif score.repeats > FOLD_LEVEL:
-                reason = "stands out, but does not repeat over the folds"
-            elif score.contradicts(self._scale):
-                reason = "stands out, but its weights differ more than its cause allows"
-            else:
-                reason = "too little to matter"
-            if any(name in other.confounded_with for other in self._named):
-                reason = "cannot be told apart from an effect that was named and explains more"
-            rejected.append(
-                Rejected(name, score.candidate.form, score.share, alone.get(name, 0.0), p_value, reason)
-            )
-        return tuple(sorted(rejected, key=lambda other: -other.alone))
-
-
-def _contends(score: Score, p_value: float) -> bool:
-    return p_value <= LEVEL or (p_value <= CONTENDER_LEVEL and score.repeats <= FOLD_LEVEL)
 
 
 def _silent(note: str) -> None:

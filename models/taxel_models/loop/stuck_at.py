@@ -1,4 +1,4 @@
-"""Channels that stand still where they ought to move, told from those that rest or are cut off."""
+"""Stuck-at detection: finds channels that repeat a value, but not those that rest or saturate."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,27 +11,26 @@ from scipy import stats
 from taxel_models.loop.basis import Floats
 
 SHORTEST_RUN: Final = 25
-"""Rows, 250 ms, of one value: longer than sample and hold, shorter than a broken contact."""
+"""The least rows of one value, 250 ms: longer than sample and hold, shorter than a broken contact."""
 
 BY_CHANCE: Final = 1e-3
-"""Runs so long that fewer than so many are expected in the recording, by how often values repeat."""
+"""A run is long if chance gives fewer than so many runs of its length in the recording."""
 
 FAR: Final = 3.0
-"""Times the usual residual: a prediction that scatters so much during a run was not followed. What a model
-makes of a resting channel stays below."""
+"""A prediction that scatters by so many times the usual residual should have moved the channel. Predictions
+of a resting channel scatter less."""
 
 MOST_PATIENCE: Final = 3.0
-"""Times the usual length of runs: a channel that repeats itself for longer is not merely a calm one."""
+"""A channel that repeats a value for so many times the usual length is not only quiet."""
 
 JUMP: Final = 4.0
-"""Times the usual step: a channel reaches a level where it is cut off in smaller ones, a broken one does
-not."""
+"""A step of so many times the usual size is a jump: a broken channel jumps, a saturating one does not."""
 
 ONE_SIDED: Final = 0.8
-"""Share of a run's rows where the prediction is beyond it: so at a level where the channel is cut off."""
+"""A channel saturates at a run's value if predictions are beyond it in at least this share of the rows."""
 
 WHOLE: Final = 0.95
-"""Share of the rows since the first run from which on a channel counts as stuck for good."""
+"""The share of the rows since the first run from which on a channel counts as stuck for good."""
 
 Kind = Literal["stuck", "intermittent"]
 
@@ -65,7 +64,7 @@ def stuck_channels(measured: Floats, predicted: Floats, segment: NDArray[np.int6
     runs = [Runs.of(measured[:, channel], segment) for channel in channels]
     usual = float(np.median([own_runs.patience for own_runs in runs]))
     still = _usual_residual(measured - predicted, predicted)
-    # Where noise keeps most channels from repeating themselves for long, one that does is broken.
+    # If noise keeps most channels from repeating a value for long, a channel that does so is broken.
     calm = np.median([own_runs.long.any() for own_runs in runs]) > 0
     found = []
     for channel, own_runs in zip(channels, runs, strict=True):
@@ -181,7 +180,7 @@ class Runs:
         smooth = ~self.jumps & (self.at_end | (inside & one_sided))
         abrupt = self.jumps | (~self.at_end & whole)
         by_jump, by_level = int((wrong & abrupt).sum()), int((wrong & smooth).sum())
-        # What is neither tells only where no other does, and then not by its length.
+        # Runs of neither kind count only if there are no others, and then not by their length.
         broken = wrong & abrupt if by_jump > by_level else lags & ~smooth & (by_jump == by_level == 0)
         at_one_of = np.isin(self.values, self.values[broken])
         return np.asarray(self.long & broken.any() & (~smooth | at_one_of))
@@ -191,5 +190,5 @@ class Runs:
         return np.asarray(np.add.reduceat(rows.astype(np.float64), self.starts) / self.lengths)
 
     def _needed(self, patience: float) -> float:
-        """Rows of a run of which fewer than `BY_CHANCE` are expected where lengths fall off so."""
+        """The length in rows of which chance gives fewer than `BY_CHANCE` runs."""
         return float(np.log(self.lengths.sum() / BY_CHANCE) * patience)

@@ -1,1 +1,1 @@
-"""Recovery: known effects are injected into recordings, and the loop has to find them without knowing."""
+"""The recovery benchmark: injects known effects into recordings and counts which the loop finds."""

@@ -1,4 +1,4 @@
-"""The recovery benchmark: effects are injected, and the loop has to find them without knowing."""
+"""The recovery benchmark: injects effects; the loop must find them without knowing which they are."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -29,14 +29,14 @@ UNEXPLAINED: Final = "unexplained"
 CLEAN_SHARE: Final = 0.2
 UNKNOWN_SHARE: Final = 0.1
 STRENGTHS: Final = (0.5, 2.0)
-"""Of the residual that was there before, drawn evenly in the logarithm."""
+"""The least and greatest strength over the residual; strengths are drawn evenly in the logarithm."""
 
 CLEANINGS: Final = 5
 WORTH_REMOVING: Final = 0.02
-"""Of the error before: where the truth itself would take away less, nothing is marked."""
+"""The least share of the error that the truth itself must remove for the round to be scored."""
 
 FIGURES: Final = {"creep": "time_constant", "lag": "lag", "frame": "angle"}
-"""Parameters that are marked: time constants, delays, angles."""
+"""Parameters that are scored: time constants, delays, angles."""
 
 
 class Round(Schema):
@@ -134,9 +134,9 @@ def run_rounds(
 
 
 def settled(model: Model, recording: Recording, seed: int) -> Recording:
-    """A recording without what the loop finds in it by itself: what the model lacks anyway.
+    """A recording without the effects that the loop finds before any injection.
 
-    A quarter of what would be named is taken out, too, so that another split does not name it.
+    Effects of a quarter of the naming threshold are taken out, too, so that another split names none.
     """
     recording = recording.ticks()
     for _ in range(CLEANINGS):
@@ -162,7 +162,7 @@ def run_round(
     random: np.random.Generator,
     note: Callable[[str], None] | None = None,
 ) -> Round:
-    """Inject, run the loop, and mark."""
+    """Injects an effect, runs the loop and scores the result."""
     truth, strength = drawn
     base = gather(model, [recording], measured_temperature=True)
     residual = np.sqrt((base.residual**2).mean(axis=0))
@@ -197,7 +197,7 @@ def inject_truth(injection: Injection, truth: str, strength: float) -> None:
 
 
 def summarise(rounds: Sequence[Round]) -> Summary:
-    """Count."""
+    """Counts the rounds' outcomes."""
     confusion: dict[str, Counter[str]] = {}
     for finished in rounds:
         confusion.setdefault(finished.truth, Counter())[finished.found] += 1

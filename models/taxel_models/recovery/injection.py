@@ -1,4 +1,4 @@
-"""Injection: an effect is put into a recording's measured channels at a given strength."""
+"""Injection: adds an effect of a given strength to a recording's measured channels."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace

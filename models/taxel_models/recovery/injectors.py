@@ -1,4 +1,4 @@
-"""How each effect is injected: equations written apart from those that the loop fits."""
+"""Injects each effect. The equations are written independently of those that the loop fits."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Causes that no effect describes: the loop must call them unexplained."""
+"""Causes that no effect describes. The loop must report them as unexplained."""
 
 from collections.abc import Callable
 from typing import Final

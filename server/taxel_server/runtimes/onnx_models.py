@@ -19,12 +19,12 @@ _OUTPUTS: Final = ([OUTPUT_NAME], [OUTPUT_NAME, SPREAD_NAME])
 class OnnxRuntime:
     """One ONNX model that takes raw windows and gives counts. Thread-safe; releases the GIL.
 
-    Threads and spinning are set, not left to defaults: a library that spins on every core takes
-    time from a simulator's loop beside it. With one thread, the caller's own thread computes.
+    Threads do not spin: beside a simulator's loop, a library that spins on every core takes the loop's
+    time. With one thread, the caller's own thread computes.
 
     Args:
         normalisation: has to be folded into the model.
-        threads: that one evaluation may use.
+        threads: how many one evaluation may use.
         providers: ONNX Runtime's execution providers, best first.
 
     Raises:
@@ -59,19 +59,19 @@ class OnnxRuntime:
 
     def _checked_shapes(self, model_path: Path) -> int:
         inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
-        names = [one.name for one in outputs]
-        if [one.name for one in inputs] != [INPUT_NAME] or names not in _OUTPUTS:
-            found = f"{[one.name for one in inputs]} to {[one.name for one in outputs]}"
+        input_names, output_names = ([node.name for node in nodes] for nodes in (inputs, outputs))
+        if input_names != [INPUT_NAME] or output_names not in _OUTPUTS:
+            found = f"{input_names} to {output_names}"
             raise ArtifactError(f"{model_path}: {found}: expected {INPUT_NAME} to {OUTPUT_NAME}")
         shape = inputs[0].shape
         if (
             len(shape) != 2
             or not isinstance(shape[1], int)
-            or any(one.shape[1:] != [len(CHANNELS)] for one in outputs)
+            or any(output.shape[1:] != [len(CHANNELS)] for output in outputs)
         ):
             shapes = f"{shape} to {outputs[0].shape}"
             raise ArtifactError(f"{model_path}: {shapes}: expected (n, f) to (n, {len(CHANNELS)})")
-        self._outputs = names
+        self._outputs = output_names
         return shape[1]
 
     @property

@@ -28,7 +28,7 @@ LENGTH: Final = 50
 ROWS: Final = BLOCKS * LENGTH
 
 
-def moments_of(seed: int, strength: float) -> SufficientStatistics:
+def statistics_of(seed: int, strength: float) -> SufficientStatistics:
     """One regressor, and a residual that it explains a part of in one channel of 21."""
     random = np.random.default_rng(seed)
     feature, residual = random.normal(size=(ROWS, 1)), random.normal(size=(ROWS, 21))
@@ -43,19 +43,21 @@ def scored(statistics: SufficientStatistics, **fitting: bool) -> Score:
 
 
 def test_the_resampled_t_test_is_the_plain_one_with_a_wider_spread() -> None:
-    one = scored(moments_of(0, 0.5))
-    shares = one.fold_share
+    score = scored(statistics_of(0, 0.5))
+    shares = score.fold_share
     assert len(shares) == 5
     statistic = stats.ttest_1samp(shares, 0.0).statistic
     # Nadeau and Bengio: 1/folds + test/train in the place of 1/folds, and here test/train is 1/4.
     corrected = statistic * np.sqrt((1 / 5) / (1 / 5 + 1 / 4))
-    assert one.t_test == pytest.approx(float(stats.t.sf(corrected, 4)))
-    assert 0.0 < one.t_test < 0.05
+    assert score.t_test == pytest.approx(float(stats.t.sf(corrected, 4)))
+    assert 0.0 < score.t_test < 0.05
 
 
 def test_what_one_channel_shows_in_every_fold_repeats() -> None:
     shares = np.random.default_rng(0).normal(0.0, 0.05, (8, 21))
-    among_noise = replace(scored(moments_of(0, 0.25)), channel_share=shares, fold_share=shares.mean(axis=1))
+    among_noise = replace(
+        scored(statistics_of(0, 0.25)), channel_share=shares, fold_share=shares.mean(axis=1)
+    )
     assert among_noise.repeats > 0.1
     shares[:, 3] += 0.2
     shown = replace(among_noise, channel_share=shares, fold_share=shares.mean(axis=1))
@@ -69,35 +71,35 @@ def test_what_one_channel_shows_in_every_fold_repeats() -> None:
 
 
 def test_noise_repeats_about_as_seldom_as_the_test_says() -> None:
-    found = np.array([scored(moments_of(seed, 0.0)).repeats for seed in range(200)])
+    found = np.array([scored(statistics_of(seed, 0.0)).repeats for seed in range(200)])
     assert (found < 0.025).mean() <= 0.05
 
 
 def test_weights_contradict_a_cause_that_would_have_them_alike() -> None:
-    one = scored(moments_of(0, 2.0))
-    assert one.unlikeness(np.ones(21)) > 1.0
-    assert not one.contradicts(np.ones(21))
+    score = scored(statistics_of(0, 2.0))
+    assert score.unlikeness(np.ones(21)) > 1.0
+    assert not score.contradicts(np.ones(21))
     for alike, contradicts in ((0.35, True), (100.0, False)):
-        other = replace(one, candidate=replace(one.candidate, alike=alike))
+        other = replace(score, candidate=replace(score.candidate, alike=alike))
         assert other.contradicts(np.ones(21)) == contradicts
 
 
 def test_shares_are_of_the_residuals_energy() -> None:
-    one = scored(moments_of(0, 2.0))
+    score = scored(statistics_of(0, 2.0))
     # Of 21 channels with energy 1, one has 4 more, which is explained.
-    assert one.share == pytest.approx(4.0 / 25.0, rel=0.1)
-    assert one.fold_share.mean() == pytest.approx(one.share, rel=0.05)
-    assert one.channels[3]
+    assert score.share == pytest.approx(4.0 / 25.0, rel=0.1)
+    assert score.fold_share.mean() == pytest.approx(score.share, rel=0.05)
+    assert score.channels[3]
 
 
 def test_what_explains_nothing_has_no_share() -> None:
-    shares = [scored(moments_of(seed, 0.0)).share for seed in range(10)]
+    shares = [scored(statistics_of(seed, 0.0)).share for seed in range(10)]
     assert max(shares) < 0.005
     assert np.mean(shares) < 0.001
 
 
 def test_freedom_counts_what_is_fitted_and_what_is_settled() -> None:
-    statistics = moments_of(0, 0.0)
+    statistics = statistics_of(0, 0.0)
     assert scored(statistics).freedom == 21
     assert scored(statistics, pooled=True).freedom == 1
     assert scored(statistics, fixed=True).freedom == 0
@@ -146,17 +148,17 @@ def test_absolute_weights_turn_squares_into_sizes() -> None:
 
 
 def test_worth_is_the_share_of_each_channels_first_error() -> None:
-    statistics = moments_of(0, 1.0)
-    one = scored(statistics)
+    statistics = statistics_of(0, 1.0)
+    score = scored(statistics)
     first = statistics.energy.sum(axis=0)
-    found = worth(one, statistics, np.ones(21), first)
+    found = worth(score, statistics, np.ones(21), first)
     np.testing.assert_allclose(found, statistics.gains(np.ones(21)).sum(axis=0) / first)
     assert found[3] == pytest.approx(0.5, abs=0.05)
 
 
 def test_one_channel_of_many_stands_out() -> None:
     signs = random_signs(199, BLOCKS, 0)
-    found = stands_out(moments_of(0, 0.5), np.ones(21), signs)
+    found = stands_out(statistics_of(0, 0.5), np.ones(21), signs)
     assert found.shape == (200,)
     assert found[0] > found[1:].max()
 
@@ -165,7 +167,7 @@ def test_noise_stands_out_as_often_as_chance_has_it() -> None:
     signs = random_signs(99, BLOCKS, 0)
     ranks = []
     for seed in range(80):
-        found = stands_out(moments_of(seed, 0.0), np.ones(21), signs)
+        found = stands_out(statistics_of(seed, 0.0), np.ones(21), signs)
         ranks.append((1 + (found[1:] >= found[0]).sum()) / 100)
     assert stats.kstest(ranks, "uniform").pvalue > 1e-3
 

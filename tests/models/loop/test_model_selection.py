@@ -16,7 +16,7 @@ from taxel_models.loop.model_selection import (
     CONFOUNDED,
     CONTAINED,
     FOLD_LEVEL,
-    could_stand_for,
+    could_replace,
     likeliest,
     more_specific,
     steadiest,
@@ -113,32 +113,32 @@ def test_a_much_simpler_cause_may_stand_in_a_richer_ones_place_with_less(
     figures: int, least: float
 ) -> None:
     rich = cause("rich", STEADY, figures=figures)
-    assert could_stand_for(rich, cause("simple", (least + 0.01) * STEADY))
-    assert not could_stand_for(rich, cause("simple", (least - 0.01) * STEADY))
+    assert could_replace(rich, cause("simple", (least + 0.01) * STEADY))
+    assert not could_replace(rich, cause("simple", (least - 0.01) * STEADY))
 
 
 def test_what_does_not_repeat_has_to_explain_as_much() -> None:
     rich, jumpy = cause("rich", JUMPY, figures=5), np.array([4.0, *np.zeros(7)])
-    assert could_stand_for(rich, cause("simple", 0.6 * JUMPY))
-    assert not could_stand_for(rich, cause("simple", 0.6 * jumpy))
-    assert could_stand_for(rich, cause("simple", jumpy))
+    assert could_replace(rich, cause("simple", 0.6 * JUMPY))
+    assert not could_replace(rich, cause("simple", 0.6 * jumpy))
+    assert could_replace(rich, cause("simple", jumpy))
 
 
 def test_nothing_stands_in_the_place_of_what_is_certain_or_explains_nothing() -> None:
-    one, other = cause("one", STEADY), cause("other", STEADY)
-    certain = replace(one, candidate=replace(one.candidate, certain=True))
-    assert could_stand_for(one, other)
-    assert not could_stand_for(certain, other)
-    assert not could_stand_for(cause("nothing", 0.0 * STEADY), other)
+    score, other = cause("one", STEADY), cause("other", STEADY)
+    certain = replace(score, candidate=replace(score.candidate, certain=True))
+    assert could_replace(score, other)
+    assert not could_replace(certain, other)
+    assert not could_replace(cause("nothing", 0.0 * STEADY), other)
 
 
 def shown_in(channels: list[int], share: float, *, figures: int = 1) -> tuple[Score, NDArray[np.float64]]:
     """A cause that explains so much of some channels in every fold, and what it is worth by channel."""
     worth = np.zeros(21)
     worth[channels] = share
-    one = cause("few", STEADY * share * len(channels) / 21, figures=figures)
+    score = cause("few", STEADY * share * len(channels) / 21, figures=figures)
     steady = np.repeat(worth[None, :], 8, axis=0) + 0.01 * np.sin(np.arange(8))[:, None]
-    return replace(one, channel_share=steady), worth
+    return replace(score, channel_share=steady), worth
 
 
 def test_a_cause_of_few_channels_that_explains_far_more_in_them_goes_first() -> None:

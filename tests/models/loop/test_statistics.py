@@ -263,7 +263,7 @@ def test_a_basis_of_some_rows_takes_those_of_the_residual(
     )
 
 
-def test_blocks_moments_stay_apart(
+def test_blocks_statistics_stay_apart(
     features: NDArray[np.float64], residual: NDArray[np.float64], blocks: Blocks
 ) -> None:
     statistics = SufficientStatistics.of(Shared(features), residual, np.ones(ROWS), blocks, Fitting())

@@ -210,7 +210,7 @@ class Noted:
 def chosen_for(rows: int, *sizes: tuple[int, float, float]) -> list[tuple[int, int, int]]:
     """For every evaluation the evaluator's place, its first and last row; each has a size and two times."""
     notes: list[tuple[int, int, int]] = []
-    timed = [Timed(Noted(notes, place), size, one, whole) for place, (size, one, whole) in enumerate(sizes)]
+    timed = [Timed(Noted(notes, place), *given) for place, given in enumerate(sizes)]
     windows = np.arange(rows, dtype=np.float32)[:, None]
     Autotuned(timed).evaluate(windows, windows.copy())
     return notes

@@ -1,4 +1,6 @@
-"""Trunks side by side, compared with the rule that they follow, node after node."""
+"""Top trees side by side: the kernel's exits are those of the in-order rule."""
+
+from typing import Any
 
 import numba
 import numpy as np
@@ -20,7 +22,9 @@ pytestmark = pytest.mark.skipif(not can_look_up(), reason="this processor has no
 
 
 @numba.njit
-def traverse(address, nodes, steps, ranks, rows, exits):  # type: ignore[no-untyped-def]
+def traverse(
+    address: int, nodes: NDArray[Any], steps: int, ranks: NDArray[Any], rows: int, exits: NDArray[Any]
+) -> None:
     call(address, (nodes.ctypes.data, steps, ranks.ctypes.data, rows, exits.ctypes.data, 0))
 
 

@@ -6,6 +6,7 @@ import numba
 import numpy as np
 import pytest
 from llvmlite import binding, ir
+from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.vectors import load, store
 from taxel_server.runtimes.trees.simd import lookups
@@ -19,9 +20,9 @@ LANES = 64
 @pytest.mark.parametrize("size", SIZES)
 def test_every_place_of_a_table_is_found(size: int) -> None:
     @numba.njit
-    def look_up(table, places, found):  # type: ignore[no-untyped-def]
-        places = load(places.ctypes.data, 8, LANES)
-        store(found.ctypes.data, lookup(table.ctypes.data, size, places))
+    def look_up(table: NDArray[np.uint8], places: NDArray[np.uint8], found: NDArray[np.uint8]) -> None:
+        loaded = load(places.ctypes.data, 8, LANES)
+        store(found.ctypes.data, lookup(table.ctypes.data, size, loaded))
 
     table = np.random.default_rng(size).permutation(256).astype(np.uint8)[:size]
     for first in range(0, size, LANES):

@@ -8,17 +8,17 @@ from numpy.typing import NDArray
 from taxel.manifest import Normalisation
 from taxel_server.runtimes.compiled.arguments import pack
 from taxel_server.runtimes.compiled.compiling import compiled
-from taxel_server.runtimes.trees.few_rows.ranks import ROWS, Ranking, rank_rows, read_ranking
-from taxel_server.runtimes.trees.layout.columns import Columns, Cuts
+from taxel_server.runtimes.trees.few_rows.ranks import ROWS, aligned_cuts, rank_rows
+from taxel_server.runtimes.trees.layout.columns import Columns, Cuts, read_cuts
 from taxel_server.runtimes.trees.normalisation import Scales, read_scales
 
-_SCALES = len(Ranking._fields)
+_SCALES = len(Cuts._fields)
 
 
 @compiled
 def rank(arguments: NDArray[np.int64], windows: NDArray[np.float32], ranks: NDArray[np.int8]) -> None:
-    ranking, scales = read_ranking(arguments, 0), read_scales(arguments, _SCALES)
-    rank_rows(ranking, scales, windows, 0, len(windows), ranks.shape[1], ranks.ravel())
+    cuts, scales = read_cuts(arguments, 0), read_scales(arguments, _SCALES)
+    rank_rows(cuts, scales, windows, 0, len(windows), ranks.shape[1], ranks.ravel())
 
 
 def columns_of(lengths: list[int], generator: np.random.Generator) -> Columns:
@@ -58,6 +58,6 @@ def test_ranks_are_the_numbers_of_cuts_not_above(lengths: list[int], seed: int) 
             input_mean=mean, input_std=deviation, output_mean=(), output_std=(), folded=bool(seed % 2)
         )
     )
-    ranking, ranks = Ranking.of(columns), np.full(windows.shape, 7, dtype=np.int8)
-    rank(pack(ranking, scales), windows, ranks)
+    aligned, ranks = aligned_cuts(columns), np.full(windows.shape, 7, dtype=np.int8)
+    rank(pack(aligned, scales), windows, ranks)
     np.testing.assert_array_equal(ranks, expected - 128)

@@ -1,4 +1,4 @@
-"""Covariate: the error depends on something else that was recorded, such as the material."""
+"""Covariate: the error depends on another recorded column, such as the material."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -12,16 +12,16 @@ from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Online, 
 from taxel_models.loop.observations import Observations
 
 MOST_KINDS: Final = 32
-"""Whole numbers with at most so many values are names of kinds, not amounts."""
+"""A column of whole numbers with at most so many values names kinds; any other column is an amount."""
 
 MOST_PAIRED: Final = 16
-"""Kinds that may have both a constant and a gain: more would be more figures than blocks."""
+"""The most kinds that may have a constant and a gain: with more, there are more weights than blocks."""
 
 NOT_COVARIATES: Final = frozenset({"tdc", "tac", "pac1"})
 
 
 def _both(offsets: Candidate, gains: Candidate) -> Candidate:
-    """A constant and a gain of each kind."""
+    """A constant and a gain for each kind."""
     size = offsets.basis.size
 
     def online(weights: Floats) -> Online:
@@ -48,7 +48,7 @@ def _both(offsets: Candidate, gains: Candidate) -> Candidate:
 
 
 class Covariate(Effect):
-    """A constant of each kind, or a line in an amount; `covariate:NAME` for the column NAME."""
+    """A constant for each kind, or a line in an amount. The column NAME has the effect `covariate:NAME`."""
 
     name = "covariate"
     equation = "delta_c = w_c,kind + g_c,kind (p_c - rest_c), about the mean of kinds; or w_c (x - mean)"
@@ -73,7 +73,7 @@ class Covariate(Effect):
         if len(kinds) <= MOST_KINDS and (kinds == np.rint(kinds)).all():
             drivers = [self._is(values, kind) for kind in kinds]
             yield weighted(observations, name, "by kind", "unit", drivers, weight_unit="counts")
-            # About the mean of all kinds: a gain that they have in common is no matter of kind.
+            # The mean over all kinds is taken out: a gain that all kinds share does not depend on the kind.
             gains = weighted(observations, name, "gain by kind", "signal", drivers, weight_unit="relative")
             yield gains
             if len(kinds) <= MOST_PAIRED:

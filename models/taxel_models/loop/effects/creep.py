@@ -13,16 +13,16 @@ from taxel_models.loop.observations import Observations
 
 SHORTEST_S: Final = 0.08
 LONGEST_S: Final = 40.0
-"""Longer ones cannot be told from a gain: the load changes too often."""
+"""The load changes often, so a longer time constant looks like a gain."""
 
 GRID: Final = np.geomspace(SHORTEST_S, LONGEST_S, 11)
 _OF_SIGNAL: Final = "of the channel's signal"
 FINER: Final = np.array([0.72, 0.85, 1.18, 1.39])
-"""Time constants between two of the grid, which is 1.9 apart."""
+"""Factors of finer time constants; neighbours on the grid differ by a factor of 1.9."""
 
 
 class Creep(Effect):
-    """The channel answers to the force less its own low-pass."""
+    """The channel responds to the force less its low-pass."""
 
     name = "creep"
     equation = "delta_c = sum_u w_cu (L_tau u - u), L_tau a first-order low-pass, u of |F|, Fx, Fy, Fz"

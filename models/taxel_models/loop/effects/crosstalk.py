@@ -16,7 +16,7 @@ from taxel_models.loop.observations import Observations
 
 
 class Crosstalk(Effect):
-    """Each channel takes up a part of one other channel's signal."""
+    """Each channel adds a part of one other channel's signal."""
 
     name = "crosstalk"
     looks_at_residual = True
@@ -53,10 +53,10 @@ class Crosstalk(Effect):
 
 
 def _best_sources(signal: Floats, residual: Floats) -> NDArray[np.int64]:
-    """(21,) for each channel the other one that explains most of its residual, given its own signal."""
+    """(21,) for each channel, the other one that explains most of its residual beside its own signal."""
     gram, cross = signal.T @ signal, signal.T @ residual
     own = np.maximum(np.diag(gram), 1e-9)
-    # What is left of source j and of the residual when channel c's own signal is taken out of both.
+    # Channel c's own signal is taken out of source j and of the residual.
     partial_cross = cross - gram * (np.diag(cross) / own)[None, :]
     partial_energy = np.maximum(own[:, None] - gram**2 / own[None, :], 1e-9 * own[:, None] + 1e-9)
     explained = partial_cross**2 / partial_energy

@@ -10,13 +10,13 @@ from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, elaps
 from taxel_models.loop.observations import Observations
 
 PIECES: Final = 6
-"""Straight pieces of a drift that is no line: enough for one rise or one swing over a session."""
+"""The straight pieces of a drift that is not a line: enough for one rise or one swing over a session."""
 
 SHORTEST_S: Final = 60.0
 
 
 class Drift(Effect):
-    """measured = model + d(t), a line or straight pieces; after the recording's end it stays."""
+    """measured = model + d(t); d is a line or straight pieces, and constant after the recording's end."""
 
     name = "drift"
     equation = "delta_c = sum_k w_ck clip(t, t_k, t_k+1)"

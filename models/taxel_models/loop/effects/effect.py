@@ -1,4 +1,4 @@
-"""What an effect is: forms of it that compete for a residual, and an online form for the one that wins."""
+"""The interface of effects: their forms compete for a residual, and the best one has an online form."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -18,13 +18,13 @@ from taxel_models.loop.statistics import Fitting
 
 @dataclass(frozen=True)
 class Online:
-    """How an effect is computed while a model serves.
+    """How an effect is computed while a model is served.
 
     Attributes:
-        terms: added to the model's counts.
-        extras: features that they need beside the window.
-        frame: how windows are turned before the model sees them.
-        shift_ticks: by how much the middle of the window lies before T.
+        terms: what is added to the model's counts.
+        extras: the features beside the window that the terms need.
+        frame: how windows are turned before the model takes them.
+        shift_ticks: how many ticks the middle of the window lies before T.
     """
 
     terms: tuple[Term, ...] = ()
@@ -34,28 +34,28 @@ class Online:
 
     @property
     def changes_something(self) -> bool:
-        """Whether a model can be served with it; a fault that comes and goes cannot."""
+        """Whether a model can be served with it. A fault that comes and goes cannot be served."""
         return bool(self.terms or self.frame or self.shift_ticks)
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One form of an effect with everything but its weights settled.
+    """One form of an effect. Only its weights are not known yet.
 
     Attributes:
-        effect: its name.
-        form: which form, in words.
-        basis: its regressors at the observations's rows.
-        fitting: how its weights are found.
-        weight_names: what each weight is called, k of them.
-        weight_unit: of all weights.
-        settled: the figures that make this form, such as a time constant, with their units.
-        online: its online form for weights (21, k).
-        alike: how far its electrodes' weights may differ, SD over mean; None where they may be anything.
-        certain: its signature cannot come about by chance, so that no test is needed.
-        moved: puts right what the model is given, so that predictions are made anew; None for forms
-            that are added to the prediction.
-        again: makes the same form on other predictions; None for forms that move inputs.
+        effect: the effect's name.
+        form: the form, described in a few words.
+        basis: its regressors at the rows of the observations.
+        fitting: how its weights are fitted.
+        weight_names: the k names of the weights.
+        weight_unit: the unit of all weights.
+        settled: the parameters of this form, such as a time constant, with their units.
+        online: gives the online form for weights (21, k).
+        alike: the largest SD over mean of the electrodes' weights; None if they may differ freely.
+        certain: whether chance cannot cause its signature. Then it needs no test.
+        moved: gives the observations with corrected inputs and new predictions; None for forms that add to
+            the prediction.
+        again: gives the same form for other predictions; None for forms that move inputs.
     """
 
     effect: str
@@ -73,18 +73,18 @@ class Candidate:
 
     @property
     def moves(self) -> bool:
-        """Whether it changes what the model is given."""
+        """Whether it changes the model's inputs."""
         return self.moved is not None
 
 
 @dataclass(frozen=True)
 class Remaining:
-    """What is left to explain.
+    """The part of the residual that no named effect explains.
 
     Attributes:
-        residual: (n, 21) measured less everything that is explained so far, counts.
-        fit: (n,) rows of the fit part: no other may be looked at when a form is chosen.
-        row_weights: (n,) how much each row counts.
+        residual: (n, 21) measured less predicted, less the named effects, counts.
+        fit: (n,) the rows of the fit part. A form may be chosen only by these.
+        row_weights: (n,) the weight of each row.
     """
 
     residual: Floats
@@ -97,10 +97,10 @@ class Effect(ABC):
 
     Attributes:
         name: one word, as in reports.
-        looks_at_residual: its forms depend on what is left, so that they are made anew at each step.
+        looks_at_residual: whether its forms depend on the residual. Then each step makes them again.
         equation: what it adds to a channel.
-        source: where the equation is from.
-        signature: what tells it from others.
+        source: the source of the equation.
+        signature: how it differs from other effects.
     """
 
     name: ClassVar[str]
@@ -111,22 +111,22 @@ class Effect(ABC):
 
     @property
     def label(self) -> str:
-        """What it is called in reports."""
+        """Its name in reports."""
         return self.name
 
     @abstractmethod
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
-        """Its forms on this observations; none where what it depends on was not recorded."""
+        """Its forms for these observations. There are none if they lack what the effect depends on."""
 
     def finer(self, observations: Observations, best: Candidate) -> Iterable[Candidate]:
-        """Forms around the best one, where a form is a point of a grid."""
+        """Forms around the best one, if forms are points of a grid."""
         del observations, best
         return ()
 
 
 @dataclass(frozen=True)
 class Driver:
-    """A feature that weights multiply, by the name that corrections know it by.
+    """A feature that weights multiply, with its name in corrections.
 
     `extra` is None for a column of the window.
     """
@@ -137,13 +137,13 @@ class Driver:
 
 
 def past(observations: Observations, feature: HistoryFeature, name: str, unit: str) -> Driver:
-    """A feature of the past as a driver; its default is the settled state."""
+    """A history feature as a driver. Its default is the state after a long rest."""
     extra = ExtraFeature(name=name, unit=unit, default=0.0, history=feature, taken_by="effects")
     return Driver(name, observations.history(feature), extra)
 
 
 def elapsed(observations: Observations, edges: Floats) -> list[Driver]:
-    """The session's time in pieces between edges, s; weights make a line of straight pieces of them."""
+    """The session's time between edges, s: one driver for each piece of a piecewise linear function."""
     return [
         past(
             observations,
@@ -156,20 +156,20 @@ def elapsed(observations: Observations, edges: Floats) -> list[Driver]:
 
 
 def given(observations: Observations, name: str, unit: str) -> Driver:
-    """A recorded column as a driver, which whoever serves the model has to give; by default its mean."""
+    """A recorded column as a driver. Users of the model give it; its default is the mean."""
     values = observations.covariates[name]
     extra = ExtraFeature(name=name, unit=unit, default=float(values.mean()), taken_by="effects")
     return Driver(name, values, extra)
 
 
 def _settles(driver: Driver) -> bool:
-    """Whether it goes back to 0 when nothing happens."""
+    """Whether a history feature returns to 0 at rest."""
     history = None if driver.extra is None else driver.extra.history
     return history is not None and not isinstance(history, Elapsed)
 
 
 def shape_of(observations: Observations, shape: Shape) -> Floats | None:
-    """(n, 21) the shape that a driver is scaled by; None for 1."""
+    """(n, 21) the shape that multiplies a driver; None for 1."""
     return None if shape == "unit" else weighted_shape(shape, observations.base, observations.rest)
 
 
@@ -183,9 +183,9 @@ def weighted(
     centred: bool = True,
     **others: Any,
 ) -> Candidate:
-    """A form whose regressors are a shape times drivers, less their means.
+    """A form whose regressors are a shape times drivers, less the drivers' means.
 
-    A memory that settles stays as it is: settled, it has to add nothing.
+    The mean of a history feature that settles is not taken out: at rest it must add nothing.
     """
     values = np.column_stack([driver.values for driver in drivers])
     about = [centred and not _settles(driver) for driver in drivers]

@@ -15,7 +15,7 @@ from taxel_models.loop.stuck_at import Kind, StuckChannel, stuck_channels
 
 
 class Fault(Effect):
-    """The channel reads one value whatever happens, from some time on, or off and on."""
+    """The channel reads a constant value: always, from some time on, or from time to time."""
 
     name = "fault"
     looks_at_residual = True

@@ -1,4 +1,4 @@
-"""Frame: the frame of the recorded forces or positions is turned or shifted."""
+"""Frame: the recorded forces or positions are in a turned or shifted frame."""
 
 from collections.abc import Iterable
 from functools import partial
@@ -14,7 +14,7 @@ from taxel_models.loop.observations import Observations, predict_all
 from taxel_models.loop.statistics import Fitting
 
 TEST_ROWS: Final = 8_000
-"""A motion common to all channels needs no more rows than these."""
+"""All channels share one motion, so it is fitted to at most so many rows."""
 
 KINDS: Final = {
     "forces turned": "force",
@@ -25,7 +25,7 @@ KINDS: Final = {
 
 
 class Frame(Effect):
-    """A rigid motion between the recorded frame and the model's, common to all channels."""
+    """A rigid motion between the recorded frame and the model's frame. All channels share it."""
 
     name = "frame"
     looks_at_residual = True
@@ -52,7 +52,7 @@ class Frame(Effect):
 
 
 def _settled(kind: str, vector: Floats) -> dict[str, tuple[float, str]]:
-    """The motion's figures, for people."""
+    """The motion's parameters, for a report."""
     if kind == "shift":
         named = dict(zip("xyz", vector * 1e3, strict=True))
         return {name: (float(value), "mm") for name, value in named.items()}
@@ -67,7 +67,7 @@ def _online(kind: str, vector: Floats, weights: Floats) -> Online:
 
 
 def _moved(kind: str, vector: Floats, observations: Observations) -> Observations:
-    """The observations with its windows turned, or turned further."""
+    """The observations with turned windows. Windows that are turned already are turned further."""
     turn = turn_of(kind, vector)
     windows = turn.turn(observations.windows, observations.manifest.spec)
     whole = turn if observations.turn is None else after(turn, observations.turn)

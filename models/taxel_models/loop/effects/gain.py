@@ -1,4 +1,4 @@
-"""Gain: a channel's sensitivity differs, or changes as the sensor ages."""
+"""Gain: a channel's sensitivity differs from the model's, or changes with age."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -12,7 +12,7 @@ from taxel_models.loop.observations import Observations
 from taxel_models.loop.statistics import Fitting
 
 AGEING_S: Final = 60.0
-"""Ageing is looked for in recordings longer than this."""
+"""Shorter recordings are not searched for ageing."""
 
 
 class Gain(Effect):

@@ -1,4 +1,4 @@
-"""Hysteresis: loading and unloading differ, however slowly they happen."""
+"""Hysteresis: loading and unloading differ at any speed."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -12,11 +12,11 @@ from taxel_models.loop.observations import Observations
 
 WIDTHS_N: Final = tuple(np.geomspace(0.05, 2.0, 12).tolist())
 FINER: Final = (0.84, 0.91, 1.1, 1.19)
-"""Widths between two of the grid, which is 1.4 apart."""
+"""Factors of finer widths; neighbours on the grid differ by a factor of 1.4."""
 
 
 class Hysteresis(Effect):
-    """The channel answers to the force with play: it waits until the force has turned by a width."""
+    """The channel follows the force with play: after a reversal, it waits until a width is passed."""
 
     name = "hysteresis"
     equation = "delta_c = w_c (H - |F|), H = min(max(H, |F| - width), |F| + width)"

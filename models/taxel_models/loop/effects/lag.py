@@ -17,7 +17,7 @@ TICKS: Final = (*range(-5, 0), *range(1, 16))
 
 
 class Lag(Effect):
-    """The channels show what the model predicts for an earlier, or later, moment."""
+    """The channels show the model's prediction for an earlier or later time."""
 
     name = "lag"
     equation = "measured_c(t) = model_c(t - d), one d for all channels"
@@ -46,7 +46,7 @@ def _online(ticks: int, weights: Floats) -> Online:
 
 
 def _moved(ticks: int, observations: Observations) -> Observations:
-    """The observations with windows from so many ticks before."""
+    """The observations with windows of so many ticks earlier."""
     windows = observations.windows[observations.rows_before(ticks)]
     shift = observations.shift_ticks + ticks
     return observations.with_windows(windows, turn=observations.turn, shift_ticks=shift)

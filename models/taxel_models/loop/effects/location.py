@@ -17,14 +17,14 @@ from taxel_models.loop.resting import TOUCH_N
 CENTRES: Final = 16
 HALF_FORCE_N: Final = 0.5
 WIDTH: Final = 0.8
-"""Of a bump, over the mean distance between neighbouring centres: bumps overlap smoothly."""
+"""The width of a bump over the mean distance between neighbouring centres: bumps overlap smoothly."""
 
 LEAST_SD_M: Final = 2e-4
 _CANDIDATES: Final = 2000
 
 
 class Location(Effect):
-    """Smooth bumps over the places that were touched, growing with the force."""
+    """Smooth bumps over the touched places. They grow with the force."""
 
     name = "location"
     equation = "delta_c = |F|/(|F| + 0.5 N) sum_k w_ck exp(-|x - x_k|² / (2 s²))"
@@ -65,13 +65,13 @@ class Location(Effect):
 
 
 def _served(observations: Observations) -> tuple[Floats, Floats]:
-    """(n, 3) positions and (n,) forces' magnitudes as a served window has them: before a lag, if any."""
+    """(n, 3) positions and (n,) forces' magnitudes of a served window, before a lag is corrected."""
     rows = observations.rows_before(observations.shift_ticks)
     return observations.position[rows], observations.pressed[rows]
 
 
 def farthest_points(places: Floats, count: int) -> Floats:
-    """(count, 3) of the places, far from each other: each the farthest from those before it."""
+    """(count, 3) centres far from each other: each is the place that is farthest from those before it."""
     some = places[np.linspace(0, len(places) - 1, min(len(places), _CANDIDATES)).astype(int)]
     chosen = [some[int(np.argmin(((some - some.mean(axis=0)) ** 2).sum(axis=1)))]]
     nearest = ((some - chosen[0]) ** 2).sum(axis=1)

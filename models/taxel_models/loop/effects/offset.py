@@ -1,4 +1,4 @@
-"""Offset: a channel's resting value differs, always or for one contact."""
+"""Offset: a channel's resting counts differ from the model's, always or for one contact."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -17,24 +17,24 @@ from taxel_models.loop.statistics import Fitting
 ONE: Final = "one"
 
 FADING_S: Final = (0.5, 1.0, 2.0, 4.0)
-"""Time constants that are tried for what a calibration tells for a while only."""
+"""Time constants of the fading of a calibration."""
 
 USUAL: Final = 3.0
-"""Times a channel's usual offset between contacts: beyond, it does not count for other channels."""
+"""The largest offset that counts for other channels, over the channel's usual offset between contacts."""
 
 ENOUGH_CONTACTS: Final = 4 * (2 + len(CHANNELS))
-"""Four for each figure of a channel: with fewer, what other channels tell cannot be told from chance."""
+"""Four for each weight of a channel. With fewer, other channels' offsets explain only chance."""
 
 MEDIAN_OF_SD: Final = 0.6745
 """The median size of a normal deviate over its SD."""
 
 OWN_RIDGE: Final = 0.01
 OTHERS_RIDGE: Final = 0.3
-"""How far a channel's own offset and the others' are held back: the others' are many and much alike."""
+"""The ridge of a channel's own offset and of the others': the others are many, and they are alike."""
 
 
 class Offset(Effect):
-    """measured = model + b, a constant of each channel, or what a calibration tells of each contact."""
+    """measured = model + b. A channel's b is a constant, or a calibration gives it for each contact."""
 
     name = "offset"
     equation = (
@@ -94,7 +94,7 @@ class Offset(Effect):
         )
 
     def _fading(self, taken: TakenCalibration, time_constant_s: float, limits: Floats | None) -> Candidate:
-        """What fades, and with limits what the other channels' offsets tell within them."""
+        """The fading offsets; with limits, also the other channels' offsets, clipped to them."""
         faded = taken.offsets * np.exp(-taken.age_s / time_constant_s)[:, None]
         own = Own(np.stack([taken.offsets, faded], axis=2).astype(np.float32))
         told_by, fitting = "", Fitting()
@@ -117,7 +117,7 @@ class Offset(Effect):
 
 
 def _fading_online(weights: Floats, time_constant_s: float, limits: Floats | None) -> Online:
-    """Of weights (21, 2), or (21, 23) where other channels' offsets count within limits."""
+    """The online form of weights (21, 2), or (21, 23) if the other channels' offsets count."""
     others = np.zeros((len(CHANNELS), len(CHANNELS))) if limits is None else weights[:, 2:].T
     term = Calibrated(
         stays=tuple(weights[:, 0].tolist()),

@@ -1,4 +1,4 @@
-"""Rate: a channel answers to the speed of the force or of the motion."""
+"""Rate: a channel responds to the speed of the force or of the motion."""
 
 from collections.abc import Iterable
 
@@ -10,7 +10,7 @@ from taxel_models.loop.observations import Observations
 
 
 class Rate(Effect):
-    """A viscous part: in proportion to dF/dt, or to the contact's speed."""
+    """A viscous part: it is proportional to dF/dt or to the contact's speed."""
 
     name = "rate"
     equation = "delta_c = sum_u w_cu du/dt, u of |F|, Fx, Fy, Fz; or w_c |dx/dt|"

@@ -1,4 +1,4 @@
-"""Which effects there are. To add one, write its file and name its class here."""
+"""The list of effects. To add an effect, write its file and add its class here."""
 
 from typing import Final
 
@@ -41,7 +41,7 @@ NAMES: Final = tuple(effect.name for effect in EFFECTS)
 
 
 def candidates(observations: Observations) -> list[Effect]:
-    """Every effect that a recording could show, one for each extra column among them."""
+    """Every effect that a recording could show. Each extra column has one."""
     columns = [name for name in observations.covariates if name not in NOT_COVARIATES]
     return [*(effect() for effect in EFFECTS), *map(Covariate, columns)]
 
@@ -50,7 +50,7 @@ def effect_named(name: str) -> Effect:
     """An effect by its name, such as `creep` or `covariate:material`.
 
     Raises:
-        SettingsError: there is none of this name.
+        SettingsError: there is no effect of this name.
     """
     kind, _, column = name.partition(":")
     if kind == Covariate.name and column:

@@ -15,10 +15,10 @@ from taxel_models.loop.observations import Observations, predict_all
 
 STEP_RAD: Final = np.radians(2.0)
 STEP_M: Final = 3e-4
-"""Steps of the finite differences: trees are constant over smaller ones."""
+"""Steps of the finite differences: a forest's prediction is constant over smaller steps."""
 
 FIT_ROWS: Final = 3_000
-"""A motion common to all channels needs no more rows than these."""
+"""All channels share one motion, so it is fitted to at most so many rows."""
 
 STEPS: Final = 8
 """Gauss-Newton steps."""
@@ -26,11 +26,11 @@ STEPS: Final = 8
 LESSER_DEG: Final = (25.0, 50.0)
 BEST_STARTS: Final = 2
 SCANNED: Final = 12
-"""Of the rows every twelfth tells from which turn a fit begins."""
+"""Every twelfth row is used to choose the turns from which a fit begins."""
 
 
 def fit_motion(observations: Observations, remaining: Remaining, kind: str) -> Floats:
-    """(3,) the rotation vector, rad, or shift, m, that explains most of what is left in the fit part.
+    """(3,) the rotation vector, rad, or shift, m, that explains most of the fit part's residual.
 
     Args:
         kind: what moves; see `turn_of`.
@@ -47,7 +47,7 @@ def fit_motion(observations: Observations, remaining: Remaining, kind: str) -> F
 
 
 def _great_turns() -> Floats:
-    """(k, 3) rotation vectors, rad: none, quarter and half turns, and lesser ones about many axes."""
+    """(k, 3) rotation vectors, rad: no turn, quarter and half turns, and smaller turns about many axes."""
     corners = np.array([axis for axis in product((-1.0, 0.0, 1.0), repeat=3) if any(axis)])
     axes = corners / np.linalg.norm(corners, axis=1, keepdims=True)
     lesser = np.radians(LESSER_DEG)[:, None, None] * axes
@@ -55,11 +55,11 @@ def _great_turns() -> Floats:
 
 
 TURNS: Final = _great_turns()
-"""From which fits begin: where the model is not smooth, small steps do not lead far."""
+"""The starts of fits: if the model is not smooth, small steps do not lead far."""
 
 
 class _Misfit:
-    """How much of a residual a motion leaves at some rows, trusted rows and small channels first."""
+    """How much of a residual a motion leaves at some rows. Rows and channels are weighted."""
 
     def __init__(
         self, observations: Observations, remaining: Remaining, kind: str, rows: NDArray[np.int64]
@@ -73,18 +73,18 @@ class _Misfit:
         self.target = target * self._counted
 
     def change(self, vector: Floats) -> Floats:
-        """(n, 21) what a motion changes, as the target is counted."""
+        """(n, 21) the change by a motion, weighted as the target is."""
         turned = turn_of(self._kind, vector).turn(self._windows, self._observations.manifest.spec)
         changed = predict_all(self._observations.model.predict, turned) - self._still
         return np.asarray(changed * self._counted)
 
     def of(self, change: Floats) -> float:
-        """What is left beside a change."""
+        """The sum of squares that a change leaves."""
         return float(((self.target - change) ** 2).sum())
 
 
 def _gauss_newton(misfit: _Misfit, vector: Floats, step: float) -> tuple[Floats, float]:
-    """The best motion (3,) downhill from one, by differences over a step, and its misfit."""
+    """The best motion (3,) downhill from a start, by finite differences over a step, and its misfit."""
     change = misfit.change(vector)
     least = misfit.of(change)
     for _ in range(STEPS):
@@ -120,7 +120,7 @@ def turn_of(kind: str, vector: Floats) -> Frame:
 
 
 def after(second: Frame, first: Frame) -> Frame:
-    """One motion that does what the two do, one after the other."""
+    """The composition of two motions: the first, then the second."""
     turned, force = (
         np.array(getattr(second, name)) @ np.array(getattr(first, name))
         for name in ("position_rotation", "force_rotation")

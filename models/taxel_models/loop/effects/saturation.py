@@ -1,4 +1,4 @@
-"""Saturation: beyond a level, a channel answers less than the model expects."""
+"""Saturation: above a level, a channel responds less than the model predicts."""
 
 from collections.abc import Iterable
 from functools import partial
@@ -16,11 +16,11 @@ from taxel_models.loop.resting import TOUCH_N
 from taxel_models.loop.statistics import Fitting
 
 QUANTILES: Final = (0.5, 0.65, 0.8, 0.9, 0.95)
-"""Of the signal's magnitude while touched: where a level is looked for."""
+"""Quantiles of the signal's magnitude while touched: the levels that are tried."""
 
 
 class Saturation(Effect):
-    """The part of the signal beyond a level is cut by a slope; 1 cuts it off."""
+    """The signal above a level is reduced by a slope; a slope of 1 cuts it off."""
 
     name = "saturation"
     equation = "delta_c = -k_c sign(s_c) max(|s_c| - L_c, 0), s_c = p_c - rest_c"

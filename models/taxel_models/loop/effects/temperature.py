@@ -1,4 +1,4 @@
-"""Temperature: the fluid's conductivity, and with it every electrode's impedance, follows the heat."""
+"""Temperature: it changes the fluid's conductivity, and so the impedance of every electrode."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -15,18 +15,18 @@ from taxel_models.loop.statistics import Fitting
 
 TDC: Final = "tdc"
 COOLING_S: Final = 8.0
-"""How long a contact takes to cool the core. Assumption: seconds, as the twin has it."""
+"""How long a contact takes to cool the core. The seconds are the twin's assumption."""
 
 ALIKE: Final = 0.35
-"""SD over mean of the electrodes' slopes: they share the fluid. On LASA's idle finger ln Z fell by 21 to
-24 % on all of them."""
+"""The largest SD over mean of the electrodes' slopes: they share the fluid. On LASA's idle finger, ln Z of
+all electrodes fell by 21 to 24 %."""
 
 LEAST_COUNTS: Final = 2.0
-"""Less standard deviation of tdc than this is its own noise."""
+"""A smaller standard deviation of tdc is its own noise."""
 
 
 class Temperature(Effect):
-    """A shift of ln Z in proportion to the measured temperature; of tared channels, a shift of counts."""
+    """A shift of ln Z, proportional to the measured temperature. Tared channels have a shift of counts."""
 
     name = "temperature"
     equation = "ln Z_c = ln Z_c(model) + k_c (tdc - mean); delta_c = dE/dlnZ k_c (tdc - mean)"
@@ -77,7 +77,7 @@ class Temperature(Effect):
             )
 
     def _by_state(self, observations: Observations) -> Iterable[Candidate]:
-        """Without a measured temperature: warm-up since the session began, cooled by contact."""
+        """Without a measured temperature: the finger warms up after the start; contact cools it."""
         span = float(observations.time_s.max())
         if span < SHORTEST_S or not observations.raw_counts:
             return

@@ -1,1 +1,1 @@
-"""What all code that numba compiles has in common: vectors, kernel arguments, evaluators."""
+"""What all compiled evaluators share: vectors, kernel arguments, compilation."""

@@ -1,4 +1,4 @@
-"""Hands many arrays to a compiled function as one: calling it with each of them costs microseconds."""
+"""Packs many arrays into one argument of a compiled function: each further argument costs call time."""
 
 import mmap
 from typing import Any, Final
@@ -19,8 +19,7 @@ _HUGE_PAGE: Final = 2**21
 def pack(*tuples: tuple[Any, ...]) -> NDArray[np.int64]:
     """Two integers for every entry: an array's address and size, or a number and 0.
 
-    The arrays must be contiguous and outlive the arguments, which do not hold them. `array_in` and
-    `number_in` read it.
+    The arrays must be contiguous. The result does not keep them alive. `array_in` and `number_in` read it.
     """
     entries = []
     for entry in (entry for entries in tuples for entry in entries):
@@ -34,10 +33,9 @@ def pack(*tuples: tuple[Any, ...]) -> NDArray[np.int64]:
 
 
 def together(*arrays: NDArray[Any]) -> list[NDArray[Any]]:
-    """Copies of arrays in one block of memory, each from the start of a cache line.
+    """Copies of arrays in one block of memory; each starts at a cache line.
 
-    Large blocks are on huge pages where the system has them: a forest that is not in the cache comes
-    from memory faster when fewer pages are to be found.
+    Large blocks use huge pages if the system has them: with fewer pages, memory is read faster.
     """
     starts = np.cumsum([0, *(-(-array.nbytes // _CACHE_LINE) * _CACHE_LINE for array in arrays)])
     block = _block(int(starts[-1]))
@@ -50,7 +48,7 @@ def together(*arrays: NDArray[Any]) -> list[NDArray[Any]]:
 
 
 def _block(size: int) -> NDArray[np.uint8]:
-    """From the start of a line; if large, with pages of its own: malloc's may be in use and stay small."""
+    """Memory that starts at a cache line. A large block gets new pages: only these become huge pages."""
     if size < _HUGE_PAGE or not hasattr(mmap, "MADV_HUGEPAGE"):
         block = np.empty(size + _CACHE_LINE, dtype=np.uint8)
         return block[-block.ctypes.data % _CACHE_LINE :]
@@ -61,7 +59,7 @@ def _block(size: int) -> NDArray[np.uint8]:
 
 
 class Scratch:
-    """Copies of arrays that a kernel writes to, as its arguments; for one call at a time."""
+    """Copies of the arrays that a kernel writes to, packed as its arguments; for one call at a time."""
 
     def __init__(self, arrays: tuple[Any, ...]) -> None:
         self._kept = together(*arrays)
@@ -84,5 +82,5 @@ def array_in(arguments: NDArray[np.int64], entry: int, dtype: Any) -> Any:
 
 @inlined
 def number_in(arguments: NDArray[np.int64], entry: int) -> Any:
-    """The number that an entry is; in compiled code."""
+    """The number in an entry; in compiled code."""
     return arguments[entry, 0]

@@ -1,4 +1,4 @@
-"""What the processor can do that code is generated for."""
+"""The instruction sets of the processor that code is generated for."""
 
 from functools import cache
 from typing import Final
@@ -7,15 +7,15 @@ import numba
 from llvmlite import binding
 
 _X86_SETS: Final = {"avx512-vbmi": "avx512vbmi", "avx512": "avx512bw", "avx2": "avx2", "ssse3": "ssse3"}
-"""Each instruction set that makes a difference here, the best first, and LLVM's name for it."""
+"""The instruction sets that the evaluators distinguish, the best first, with LLVM's feature."""
 
 _ARM: Final = ("aarch64", "arm64")
-"""How LLVM's name of a system starts where every processor has NEON; its features may leave NEON out."""
+"""The start of LLVM's name of a system where every processor has NEON, even if no feature says so."""
 
 
 @cache
 def _features() -> frozenset[str]:
-    """What numba generates code for: what `NUMBA_CPU_FEATURES` names, or else what this processor has."""
+    """The features that numba generates code for: those of `NUMBA_CPU_FEATURES` or of this processor."""
     if numba.config.CPU_FEATURES is not None:
         given = str(numba.config.CPU_FEATURES).split(",")
         return frozenset(feature[1:] for feature in given if feature.startswith("+"))
@@ -33,12 +33,12 @@ def processor_has(*features: str) -> bool:
 
 
 def instruction_set() -> str:
-    """The best of `avx512-vbmi`, `avx512`, `avx2`, `ssse3`, `neon` and `generic` that code may use."""
+    """The best instruction set that code may use; `EvaluatorInfo` lists the names."""
     if binding.get_process_triple().startswith(_ARM):
         return "neon"
     return next((name for name, feature in _X86_SETS.items() if processor_has(feature)), "generic")
 
 
 def register_bytes() -> int:
-    """Bytes in the widest register whose bytes can be shuffled."""
+    """The bytes of the widest register that a byte shuffle takes."""
     return 64 if processor_has("avx512bw") else 32 if processor_has("avx2") else 16

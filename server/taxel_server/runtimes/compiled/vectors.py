@@ -1,8 +1,8 @@
-"""SIMD vectors as a numba type, and the few operations on them that the kernels need.
+"""SIMD vectors as a numba type, and the operations on them that the kernels need.
 
-A `Vector` is an LLVM vector of integers that lives in an ordinary variable of a compiled function.
-All of these run on any processor; LLVM splits lanes beyond a register's. Addresses are plain
-integers: nothing checks bounds.
+A `Vector` is an LLVM vector of integers in an ordinary variable of a compiled function. All operations run
+on any processor: LLVM splits a vector that is wider than a register. Addresses are plain integers: nothing
+checks bounds.
 """
 
 from collections.abc import Callable, Iterable
@@ -44,22 +44,23 @@ register_model(FloatVector)(_VectorModel)
 
 
 def llvm_type(vector: Vector | FloatVector) -> ir.VectorType:
-    """What LLVM calls a vector's type."""
+    """LLVM's type of a vector."""
     element = _FLOAT if isinstance(vector, FloatVector) else ir.IntType(vector.bits)
     return ir.VectorType(element, vector.lanes)
 
 
 def operation(define: Callable[..., Any]) -> Any:
-    """Makes a function that compiled code calls, from one that takes types and gives how to generate it.
+    """Makes an operation that compiled code calls from a function of numba's types.
 
-    It gives the operation's signature, and a function of numba's context, LLVM's builder, the signature
-    and the arguments. An argument named `literal_…` has to be known when code is compiled.
+    `define` takes numba's context and the types of the arguments. It gives the operation's signature and a
+    function that generates its code from the context, LLVM's builder, the signature and the arguments. An
+    argument with a name `literal_…` must be a constant of the compiled code.
     """
     return intrinsic(prefer_literal=True)(define)
 
 
 def binary(generate: Callable[[ir.IRBuilder, ir.Value, ir.Value], ir.Value], mask: bool = False) -> Any:
-    """Makes an operation on two vectors of one type; it gives a third one, or a mask."""
+    """Makes an operation on two vectors of one type. It gives a third vector of this type, or a mask."""
 
     @intrinsic  # type: ignore[untyped-decorator, unused-ignore]
     def combine(_context: Any, left: Any, right: Any) -> Any:
@@ -76,7 +77,7 @@ not_above = binary(lambda builder, left, right: builder.fcmp_ordered("<=", left,
 """A mask of the lanes in which left is at most right, both float32 and neither missing."""
 
 neither = binary(lambda builder, left, right: builder.not_(builder.or_(left, right)))
-"""A mask of the lanes that two masks leave out."""
+"""A mask of the lanes that are in none of two masks."""
 
 both = binary(lambda builder, left, right: builder.and_(left, right))
 either = binary(lambda builder, left, right: builder.or_(left, right))
@@ -122,7 +123,7 @@ def load_floats(_context: Any, _address: Any, literal_lanes: Any) -> Any:
 
 @operation
 def integer_at(_context: Any, _address: Any, literal_bits: Any) -> Any:
-    """The unsigned integer of so many bits at an address."""
+    """The unsigned integer of `literal_bits` bits at an address."""
     bits = literal_bits.literal_value
 
     def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
@@ -156,7 +157,7 @@ put_int64 = _storing(lambda _: types.intp)
 
 @operation
 def prefetch(_context: Any, _address: Any, literal_level: Any) -> Any:
-    """Asks for the cache line at an address, to be in the cache of a level, 1 or 2, when it is read."""
+    """Prefetches the cache line at an address into the cache of a level, 1 or 2."""
     locality = 4 - literal_level.literal_value
 
     def generate(context: Any, builder: Any, _signature: Any, given: Any) -> Any:
@@ -210,7 +211,7 @@ def select(_context: Any, mask: Any, true: Any, false: Any) -> Any:
 
 @operation
 def lowest_bits(_context: Any, vector: Any, literal_bits: Any) -> Any:
-    """Integers of which only so many bits are kept."""
+    """Integers of which only the low bits are kept."""
 
     def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
         kept = (1 << literal_bits.literal_value) - 1
@@ -237,12 +238,12 @@ def broadcast(builder: ir.IRBuilder, value: ir.Value, lanes: int) -> ir.Value:
 
 
 def take(builder: ir.IRBuilder, vector: ir.Value, lanes: Iterable[int]) -> ir.Value:
-    """Generates a vector of some lanes of another."""
+    """Generates a vector from some lanes of another vector."""
     return builder.shuffle_vector(vector, ir.Constant(vector.type, ir.Undefined), lane_numbers(lanes))
 
 
 def join(builder: ir.IRBuilder, pieces: list[ir.Value]) -> ir.Value:
-    """Generates one vector of the lanes of several, a power of two of them."""
+    """Generates one vector from the lanes of several vectors; their number is a power of two."""
     while len(pieces) > 1:
         joined = lane_numbers(range(2 * pieces[0].type.count))
         pieces = [
@@ -253,6 +254,6 @@ def join(builder: ir.IRBuilder, pieces: list[ir.Value]) -> ir.Value:
 
 
 def lane_numbers(lanes: Iterable[int]) -> ir.Constant:
-    """The lanes that a shuffle of vectors takes."""
+    """The lane numbers of a shuffle, as LLVM's constant."""
     numbers = list(lanes)
     return ir.Constant(ir.VectorType(ir.IntType(32), len(numbers)), numbers)

@@ -11,7 +11,7 @@ from taxel_server.runtimes.networks.compiling import strict
 
 _LEAST: Final = np.float32(-87)
 _GREATEST: Final = np.float32(88)
-"""Beyond these, powers of e leave float32's normal numbers."""
+"""Beyond these bounds, powers of e are no normal float32 numbers."""
 
 _LOG2_E: Final = np.float32(1.44269504)
 _LN_2_UPPER: Final = np.float32(0.693359375)
@@ -26,7 +26,7 @@ _EXPONENTIAL: Final = tuple(
 _ERROR: Final = tuple(
     np.float32(value) for value in (1.061405429, -1.453152027, 1.421413741, -0.284496736, 0.254829592)
 )
-"""Coefficients of polynomials, that of the highest power first."""
+"""Coefficients of polynomials, the highest power first."""
 
 _ERROR_SLOPE: Final = np.float32(0.3275911)
 _SQRT_HALF: Final = np.float32(0.70710678)
@@ -38,7 +38,7 @@ _ONE: Final = np.float32(1)
 
 @strict
 def exponential(x: np.float32) -> np.float32:
-    """e**x, within 2 units in the last place; bounded where float32 ends (Cephes, expf)."""
+    """e**x, within 2 units in the last place (Cephes, expf); x is clipped to the bounds."""
     x = min(max(x, _LEAST), _GREATEST)
     twos = np.floor(x * _LOG2_E + _HALF)
     x = x - twos * _LN_2_UPPER
@@ -69,7 +69,7 @@ def clip(x: np.float32, least: np.float32, greatest: np.float32) -> np.float32:
 
 @strict
 def tanh(x: np.float32, _alpha: np.float32, _beta: np.float32) -> np.float32:
-    """The hyperbolic tangent, by the system's library: a polynomial of ours gains at most 9 %."""
+    """The hyperbolic tangent of the system's library: our own polynomial would save at most 9 %."""
     return np.float32(np.tanh(x))
 
 
@@ -87,7 +87,7 @@ def elu(x: np.float32, alpha: np.float32, _beta: np.float32) -> np.float32:
 
 @strict
 def gelu(x: np.float32, _alpha: np.float32, _beta: np.float32) -> np.float32:
-    """x times the normal distribution's share below x, within 1.5e-7 of x.
+    """x times the normal distribution function of x, with an error of at most 1.5e-7 x.
 
     The error function is Abramowitz and Stegun's 7.1.26.
     """

@@ -12,10 +12,10 @@ _ANY_ORDER: Final = {"reassoc", "contract"}
 
 
 def strict(function: Callable[_Given, _Result]) -> Callable[_Given, _Result]:
-    """Compiles what must be computed as it is written; a division by 0 raises nothing."""
+    """Compiles a function whose order of operations counts. A division by 0 raises no error."""
     return cast("Callable[_Given, _Result]", numba.njit(error_model="numpy")(function))
 
 
 def any_order(function: Callable[_Given, _Result]) -> Callable[_Given, _Result]:
-    """Compiles sums whose order does not matter: LLVM then adds a register of values at once."""
+    """Compiles a function whose sums may have any order: LLVM then adds a register of values at once."""
     return cast("Callable[_Given, _Result]", numba.njit(error_model="numpy", fastmath=_ANY_ORDER)(function))

@@ -1,4 +1,4 @@
-"""Carries out a program's steps on one window: compiled once for all networks."""
+"""Executes a program's steps on a window. It is compiled once for all networks."""
 
 from collections.abc import Callable
 from typing import Final
@@ -31,7 +31,7 @@ _ONE: Final = np.float32(1)
 
 @strict
 def _dense(step: Step, start: int, weights: int) -> None:
-    """A layer's panels, the last columns first: what is written behind a row is overwritten afterwards."""
+    """A dense layer, panel after panel. The last columns come first: panels may write behind a row."""
     values, panel = start + 4 * step.left, weights + step.weights
     for column in range((step.columns - 1) // LANES * LANES, -1, -LANES):
         result = start + 4 * (step.result + column)
@@ -45,7 +45,7 @@ def _dense(step: Step, start: int, weights: int) -> None:
 
 @strict
 def _rows_on_panel(step: Step, values: int, stride: int, panel: int, result: int) -> None:
-    """All rows on one panel of float32, in groups of about the same size."""
+    """Multiplies all rows with one panel of float32, in groups of about the same size."""
     groups = -(-step.rows // MOST_ROWS)
     first, apart = 0, 4 * step.columns
     for group in range(groups):
@@ -57,7 +57,7 @@ def _rows_on_panel(step: Step, values: int, stride: int, panel: int, result: int
 
 @strict
 def _product(step: Step, memory: Floats, start: int) -> None:
-    """Matrices times matrices: the columns of the right one become a panel first."""
+    """Products of matrices. The columns of the right matrix are copied to a panel first."""
     for group in range(step.groups):
         values = start + 4 * (step.left + group * step.left_group)
         for column in range((step.columns - 1) // LANES * LANES, -1, -LANES):
@@ -72,7 +72,7 @@ def _product(step: Step, memory: Floats, start: int) -> None:
 
 @strict
 def _copy(step: Step, memory: Floats) -> None:
-    """A tensor of three axes in any order to one whose numbers lie one after the other."""
+    """Copies a tensor of three axes with any strides to a contiguous one."""
     place = step.result
     for group in range(step.groups):
         for row in range(step.rows):
@@ -84,7 +84,7 @@ def _copy(step: Step, memory: Floats) -> None:
 
 @any_order
 def _softmax(step: Step, memory: Floats) -> None:
-    """Each row's shares of its exponentials; the exponentials of all rows at once, for rows are short."""
+    """Softmax of rows. The exponentials of all rows are computed together, because rows are short."""
     width = step.columns
     size = step.rows * width
     result, values = memory[step.result : step.result + size], memory[step.left : step.left + size]
@@ -133,7 +133,7 @@ def _normalise(step: Step, memory: Floats) -> None:
 
 @strict
 def _arithmetic(step: Step, memory: Floats) -> None:
-    """Rows of the left tensor with the one row of the right."""
+    """Adds, subtracts, multiplies or divides each row of the left tensor by the right tensor's one row."""
     width = step.columns
     right = memory[step.right : step.right + width]
     for first in range(0, step.rows * width, width):
@@ -154,7 +154,7 @@ def _arithmetic(step: Step, memory: Floats) -> None:
 
 
 def _each(function: Callable[[np.float32, np.float32, np.float32], np.float32]) -> _Kernel:
-    """Compiled: a function of every value."""
+    """Compiles a step that applies a function to every value."""
 
     @strict
     def apply(step: Step, memory: Floats) -> None:
@@ -205,11 +205,13 @@ def _carry_out(step: Step, memory: Floats, start: int, weights: int) -> None:  #
 def evaluate(
     program: NDArray[np.int64], scratch: NDArray[np.int64], windows: Floats, result: Floats
 ) -> None:
-    """Fills the rows of a result with the channels that a program computes of windows.
+    """Executes a program on each window and writes the channels to the rows of the result.
 
     Args:
-        program: its steps, weights, and the places of the window and of the channels, packed.
+        program: the program's steps and weights, and the places of the window and of the channels, packed.
         scratch: a copy of the program's memory, packed.
+        windows: (n, f) float32.
+        result: (n, 21) float32, which is written.
     """
     steps, weights = array_in(program, 0, RECORD), number_in(program, 1)
     window, channels = number_in(program, 2), number_in(program, 3)

@@ -1,4 +1,4 @@
-"""Reads an ONNX file as it is for a single window: every shape known, constants computed."""
+"""Reads an ONNX file for a single window: every shape is known, and constants are computed."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,17 +11,17 @@ from onnx import NodeProto, TensorShapeProto, helper, numpy_helper, shape_infere
 from onnx.reference import ReferenceEvaluator
 
 _OLDEST: Final = 18
-"""ONNX's operator set from which on the operations mean what the lowering makes of them."""
+"""The oldest ONNX operator set whose operations have the meaning that `lowering` expects."""
 
 Shapes = Mapping[str, tuple[int, ...]]
 
 
 class Unsupported(Exception):
-    """A network has something that a program cannot compute."""
+    """A program cannot compute a part of the network."""
 
 
 class Node(NamedTuple):
-    """One operation; an input that is left out has no name."""
+    """One operation. An optional input without a value has an empty name."""
 
     operation: str
     inputs: tuple[str, ...]
@@ -33,9 +33,9 @@ class Graph(NamedTuple):
     """A network for one window.
 
     Attributes:
-        nodes: in an order in which each finds its inputs.
+        nodes: in an order of execution.
         constants: tensors that do not depend on the window.
-        shapes: of every tensor that does.
+        shapes: the shapes of all tensors that depend on the window.
         window: the input's name.
         channels: the output's name.
     """
@@ -78,7 +78,7 @@ def read_graph(path: Path) -> Graph:
 
 
 def _sizes(shape: TensorShapeProto) -> tuple[int, ...]:
-    """Sizes of a shape; -1 where they are not known."""
+    """The sizes of a shape; -1 for an unknown size."""
     return tuple(size.dim_value if size.HasField("dim_value") else -1 for size in shape.dim)
 
 
@@ -89,7 +89,7 @@ def _known(name: str, shapes: Shapes) -> bool:
 def _constant_outputs(
     node: NodeProto, constants: Mapping[str, NDArray[Any]], shapes: Shapes
 ) -> dict[str, NDArray[Any]]:
-    """A node's outputs, if they do not depend on the window's values; else nothing."""
+    """A node's outputs if they do not depend on the window's values; otherwise nothing."""
     given = {name: constants[name] for name in node.input if name in constants}
     if node.op_type == "Shape" and _known(node.input[0], shapes):
         given = {node.input[0]: np.empty(shapes[node.input[0]])}

@@ -1,4 +1,4 @@
-"""Writes a graph's nodes as a program's steps."""
+"""Lowering: turns a graph's nodes into a program's steps."""
 
 from collections.abc import Callable
 from math import prod
@@ -28,7 +28,7 @@ def lower(graph: Graph) -> Program:
 
 
 class _Lowering:
-    """What each operation's rule writes to: a program, and where the graph's tensors are in it."""
+    """A program that is being written, and the places of the graph's tensors in it."""
 
     def __init__(self, graph: Graph) -> None:
         self._graph = graph
@@ -89,7 +89,7 @@ class _Lowering:
         self._product(node, left, right, **sizes, **steps)
 
     def reduce_sum(self, node: Node) -> None:
-        """Sums over one axis: a row of ones times matrices."""
+        """Sums over one axis, as a product of a row of ones with matrices."""
         values = self._operand(node.inputs[0])
         axes = self._constant(node.inputs[1]).tolist() if len(node.inputs) > 1 else []
         if len(axes) != 1:
@@ -170,7 +170,7 @@ class _Lowering:
         self._side_by_side(node, axes[0], before[axes[0]].item(), [values])
 
     def _side_by_side(self, node: Node, axis: int, first: int, parts: list[Tensor]) -> None:
-        """Copies tensors to places next to each other along an axis; other places stay zero."""
+        """Copies tensors side by side along an axis. Other places stay zero."""
         result = self._result(node)
         if prod(result.shape[:axis]) != 1:
             raise Unsupported("tensors to put together row by row")
@@ -202,7 +202,7 @@ class _Lowering:
         return self._tensors[name]
 
     def _operand(self, name: str) -> Tensor:
-        """A tensor whose numbers lie one after the other."""
+        """A contiguous tensor."""
         return self._builder.contiguous(self._tensor(name))
 
     def _constant(self, name: str) -> NDArray[Any]:
@@ -217,7 +217,7 @@ class _Lowering:
 
 
 def _groups(values: Tensor) -> tuple[int, int]:
-    """How many matrices a tensor holds, and floats from one to the next."""
+    """The number of matrices in a tensor, and the stride from one to the next."""
     axes = Tensor(values.place, values.shape[:-2], values.strides[:-2]).axes
     if len(axes) > 1:
         raise Unsupported(f"matrices along several axes of {values.shape}")

@@ -1,4 +1,4 @@
-"""Multiplies a few rows with one panel of weights, their sums in registers: generated for any processor."""
+"""The product of a few rows with one panel of weights. Sums stay in registers; it runs on any processor."""
 
 from typing import Any, Final
 
@@ -19,20 +19,20 @@ LANES: Final = register_bytes() // 2
 """Columns of a panel: two registers of float32."""
 
 MOST_ROWS: Final = 6
-"""Rows that meet a panel at once: their sums take twelve of the sixteen registers of most processors."""
+"""Rows that a panel is multiplied with at once: their sums take 12 of a usual processor's 16 registers."""
 
 FIXED_POINT: Final = 0
-"""In place of the number of rows: one row, and weights of 24 bits."""
+"""This stands for one row and weights of 24 bits, in place of the number of rows."""
 
 _CHAINS: Final = 4
-"""Sums that are computed side by side: a single one would wait for itself."""
+"""Partial sums that are computed side by side: each addition waits for the one before it."""
 
 _FIRST: Final = [8 * (lane // 4) + lane % 4 for lane in range(LANES // 2)]
 HALVES: Final = (_FIRST, [lane + 4 for lane in _FIRST])
-"""Which places of a row of 24-bit weights go to each half of the columns.
+"""The places in a row of 24-bit weights that each half of the columns takes.
 
-The lower 16 bits of a row stand before the upper 8. One instruction that every processor has takes the
-same half of each 16 bytes of both in turn.
+The lower 16 bits of a row stand before the upper 8. Every processor has an instruction that interleaves the
+same half of each 16 bytes of both.
 """
 
 _FLOAT: Final = ir.FloatType()
@@ -46,9 +46,11 @@ def multiply_panel(
 ) -> Any:
     """result = (values · panel) · scale + bias, for `LANES` columns.
 
-    In compiled code all are integers: the number of rows, the panel being float32, or `FIXED_POINT`; the
-    address of the values, and bytes from row to row; the address of the panel, and how many terms are
-    before its scales and biases; the address of the result, and bytes from row to row.
+    Compiled code passes integers:
+        the number of rows, for a panel of float32, or `FIXED_POINT`
+        the address of the values, and the bytes from row to row
+        the address of the panel, and the number of its terms
+        the address of the result, and the bytes from row to row
     """
 
     def generate(context: Any, builder: ir.IRBuilder, _: Any, arguments: list[ir.Value]) -> ir.Value:
@@ -69,7 +71,7 @@ def multiply_panel(
 def _generate(builder: ir.IRBuilder, count: int, bits: int, arguments: list[ir.Value]) -> None:
     """Generates the product for one number of rows and one kind of weights."""
     values, stride, panel, terms, result, apart = arguments
-    # Rounded once where the processor can, elsewhere twice.
+    # A fused multiply-add rounds once; a processor without it rounds twice.
     multiply_add = declare(builder, f"llvm.fmuladd.v{LANES}f32", _VECTOR, [_VECTOR] * 3)
     zeros = ir.Constant(_VECTOR, [0.0] * LANES)
     chains = [
@@ -109,7 +111,7 @@ def _generate(builder: ir.IRBuilder, count: int, bits: int, arguments: list[ir.V
 
 
 def _weights(builder: ir.IRBuilder, address: ir.Value, bits: int) -> ir.Value:
-    """Generates the reading of a panel's row, without its scale."""
+    """Generates code that reads a panel's row, without its scale."""
     if bits == 32:
         return load_from(builder, address, _VECTOR, align=1)
     lower = load_from(builder, address, ir.VectorType(ir.IntType(16), LANES), align=1)

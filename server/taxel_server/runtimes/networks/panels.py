@@ -1,8 +1,9 @@
-"""Lays out a dense layer's weights as panels: a few columns each, read in one stream.
+"""Lays out a dense layer's weights as panels. A panel holds a few columns and is read in one stream.
 
-One row is bound by reading its weights. They become 24-bit integers, fractions of the power of two above
-their column's largest weight: a quarter less to read than float32, and at most 2**-24 of that power away,
-which is what each addition of float32 rounds off anyway. More rows are bound by the products: float32.
+For one row, reading the weights takes the time. So they become 24-bit integers, in units of 2**-23 of the
+power of two above their column's largest weight. This is a quarter less to read than float32, and the error
+is at most 2**-24 of that power: each addition of float32 rounds off as much. For more rows, the products
+take the time, and the weights stay float32.
 """
 
 from typing import Any, Final
@@ -19,12 +20,12 @@ _STORED: Final = np.argsort([lane for half in HALVES for lane in half])
 
 
 def panels_of(weights: NDArray[Any], bias: NDArray[Any], exact: bool) -> NDArray[np.uint8]:
-    """The panels of weights (terms, columns), that of the last columns first.
+    """The panels of weights (terms, columns); the panel of the last columns comes first.
 
-    Each holds `terms` rows of `LANES` weights, then the columns' scales and biases, both float32.
+    Each panel holds `terms` rows of `LANES` weights, then the columns' scales and biases, both float32.
 
     Args:
-        exact: the weights are float32; else 24-bit integers.
+        exact: whether the weights are float32, not 24-bit integers.
     """
     terms, columns = weights.shape
     count = -(-columns // LANES)

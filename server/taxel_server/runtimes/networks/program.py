@@ -1,4 +1,4 @@
-"""A program: what a network does to one window, as steps on tensors in one memory."""
+"""Programs: the steps that evaluate a network on one window, with all tensors in one memory."""
 
 from enum import IntEnum
 from math import prod
@@ -11,14 +11,14 @@ from taxel_server.runtimes.networks.graph import Unsupported
 from taxel_server.runtimes.networks.panel_product import LANES
 
 _CACHE_LINE: Final = 16
-"""In floats: each tensor starts at one."""
+"""Each tensor starts at a multiple of so many floats."""
 
 
 Operation = IntEnum(
     "Operation",
     "DENSE PRODUCT COPY SOFTMAX NORMALISE ADD SUB MUL DIV RELU LEAKYRELU CLIP TANH SIGMOID ELU GELU",
 )
-"""What a step computes. From `ADD` on, these are ONNX's operations of the same name."""
+"""What a step computes. From `ADD` on, the operations have ONNX's names."""
 
 
 class Step(NamedTuple):
@@ -28,14 +28,14 @@ class Step(NamedTuple):
 
     Attributes:
         operation: an `Operation`.
-        result: where the result starts, whose numbers lie one after the other.
-        left: where the first operand starts.
-        right: where the second one starts; of a normalisation its weight, bias and epsilon; of an
-            activation its two parameters.
-        panel: room for one panel of a product.
-        weights: where a dense layer's panels start, in bytes from the start of the weights.
-        groups: how many matrices of `rows` and `columns`; a product sums over `terms`.
-        left_group: the stride from one matrix to the next; likewise the fields after it.
+        result: the place of the result, which is contiguous.
+        left: the place of the first operand.
+        right: the place of the second operand; for a normalisation, of its weight, bias and epsilon; for an
+            activation, of its two parameters.
+        panel: the place of memory for one panel of a product.
+        weights: the start of a dense layer's panels, in bytes from the start of the weights.
+        groups: the number of matrices of `rows` and `columns`; a product sums over `terms`.
+        left_group: the stride from one matrix to the next; the fields after it are strides, too.
     """
 
     operation: int
@@ -57,15 +57,15 @@ class Step(NamedTuple):
 
 
 RECORD: Final = np.dtype([(name, np.int64) for name in Step._fields])
-"""How a step lies in a program."""
+"""The record of a step in a program."""
 
 
 class Tensor(NamedTuple):
     """A tensor in the memory; transposing and slicing move no numbers.
 
     Attributes:
-        place: where its first number is.
-        strides: floats from one entry of an axis to the next.
+        place: the place of its first number.
+        strides: the floats from one entry of an axis to the next.
     """
 
     place: int
@@ -74,7 +74,7 @@ class Tensor(NamedTuple):
 
     @property
     def size(self) -> int:
-        """How many numbers it has."""
+        """The number of its entries."""
         return prod(self.shape)
 
     @property
@@ -84,7 +84,7 @@ class Tensor(NamedTuple):
 
     @property
     def contiguous(self) -> bool:
-        """Whether its numbers lie one after the other."""
+        """Whether its numbers stand one after the other, in order."""
         return self.axes == dense(self.place, self.shape).axes
 
     def part(self, axis: int, first: int, count: int) -> "Tensor":
@@ -95,7 +95,7 @@ class Tensor(NamedTuple):
 
 
 def dense(place: int, shape: tuple[int, ...]) -> Tensor:
-    """A tensor whose numbers lie one after the other."""
+    """A contiguous tensor."""
     return Tensor(place, shape, tuple(prod(shape[axis + 1 :]) for axis in range(len(shape))))
 
 
@@ -103,11 +103,11 @@ class Program(NamedTuple):
     """A network for one window.
 
     Attributes:
-        steps: records of `Step`, in order.
+        steps: records of `Step`, in the order of execution.
         weights: the panels of all dense layers.
-        memory: constants, and zeros where the steps write.
+        memory: the constants; zeros where the steps write.
         window: the place of the window.
-        channels: the place of the result.
+        channels: the place of the channels.
     """
 
     steps: NDArray[Any]
@@ -134,7 +134,7 @@ class ProgramBuilder:
         return self.constant(np.zeros(shape))
 
     def constant(self, content: NDArray[Any]) -> Tensor:
-        """A new tensor with content; behind it is room that a product of panels may write to."""
+        """A new tensor with content. A product of panels may write to the memory behind it."""
         tensor = dense(sum(block.size for block in self._memory), content.shape)
         block = np.zeros(-(-(content.size + LANES) // _CACHE_LINE) * _CACHE_LINE, np.float32)
         block[: content.size] = content.reshape(-1)
@@ -142,13 +142,13 @@ class ProgramBuilder:
         return tensor
 
     def weights(self, panels: NDArray[np.uint8]) -> int:
-        """Keeps the panels of a dense layer; gives where they start."""
+        """Adds the panels of a dense layer and gives their place."""
         start = sum(block.size for block in self._weights)
         self._weights.append(panels)
         return start
 
     def contiguous(self, values: Tensor) -> Tensor:
-        """A tensor, or its copy, whose numbers lie one after the other."""
+        """The tensor itself if it is contiguous, otherwise a contiguous copy."""
         if values.contiguous:
             return values
         result = self.allocate(*values.shape)
@@ -156,10 +156,10 @@ class ProgramBuilder:
         return result
 
     def copy(self, result: Tensor, values: Tensor) -> None:
-        """Adds a copy to a place where the numbers lie one after the other.
+        """Adds a step that copies a tensor to a contiguous one.
 
         Raises:
-            Unsupported: there are more than three axes in another order.
+            Unsupported: the tensor has more than three axes.
         """
         if len(values.axes) > 3:
             raise Unsupported(f"a tensor of shape {values.shape} in another order")
@@ -172,7 +172,7 @@ class ProgramBuilder:
         self.add(Operation.COPY, result, values, **sizes, **strides)
 
     def finish(self, window: Tensor, channels: Tensor) -> Program:
-        """The program that turns a window into channels, both contiguous."""
+        """The program that turns a window into channels. Both tensors are contiguous."""
         return Program(
             np.array(self._steps, RECORD),
             np.concatenate(self._weights),

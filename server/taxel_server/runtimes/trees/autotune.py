@@ -1,4 +1,4 @@
-"""Which evaluator takes how many rows: measured when a forest is loaded."""
+"""Autotuning: a load times all evaluators of a forest and chooses one for each number of rows."""
 
 import logging
 import time
@@ -24,7 +24,7 @@ from taxel_server.runtimes.trees.reading.forest import Forest
 from taxel_server.runtimes.trees.switches import ALL_ON, Switches
 
 BLOCKS: Final = (64, 256)
-"""Rows of a block: short ones waste fewer lanes, long ones read the forest less often."""
+"""Rows of a block: a short block wastes fewer lanes, a long one reads the forest less often."""
 
 _LOG: Final = logging.getLogger(__name__)
 
@@ -33,39 +33,46 @@ _REPEATS: Final = 7
 
 @dataclass(frozen=True)
 class Timed:
-    """An evaluator and what it takes: seconds for one row, and for as many as it takes at once."""
+    """An evaluator and its times.
+
+    Attributes:
+        evaluator: what was timed.
+        size: rows of a block, which it evaluates at once.
+        row_seconds: the time of one row.
+        block_seconds: the time of a block.
+    """
 
     evaluator: Evaluator
     size: int
-    one: float
-    whole: float
+    row_seconds: float
+    block_seconds: float
 
     def seconds(self, rows: int) -> float:
-        """What so many rows take: between one row and a block, in proportion."""
+        """The estimated time of some rows; a part of a block is interpolated."""
         blocks, left = divmod(rows, self.size)
-        each = (self.whole - self.one) / max(self.size - 1, 1)
-        return blocks * self.whole + (self.one + each * (left - 1) if left else 0.0)
+        each = (self.block_seconds - self.row_seconds) / max(self.size - 1, 1)
+        return blocks * self.block_seconds + (self.row_seconds + each * (left - 1) if left else 0.0)
 
 
 class Autotuned:
-    """A forest with every evaluator that fits it, and the choice among them.
+    """A forest with every evaluator that fits it, and the fastest one for each number of rows.
 
     Attributes:
         evaluators: all that fit.
-        cheapest: the evaluator of every number of rows up to a long block's.
+        cheapest: entry n evaluates n rows; the last entry evaluates a long block.
     """
 
     def __init__(self, timed: Sequence[Timed]) -> None:
-        """Chooses by what was measured."""
+        """Chooses by the measured times."""
         self.evaluators = [each.evaluator for each in timed]
         choice = [min(timed, key=lambda each: each.seconds(rows)) for rows in range(BLOCKS[-1] + 1)]
         self.cheapest = [each.evaluator for each in choice]
 
     @classmethod
     def of(cls, forest: Forest, scales: Scales, switches: Switches = ALL_ON) -> Self:
-        """Lays a forest out, compiles it, and measures.
+        """Lays a forest out, compiles its evaluators and times them.
 
-        An evaluator whose bits are not those of the node walk on this processor is not used.
+        An evaluator that does not give the node walk's bits on this processor is not used.
         """
         windows = _sample(forest, BLOCKS[-1])
         expected = walk(forest, scales, windows)
@@ -77,7 +84,7 @@ class Autotuned:
         return cls(_timed(fitting or [(NodeWalkEvaluator(forest, scales), 1)], windows, expected.shape[1]))
 
     def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32]) -> None:
-        """Fills `result` (n, outputs) for any number of rows: whole blocks, and then what is left."""
+        """Fills `result` (n, outputs) for any number of rows: first whole blocks, then the other rows."""
         block = BLOCKS[-1]
         left = len(windows) % block
         if left and len(windows) > block and self.cheapest[left] is not self.cheapest[block]:
@@ -87,7 +94,7 @@ class Autotuned:
 
 
 def _evaluators(forest: Forest, scales: Scales, switches: Switches) -> Iterator[tuple[Evaluator, int]]:
-    """Every evaluator that fits the forest, and how many rows it takes at once."""
+    """Every evaluator that fits the forest, and the size of its blocks."""
     index = InOrder.of(forest)
     columns = Columns.of(index, 8)
     in_lanes = fits_lanes(columns)
@@ -112,7 +119,7 @@ def _sample(forest: Forest, rows: int) -> NDArray[np.float32]:
 
 
 def _agrees(evaluator: Evaluator, windows: NDArray[np.float32], expected: NDArray[np.float32]) -> bool:
-    """Whether an evaluator gives the node walk's bits; the first evaluation compiles it, too."""
+    """Whether an evaluator gives the node walk's bits. Its first evaluation also compiles it."""
     result = np.empty((len(windows), expected.shape[1]), dtype=np.float32)
     evaluator.evaluate(windows, result)
     agrees = np.array_equal(result.view(np.int32), expected[: len(windows)].view(np.int32))
@@ -127,7 +134,7 @@ def _agrees(evaluator: Evaluator, windows: NDArray[np.float32], expected: NDArra
 def _timed(
     evaluators: Sequence[tuple[Evaluator, int]], windows: NDArray[np.float32], outputs: int
 ) -> list[Timed]:
-    """The least times of some evaluations, in turn: a moment's disturbance must not decide for good."""
+    """The evaluators with their least times. They take turns: a short disturbance decides nothing."""
     least = np.full((len(evaluators), 2), np.inf)
     for _ in range(_REPEATS):
         for place, (evaluator, size) in enumerate(evaluators):
@@ -137,6 +144,6 @@ def _timed(
                 evaluator.evaluate(windows[:rows], result)
                 least[place, which] = min(least[place, which], time.perf_counter() - start)
     return [
-        Timed(evaluator, size, one, whole)
-        for (evaluator, size), (one, whole) in zip(evaluators, least.tolist(), strict=True)
+        Timed(evaluator, size, *seconds)
+        for (evaluator, size), seconds in zip(evaluators, least.tolist(), strict=True)
     ]

@@ -18,12 +18,12 @@ class NodeWalkEvaluator:
         self._scales = scales
 
     def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32]) -> None:
-        """Fills `result` (n, outputs) with what the forest says of `windows` (n, features)."""
+        """Fills `result` (n, outputs) with the forest's outputs for `windows` (n, features)."""
         result[:] = walk(self._forest, self._scales, windows)
 
 
 def walk(forest: Forest, scales: Scales, windows: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(n, features) to (n, outputs), with the bits that XGBoost and `taxel.scaling` give."""
+    """Evaluates windows (n, features) to (n, outputs); XGBoost and `taxel.scaling` give the same bits."""
     if scales.applied:
         windows = (windows - scales.input_mean) / scales.input_std
     result = np.empty((len(windows), len(forest.base_score)), dtype=np.float32)
@@ -36,7 +36,7 @@ def walk(forest: Forest, scales: Scales, windows: NDArray[np.float32]) -> NDArra
         forest.default_left,
         forest.value,
         forest.base_score,
-        # Numba would compile for each kind of array.
+        # Numba compiles a function anew for each kind of array: read-only, aligned or not.
         windows.copy(),
         result,
     )

@@ -12,7 +12,7 @@ from taxel_server.runtimes.compiled.compiling import compiled, inlined
 
 
 class Scales(NamedTuple):
-    """Means and deviations, float32; not `applied` where the model takes raw windows and gives counts."""
+    """Means and standard deviations, float32. They are not `applied` if the model takes raw windows."""
 
     applied: bool
     input_mean: NDArray[np.float32]
@@ -22,7 +22,7 @@ class Scales(NamedTuple):
 
     @classmethod
     def of(cls, normalisation: Normalisation) -> Self:
-        """As `taxel.scaling` rounds them."""
+        """The values of a normalisation, rounded as `taxel.scaling` rounds them."""
         inputs = Scaler.of(normalisation.input_mean, normalisation.input_std)
         outputs = Scaler.of(normalisation.output_mean, normalisation.output_std)
         return cls(not normalisation.folded, inputs.mean, inputs.std, outputs.mean, outputs.std)
@@ -42,7 +42,7 @@ def read_scales(arguments: NDArray[np.int64], first: int) -> Scales:
 
 @compiled
 def restore(scales: Scales, output: int, value: np.float32) -> np.float32:
-    """A sum of leaves in the unit of its output: counts."""
+    """Turns a sum of an output back into counts."""
     return value * scales.output_std[output] + scales.output_mean[output] if scales.applied else value
 
 
@@ -56,7 +56,7 @@ def put_rows(
     rows: int,
     result: NDArray[np.float32],
 ) -> None:
-    """Writes sums, whose rows and outputs are so far apart, to rows of the result, restored."""
+    """Writes sums to rows of the result, as counts. The strides of rows and outputs are given."""
     for row in range(rows):
         for output in range(result.shape[1]):
             result[first + row, output] = restore(

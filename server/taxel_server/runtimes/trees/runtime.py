@@ -30,12 +30,12 @@ class TreesRuntime:
     parameters: int
 
     def __init__(self, model_path: Path, normalisation: Normalisation, threads: int = 1) -> None:
-        """Loads, lays out, compiles, checks and measures.
+        """Loads a forest, lays it out, compiles, checks and times its evaluators.
 
         Args:
             model_path: XGBoost's JSON model file.
             normalisation: how windows become the model's inputs, and its outputs counts.
-            threads: most threads that one call may use.
+            threads: the most threads that one call may use.
 
         Raises:
             ArtifactError: the file is damaged, not supported, or at odds with the normalisation.
@@ -58,11 +58,14 @@ class TreesRuntime:
         self._pool = ThreadPoolExecutor(threads - 1, "trees") if threads > 1 else None
 
     def evaluate(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(n, features) C-contiguous float32 to (n, outputs) float32; NaN and infinities are values too."""
+        """Evaluates windows (n, features) to (n, outputs) float32; NaN and infinities are allowed.
+
+        The windows are C-contiguous float32.
+        """
         rows = len(windows)
         result = np.empty((rows, self._outputs), np.float32)
         if rows < len(self._cheapest):
-            # The shortest way: what Python reads on it has left the caches since the last call.
+            # This path is short on purpose: its Python objects have left the caches since the last call.
             self._cheapest[rows].evaluate(windows, result)
         elif self._pool is None:
             self._autotuned.evaluate(windows, result)
@@ -77,7 +80,7 @@ class TreesRuntime:
     def _share(
         self, pool: ThreadPoolExecutor, windows: NDArray[np.float32], result: NDArray[np.float32]
     ) -> None:
-        """Whole blocks for each thread, the calling one among them."""
+        """Gives whole blocks to each thread. The calling thread is one of them."""
         rows = len(windows)
         shares = min(self._threads, rows // BLOCKS[-1])
         bounds = [rows * share // shares // BLOCKS[-1] * BLOCKS[-1] for share in range(shares)] + [rows]
@@ -91,7 +94,7 @@ class TreesRuntime:
 
 
 def _give_memory_back() -> None:
-    """What parsing and laying out took, which glibc would keep until asked."""
+    """Gives back the memory that reading and layout took: glibc keeps it until it is asked."""
     if sys.platform == "linux":
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
         if trim is not None:

@@ -1,4 +1,4 @@
-"""Parts of the evaluation of forests that can be switched off, to measure how much time each saves."""
+"""Switches of the evaluation of forests: `bench forms` turns each off and measures what it costs."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -8,18 +8,18 @@ from taxel_server.runtimes.compiled.processor import processor_has
 
 @dataclass(frozen=True)
 class Switches:
-    """The evaluators, and the special cases within them.
+    """The evaluators and the special cases within them.
 
     Attributes:
-        leaf_blocks: the evaluator of a row or two.
-        small_batch: the evaluator of some rows of trees with at most 127 leaves.
+        leaf_blocks: the evaluator of one or two rows.
+        small_batch: the evaluator of a few rows, for trees with at most 127 leaves.
         bitset_64: the evaluator of blocks of 64 rows.
         bitset_256: the evaluator of blocks of 256 rows.
-        packed_nodes: a node's column and distance in one byte, with AVX-512.
-        upper_levels: the upper levels of trees laid out as if they were full.
-        byte_tables: leaves looked up by byte shuffles.
-        next_nodes: asking for a group's nodes while the one before is evaluated.
-        next_leaves: asking for leaves before they are needed.
+        packed_nodes: one byte holds a node's column and distance; with AVX-512.
+        upper_levels: the upper levels of trees are laid out as if they were full.
+        byte_tables: byte shuffles look leaves up.
+        next_nodes: a group's nodes are prefetched while the group before it is evaluated.
+        next_leaves: leaves are prefetched.
     """
 
     leaf_blocks: bool = True
@@ -37,8 +37,8 @@ ALL_ON: Final = Switches()
 
 
 def waits_for_memory() -> bool:
-    """Whether few rows wait for memory, as with AVX-512, rather than for the processor.
+    """Whether the evaluation of few rows waits for memory, not for the processor, as with AVX-512.
 
-    Then fewer bytes a node, and asking for nodes ahead, save more time than their instructions take.
+    Then packed nodes and prefetched nodes save more time than their instructions take.
     """
     return processor_has("avx512bw")

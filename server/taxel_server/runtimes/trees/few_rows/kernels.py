@@ -40,47 +40,56 @@ from taxel_server.runtimes.trees.simd.vectors64 import (
 )
 
 OUTPUTS_AT_ONCE: Final = 8
-"""Trees whose leaves are added at once, each to an output of its own."""
+"""Trees whose leaves are added at once, each tree's to another output."""
 
 _MASKS: Final = 8 * OUTPUTS_AT_ONCE
 _MOST_LANES: Final = 128
 _AHEAD: Final = 4096
-"""Bytes by which leaves are asked for ahead: the processor by itself does not look beyond a page."""
+"""How many bytes ahead leaves are prefetched: the processor by itself does not prefetch beyond a page."""
 
 
 def trees_at_once() -> int:
-    """Trees of a group: some registers of them, so that chains of dependent steps overlap.
+    """Trees of a group: four registers, so that chains of dependent steps overlap.
 
-    More lanes would only wait for the largest tree among them.
+    A group takes as long as its largest tree, so more lanes would wait longer.
     """
     return min(4 * register_bytes(), _MOST_LANES)
 
 
 @cache
-def find_exits(columns: int, bits: int, packed: bool, asks: bool) -> int:
-    """The address of the traversal of one group's top trees by some rows, compiled.
+def find_exits(columns: int, bits: int, packed: bool, prefetches: bool) -> int:
+    """Compiles the traversal of one group's top trees and gives its address.
 
-    The function takes the address of the group's nodes, laid out as TopTrees says; the number of
-    steps; the address of the ranks [row][column]; the number of rows; and the address of the exits
-    [row][tree], which it writes; at last the address of what is wanted later. `columns` is the length of a
-    row's ranks: 16, 32, 48, 64, 128 or 256. If it `asks`, each step asks for a cache line of the nodes
-    behind the group's, and for one of what is wanted.
+    The function takes:
+        the address of the group's nodes, laid out as `TopTrees` says
+        the number of steps
+        the address of the ranks [row][column]
+        the number of rows
+        the address of the exits [row][tree], which it writes
+        the address of memory that is needed later
 
-    A row goes right at a node, and from then on the exit is the block behind the node, if no earlier block
-    was reached than the first of the node's left subtree: if the node's distance is no less than the number
-    of steps since the exit last changed.
+    At a node, a row goes right if its rank is not below the limit. The exit then becomes the block behind
+    the node, unless the row has left the node's subtree before. It is still inside if the node's distance
+    is no less than the number of steps since the exit last changed.
+
+    Args:
+        columns: the length of a row's ranks: 16, 32, 48, 64, 128 or 256.
+        bits: the size of an exit, 8 or 16.
+        packed: whether the nodes are packed.
+        prefetches: whether each step prefetches one cache line of the next group's nodes and one of the
+            memory that is needed later.
     """
-    return _find_packed_exits(columns, asks) if packed else _find_exits(columns, bits, asks)
+    return _find_packed_exits(columns, prefetches) if packed else _find_exits(columns, bits, prefetches)
 
 
-def _find_exits(columns: int, bits: int, asks: bool) -> int:
+def _find_exits(columns: int, bits: int, prefetches: bool) -> int:
     lanes = trees_at_once()
     size = (2 + bits // 8) * lanes
 
     @address_of("void(intp, intp, intp, intp, intp, intp)")
-    def traverse(nodes: int, steps: int, ranks: int, rows: int, exits: int, wanted: int) -> None:
+    def traverse(nodes: int, steps: int, ranks: int, rows: int, exits: int, later: int) -> None:
         soon = nodes + size * steps
-        never, one = splat(0, bits, lanes), splat(1, bits, lanes)
+        never, step = splat(0, bits, lanes), splat(1, bits, lanes)
         for row in range(rows):
             table = ranks + row * columns
             node = nodes
@@ -89,25 +98,25 @@ def _find_exits(columns: int, bits: int, asks: bool) -> int:
                 rank = lookup(table, columns, load(node, 8, lanes))
                 goes_left = greater(load(node + lanes, 8, lanes), rank)
                 passed_by = greater(since, load(node + 2 * lanes, bits, lanes))
-                since = select(neither(goes_left, passed_by), never, plus(since, one))
+                since = select(neither(goes_left, passed_by), never, plus(since, step))
                 node += size
-                if asks:
+                if prefetches:
                     prefetch(soon, 1)
-                    prefetch(wanted, 2)
-                    soon, wanted = soon + 64, wanted + 64
+                    prefetch(later, 2)
+                    soon, later = soon + 64, later + 64
             store(exits + row * lanes * (bits // 8), minus(splat(steps, bits, lanes), since))
 
     return traverse
 
 
-def _find_packed_exits(columns: int, asks: bool) -> int:
+def _find_packed_exits(columns: int, prefetches: bool) -> int:
     lanes = trees_at_once()
     size, least = 2 * lanes, 1 << COLUMN_BITS
 
     @address_of("void(intp, intp, intp, intp, intp, intp)")
-    def traverse(nodes: int, steps: int, ranks: int, rows: int, exits: int, wanted: int) -> None:
+    def traverse(nodes: int, steps: int, ranks: int, rows: int, exits: int, later: int) -> None:
         soon = nodes + size * steps
-        never, one, further = splat(-128, 8, lanes), splat(1, 8, lanes), splat(least, 8, lanes)
+        never, step, further = splat(-128, 8, lanes), splat(1, 8, lanes), splat(least, 8, lanes)
         for row in range(rows):
             table = ranks + row * columns
             node = nodes
@@ -117,16 +126,16 @@ def _find_packed_exits(columns: int, asks: bool) -> int:
                 places = load(node, 8, lanes)
                 rank = lookup(table, columns, lowest_bits(places, COLUMN_BITS))
                 goes_left = greater(load(node + lanes, 8, lanes), rank)
-                # Distances are compared as they stand, above the columns.
+                # A distance stands in the upper bits, above the column: bytes compare like distances.
                 goes_right = neither(goes_left, greater(since, places))
-                number = plus(number, one)
+                number = plus(number, step)
                 reached = select(goes_right, number, reached)
                 since = select(goes_right, never, plus_saturated(since, further))
                 node += size
-                if asks:
+                if prefetches:
                     prefetch(soon, 1)
-                    prefetch(wanted, 2)
-                    soon, wanted = soon + 64, wanted + 64
+                    prefetch(later, 2)
+                    soon, later = soon + 64, later + 64
             store(exits + row * lanes, reached)
 
     return traverse
@@ -134,11 +143,13 @@ def _find_packed_exits(columns: int, asks: bool) -> int:
 
 @cache
 def put_exits() -> int:
-    """The address of what hands one group's exits, a byte each, to the slots of its trees, compiled.
+    """Compiles what copies one group's exits, a byte each, to the slots of its trees; gives its address.
 
-    The function takes the addresses of the exits [row][tree] of ROWS rows, of the trees' slots by the
-    order of `interleaved_lane`, of memory for a group's exits, and of the exits [slot][row], which it
-    writes.
+    The function takes the addresses of:
+        the exits [row][tree] of ROWS rows
+        the trees' slots, in the order of `interleaved_lane`
+        memory for a group's exits
+        the exits [slot][row], which it writes
     """
     lanes, width = trees_at_once(), register_bytes()
 
@@ -156,13 +167,19 @@ def put_exits() -> int:
 
 
 @cache
-def add_leaves(asks: bool) -> int:
-    """The address of the sum of the leaves of one output's trees, compiled.
+def add_leaves(prefetches: bool) -> int:
+    """Compiles the sum of the leaves of one output's trees and gives its address.
 
-    The function takes the number of trees, the addresses of their numbers of leaves, a byte each, of the
-    leaves of the first one, of their exits [tree][row] of ROWS rows, and of the sums [row], which start as
-    the base score; at last how many cache lines of leaves a tree takes, as a rule. If it `asks`, leaves are
-    asked for before they are needed.
+    The function takes:
+        the number of trees
+        the address of each tree's number of leaves, a byte each
+        the address of the first tree's leaves
+        the address of the exits [tree][row] of ROWS rows
+        the address of the sums [row], which start as the base score
+        how many cache lines the leaves of a tree take on average
+
+    Args:
+        prefetches: whether leaves are prefetched.
     """
 
     @address_of("void(intp, intp, intp, intp, intp, intp)")
@@ -170,7 +187,7 @@ def add_leaves(asks: bool) -> int:
         total = load_floats(sums, ROWS)
         for tree in range(trees):
             total = add(total, floats_at(elements(leaves, widen(load(exits + 8 * tree, 8, ROWS)), 4)))
-            if asks:
+            if prefetches:
                 for soon in range(leaves + _AHEAD, leaves + _AHEAD + 64 * lines, 64):
                     prefetch(soon, 1)
             leaves += 4 * integer_at(counts + tree, 8)
@@ -181,12 +198,17 @@ def add_leaves(asks: bool) -> int:
 
 @cache
 def find_blocks(bits: int) -> int:
-    """The address of what turns one group's exits into the addresses of its trees' blocks, compiled.
+    """Compiles what turns one group's exits into addresses of leaf blocks; gives its address.
 
-    The function takes the address of the address of every lane's first block, which it moves on to the
-    lane's next tree, and those of the trees' numbers of blocks; the number of rows; and the addresses of
-    the exits [row][tree] and of the blocks' addresses [row][tree], which it writes. Exits and numbers of
-    blocks take so many bits.
+    The function takes:
+        the address of the pointers [lane] to each tree's first block, which it moves to the next trees
+        the address of the trees' numbers of blocks [lane]
+        the number of rows
+        the address of the exits [row][tree]
+        the address of the blocks' addresses [row][tree], which it writes
+
+    Args:
+        bits: the size of an exit and of a number of blocks, 8 or 16.
     """
     lanes, size = trees_at_once(), bits // 8
 
@@ -205,13 +227,23 @@ def find_blocks(bits: int) -> int:
 
 
 @cache
-def add_blocks(columns: int, asks: bool) -> int:
-    """The address of the sum of the leaves that some rows reach in one group's blocks, compiled.
+def add_blocks(columns: int, prefetches: bool) -> int:
+    """Compiles the sum of the leaves that rows reach in one group's leaf blocks; gives its address.
 
-    The function takes the address of the ranks; the number of rows; the addresses of the group's blocks'
-    addresses [row][tree] and of the next group's, whose blocks it asks for, if it `asks`; that of memory
-    for the group's leaves [row][tree]; how many rounds of how many outputs the group has; the address of
-    the sums [row][output], which may be written up to OUTPUTS_AT_ONCE, and a row's bytes of them.
+    The function takes:
+        the address of the ranks [row][column]
+        the number of rows
+        the address of the blocks' addresses [row][tree]
+        the same of the next group
+        the address of memory for the group's leaves [row][tree]
+        the number of the group's rounds
+        the number of outputs of a round
+        the address of the sums [row][output], padded to a multiple of OUTPUTS_AT_ONCE
+        how many bytes a row of the sums takes
+
+    Args:
+        columns: the length of a row's ranks.
+        prefetches: whether the next group's blocks are prefetched.
     """
     lanes = trees_at_once()
 
@@ -230,7 +262,7 @@ def add_blocks(columns: int, asks: bool) -> int:
         for lane in range(0, lanes, OUTPUTS_AT_ONCE):
             for row in range(rows):
                 tree = row * lanes + lane
-                if asks:
+                if prefetches:
                     for soon in range(ahead + 8 * tree, ahead + 8 * (tree + OUTPUTS_AT_ONCE), 8):
                         prefetch(integer_at(soon, 64), 1)
                 block = load(places + 8 * tree, 64, OUTPUTS_AT_ONCE)

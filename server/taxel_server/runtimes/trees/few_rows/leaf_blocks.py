@@ -17,8 +17,8 @@ from taxel_server.runtimes.trees.few_rows.kernels import (
     find_exits,
     trees_at_once,
 )
-from taxel_server.runtimes.trees.few_rows.ranks import ROWS, Ranking, rank_rows, read_ranking
-from taxel_server.runtimes.trees.layout.columns import Columns
+from taxel_server.runtimes.trees.few_rows.ranks import ROWS, aligned_cuts, rank_rows
+from taxel_server.runtimes.trees.layout.columns import Columns, Cuts, read_cuts
 from taxel_server.runtimes.trees.layout.in_order import InOrder
 from taxel_server.runtimes.trees.layout.tree_lanes import (
     BLOCK_LEAVES,
@@ -35,18 +35,21 @@ from taxel_server.runtimes.trees.simd.calls import call
 from taxel_server.runtimes.trees.switches import Switches, waits_for_memory
 
 _MOST_BYTES: Final = 2**27
-"""Most memory that top trees, and lines for places without a tree, may take."""
+"""The most memory that top trees may take, and that lines for places without a tree may take."""
 
 
 @dataclass(frozen=True)
 class _Groups:
-    """How a forest's trees go into groups of lanes: whole rounds, a tree of each output, or parts of one.
+    """How a forest's trees are divided into groups of lanes.
+
+    A round is one tree of each output. A group holds whole rounds, or a part of a round if there are more
+    outputs than lanes.
 
     Attributes:
-        count: groups.
-        rounds: of a group.
-        outputs: of a group, the next ones in every part of a round.
-        parts: groups that a round takes.
+        count: the number of groups.
+        rounds: the rounds of a group.
+        outputs: the outputs of a group.
+        parts: the groups that a round takes.
     """
 
     count: int
@@ -79,7 +82,7 @@ class _Trees(NamedTuple):
     steps: NDArray[np.int64]
     start: NDArray[np.int64]
     first: NDArray[np.int64]
-    asks: bool
+    prefetches: bool
     nodes: int
     counts: int
     size: int
@@ -139,7 +142,7 @@ def _read_scratch(arguments: NDArray[np.int64], first: int) -> _Scratch:
 
 
 class LeafBlocksEvaluator(CompiledEvaluator):
-    """A forest that `fits`, compiled for a row or two."""
+    """A forest that `fits`, compiled for one or two rows."""
 
     name = "leaf-blocks"
 
@@ -153,7 +156,7 @@ class LeafBlocksEvaluator(CompiledEvaluator):
         blocks = LeafBlocks.of(index, columns, trees)
         nodes, counts, lines = together(top.nodes, blocks.counts.astype(f"u{top.bits // 8}"), blocks.lines)
         self._trees = _Trees(
-            find_exits(size, top.bits, top.packed, asks=False),
+            find_exits(size, top.bits, top.packed, prefetches=False),
             find_blocks(top.bits),
             add_blocks(size, switches.next_leaves),
             top.steps,
@@ -171,16 +174,16 @@ class LeafBlocksEvaluator(CompiledEvaluator):
             -(-groups.parts * groups.outputs // OUTPUTS_AT_ONCE) * OUTPUTS_AT_ONCE,
             forest.base_score,
         )
-        ranking = Ranking.of(columns)
-        self._kept = (ranking, nodes, counts, lines, scales)
-        super().__init__(_evaluate, pack(ranking, self._trees, scales))
+        cuts = aligned_cuts(columns)
+        self._kept = (cuts, nodes, counts, lines, scales)
+        super().__init__(_evaluate, pack(cuts, self._trees, scales))
 
     @staticmethod
     def fits(forest: Forest, index: InOrder) -> bool:
-        """Whether no tree has too many blocks, for trees that fit lanes.
+        """Whether no tree has too many blocks and the layout does not take too much memory.
 
-        A group's top trees take the room of its largest one, so that a few huge trees could fill the
-        memory, and so could the places without a tree of a forest with many trees for one output.
+        Every top tree takes the memory of the largest one in its group, so a few huge trees could fill the
+        memory. In a forest with many trees for one output, places without a tree could fill it, too.
         """
         blocks = int(count_blocks(index, BLOCK_LEAVES).max(initial=1))
         places = _Groups.of(forest).count * trees_at_once()
@@ -202,7 +205,7 @@ class LeafBlocksEvaluator(CompiledEvaluator):
 
 @compiled
 def _visit(trees: _Trees, scratch: _Scratch, rows: int) -> None:
-    """Adds every tree's leaf to the sums; a group's top trees come before the last group's blocks."""
+    """Adds every tree's leaf to the sums. A group's top trees come before the last group's blocks."""
     ranks, sums, exits = scratch.ranks.ctypes.data, scratch.sums.ctypes.data, scratch.exits.ctypes.data
     first, places, ahead = scratch.first.ctypes.data, scratch.places.ctypes.data, scratch.ahead.ctypes.data
     leaves, width = scratch.leaves.ctypes.data, 4 * trees.width
@@ -211,7 +214,7 @@ def _visit(trees: _Trees, scratch: _Scratch, rows: int) -> None:
     for group in range(trees.steps.size + 1):
         if group < trees.steps.size:
             nodes, size = trees.nodes + trees.start[group], trees.start[group + 1] - trees.start[group]
-            if trees.asks:
+            if trees.prefetches:
                 for soon in range(nodes + size, nodes + 2 * size, 64):
                     prefetch(soon, 1)
             call(trees.traversal, (nodes, trees.steps[group], ranks, rows, exits, 0))
@@ -224,7 +227,7 @@ def _visit(trees: _Trees, scratch: _Scratch, rows: int) -> None:
         places, ahead = ahead, places
 
 
-_TREES: Final = len(Ranking._fields)
+_TREES: Final = len(Cuts._fields)
 _SCALES: Final = _TREES + len(_Trees._fields)
 
 
@@ -235,13 +238,13 @@ def _evaluate(
     windows: NDArray[np.float32],
     result: NDArray[np.float32],
 ) -> None:
-    ranking = read_ranking(arguments, 0)
+    cuts = read_cuts(arguments, 0)
     trees, scales = _read_trees(arguments, _TREES), read_scales(arguments, _SCALES)
     scratch = _read_scratch(memory, 0)
     outputs = trees.base_score.size
     for start in range(0, windows.shape[0], ROWS):
         rows = min(ROWS, windows.shape[0] - start)
-        rank_rows(ranking, scales, windows, start, rows, trees.ranks, scratch.ranks)
+        rank_rows(cuts, scales, windows, start, rows, trees.ranks, scratch.ranks)
         for row in range(rows):
             for output in range(outputs):
                 scratch.sums[row * trees.width + output] = trees.base_score[output]

@@ -1,4 +1,4 @@
-"""Evaluates a small batch of rows: whole trees side by side, then their leaves for all rows."""
+"""Evaluates a small batch of rows: first whole trees side by side, then the leaves of all rows."""
 
 from itertools import pairwise
 from typing import Final, NamedTuple
@@ -11,8 +11,8 @@ from taxel_server.runtimes.compiled.compiling import compiled, inlined
 from taxel_server.runtimes.compiled.evaluator import CompiledEvaluator
 from taxel_server.runtimes.compiled.processor import register_bytes
 from taxel_server.runtimes.trees.few_rows.kernels import add_leaves, find_exits, put_exits, trees_at_once
-from taxel_server.runtimes.trees.few_rows.ranks import ROWS, Ranking, rank_rows, read_ranking
-from taxel_server.runtimes.trees.layout.columns import Columns
+from taxel_server.runtimes.trees.few_rows.ranks import ROWS, aligned_cuts, rank_rows
+from taxel_server.runtimes.trees.layout.columns import Columns, Cuts, read_cuts
 from taxel_server.runtimes.trees.layout.in_order import InOrder
 from taxel_server.runtimes.trees.layout.tree_lanes import MOST_EXITS, TopTrees, table_size
 from taxel_server.runtimes.trees.normalisation import Scales, put_rows, read_scales
@@ -22,7 +22,7 @@ from taxel_server.runtimes.trees.simd.lookups import interleaved_lane
 from taxel_server.runtimes.trees.switches import Switches, waits_for_memory
 
 _BATCH: Final = 2800
-"""Fewest trees whose exits are found before their leaves are added; all that stays in the cache."""
+"""The fewest trees of a batch. All its exits are found before its leaves are added; it fits the cache."""
 
 
 class _Trees(NamedTuple):
@@ -106,9 +106,9 @@ class SmallBatchEvaluator(CompiledEvaluator):
         top = TopTrees.of(index, columns, trees, 1, switches.packed_nodes and waits_for_memory())
         counts = index.leaves[order]
         source = np.repeat(index.leaf_start[order] - (np.cumsum(counts) - counts), counts)
-        # What is left of an earlier call, in the rows that this one does not have, may point behind a tree.
+        # A call with fewer rows leaves exits of an earlier call in place: these may point behind a tree.
         leaves = np.append(index.value[source + np.arange(len(source))], np.zeros(256, dtype=np.float32))
-        # A tree's slot is its place in the batch; where there is no tree, the one behind the largest batch.
+        # A tree's slot is its place in the batch. Other lanes have the slot behind the largest batch.
         spare = int(np.diff(bounds).max(initial=0))
         slots = np.where(places >= 0, places - np.repeat(bounds[:-1], np.diff(batch_group) * lanes), spare)
         slots = slots.reshape(-1, register_bytes())[:, interleaved_lane(register_bytes())].astype(np.int32)
@@ -132,13 +132,13 @@ class SmallBatchEvaluator(CompiledEvaluator):
             size,
             forest.base_score,
         )
-        ranking = Ranking.of(columns)
-        self._kept = (ranking, nodes, counts, slots, leaves, scales)
-        super().__init__(_evaluate, pack(ranking, self._trees, scales))
+        cuts = aligned_cuts(columns)
+        self._kept = (cuts, nodes, counts, slots, leaves, scales)
+        super().__init__(_evaluate, pack(cuts, self._trees, scales))
 
     @staticmethod
     def fits(index: InOrder) -> bool:
-        """Whether no tree has too many leaves, for trees that fit lanes."""
+        """Whether no tree has more leaves than exits can number."""
         return bool(index.leaves.max(initial=1) <= MOST_EXITS[8])
 
     def _scratch(self) -> Scratch:
@@ -165,7 +165,7 @@ def _batches(output_tree: NDArray[np.int64]) -> NDArray[np.int64]:
 def _places(
     leaves: NDArray[np.int64], bounds: NDArray[np.int64], lanes: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The place of each lane's tree, or -1, a batch's trees by size; and each batch's first group."""
+    """The place of each lane's tree, or -1, and each batch's first group. Trees are sorted by size."""
     places, groups = [], [0]
     for first, stop in pairwise(bounds):
         count = -(-(stop - first) // lanes)
@@ -184,7 +184,7 @@ def _visit(trees: _Trees, scratch: _Scratch, rows: int) -> None:
     for batch in range(trees.batch_group.size - 1):
         first_output, stop_output = trees.batch_output[batch], trees.batch_output[batch + 1]
         first_group, stop_group = trees.batch_group[batch], trees.batch_group[batch + 1]
-        # The batch's leaves are asked for in equal shares, while its trees are visited.
+        # While a batch's trees are visited, each group prefetches an equal share of its leaves.
         wanted, stop_wanted = trees.output_leaf[first_output], trees.output_leaf[stop_output]
         share = (stop_wanted - wanted) // max(1, stop_group - first_group)
         for group in range(first_group, stop_group):
@@ -201,7 +201,7 @@ def _visit(trees: _Trees, scratch: _Scratch, rows: int) -> None:
             call(trees.addition, (*given, sums + 4 * ROWS * output, lines))
 
 
-_TREES: Final = len(Ranking._fields)
+_TREES: Final = len(Cuts._fields)
 _SCALES: Final = _TREES + len(_Trees._fields)
 
 
@@ -212,12 +212,12 @@ def _evaluate(
     windows: NDArray[np.float32],
     result: NDArray[np.float32],
 ) -> None:
-    ranking = read_ranking(arguments, 0)
+    cuts = read_cuts(arguments, 0)
     trees, scales = _read_trees(arguments, _TREES), read_scales(arguments, _SCALES)
     scratch = _read_scratch(memory, 0)
     for start in range(0, windows.shape[0], ROWS):
         rows = min(ROWS, windows.shape[0] - start)
-        rank_rows(ranking, scales, windows, start, rows, trees.ranks, scratch.ranks)
+        rank_rows(cuts, scales, windows, start, rows, trees.ranks, scratch.ranks)
         for output in range(trees.base_score.size):
             scratch.sums[output * ROWS : (output + 1) * ROWS] = trees.base_score[output]
         _visit(trees, scratch, rows)

@@ -1,8 +1,8 @@
-"""The forest as the bitset traversal reads it.
+"""The layout for the bitset traversal.
 
-A tree's upper levels are laid out as if they were full: a node's place then tells which set of rows it
-splits, and eight trees take a step together. Where a tree has no node, nobody goes right. The nodes below
-say which set they split.
+A tree's upper levels are laid out as if they were full. So a node's place tells which set of rows it
+splits, and eight trees take a step together. At a place without a node, no row goes right. Each node of the
+lower levels names the set that it splits.
 """
 
 from dataclasses import dataclass
@@ -16,48 +16,49 @@ from taxel_server.runtimes.trees.layout.columns import Columns
 from taxel_server.runtimes.trees.layout.in_order import InOrder
 
 MOST_LEAVES: Final = {1: 256, 2: 65536}
-"""Leaves of the largest tree whose leaf numbers take so many bytes."""
+"""The most leaves of a tree, by the bytes of its leaf numbers."""
 
 TOGETHER: Final = {1: 8, 2: 4}
-"""Trees of a group, whose nodes alternate in memory: as many sets as the first-level cache holds."""
+"""Trees of a group, by the bytes of leaf numbers. Their nodes alternate in memory, and their sets fit the
+first-level cache."""
 
 SET_BYTES: Final = 32
-"""What a node's record counts sets of rows in."""
+"""The unit of a set's place in a node's record."""
 
 RECORDS: Final = {
     1: np.dtype([("comparison", "<u2"), ("leaf", "<u2")]),
     2: np.dtype([("comparison", "<u4"), ("leaf", "<u4")]),
 }
-"""An inner node: what it compares, and where the set is of the first leaf below it, in bytes."""
+"""An inner node: the number of its comparison, and the place of the set of its first leaf, in bytes."""
 
 GROUP: Final = np.dtype(
     [("records", "<i8"), ("steps", "<i8"), ("sixteens", "<i8"), ("trees", "<i8", TOGETHER[1])]
 )
-"""First byte of a group's records, its steps, its leaf numbers in sixteens, its trees' places.
+"""A group: the first byte of its records, its steps, a sixteenth of its leaf numbers, its trees' places.
 
-The records are a comparison for every place of the upper levels, then a node's for every step, of every
-tree.
+The records begin with one comparison for each place of the upper levels. One node for each step follows.
+The trees of a group alternate.
 """
 
 _MOST_UPPER: Final = 6
-"""Most levels laid out as if they were full."""
+"""The most levels that are laid out as if they were full."""
 
 _OCCUPIED: Final = 0.4
-"""Least share of an upper level's places that have a node: below, their steps cost more than they save."""
+"""The least share of an upper level's places that have a node. With fewer nodes, the level costs time."""
 
 
 @dataclass(frozen=True)
 class LeafNumbers:
-    """Each leaf's number within its tree, as the splits from the root downwards hand them out.
+    """Each leaf's number within its tree. The splits number the leaves from the root downwards.
 
-    All rows start at the first leaf, number 0. A node's left child keeps its leaf; its right child's
-    first leaf gets the next number.
+    All rows start in set 0, the set of the first leaf. At a split, the left child keeps the set's number,
+    and the first leaf of the right child gets the next number.
 
     Attributes:
         upper: how many upper levels of small trees are laid out as if they were full.
-        small: (trees,) bool, which trees' numbers take a byte.
+        small: (trees,) bool, whether a tree's numbers take one byte.
         number: (leaves,) int32.
-        count: (trees,) int64, how many numbers a tree hands out.
+        count: (trees,) int64, how many numbers a tree has.
     """
 
     upper: int
@@ -67,11 +68,18 @@ class LeafNumbers:
 
     @classmethod
     def of(cls, index: InOrder, narrow: bool, upper_levels: bool) -> Self:
-        """Numbers all leaves; unless `narrow`, no tree is small, unless `upper_levels`, none has any."""
+        """Numbers all leaves.
+
+        Args:
+            index: the forest.
+            narrow: whether trees may be small.
+            upper_levels: whether upper levels may be laid out as if they were full.
+        """
         number = np.empty(len(index.value), dtype=np.int32)
         count = np.empty_like(index.leaves)
         small = np.logical_and(index.leaves <= MOST_LEAVES[1], narrow)
-        # With few nodes in upper levels, a tree may need more numbers than leaves: then there are none.
+        # With few nodes in the upper levels, a tree may need more numbers than it has leaves. If they are
+        # too many, no level is laid out as if it were full.
         for upper in (_upper_levels(index, small) if upper_levels else 0, 0):
             _number(
                 index.leaves,
@@ -91,11 +99,11 @@ class LeafNumbers:
 
 @dataclass(frozen=True)
 class BitsetTrees:
-    """Trees of like size in groups, output by output, the smallest first.
+    """Trees in groups, output by output, the smallest first.
 
     Attributes:
-        size: bytes of a leaf's number.
-        upper: levels that are laid out as if they were full.
+        size: the bytes of a leaf number.
+        upper: how many levels are laid out as if they were full.
         groups: (groups,) GROUP.
         start: (outputs + 1,) int64, each output's first group.
         records: (bytes,) uint8.
@@ -119,17 +127,17 @@ class BitsetTrees:
         spare: int,
         targets: int,
     ) -> Self:
-        """Lays out the trees of a forest whose leaf numbers take so many bytes.
+        """Lays out the trees whose leaf numbers take `size` bytes.
 
         Args:
             index: the forest.
-            numbers: its leaves' numbers.
-            columns: its comparisons; the one behind them is true of no row.
-            size: bytes of a leaf's number.
-            outputs: (trees,) the output that each adds to.
-            places: (trees,) its place among that output's trees.
-            spare: the place named where a group is not full.
-            targets: number of outputs.
+            numbers: its leaf numbers.
+            columns: its comparisons; the one behind the last is true for no row.
+            size: the bytes of a leaf number.
+            outputs: (trees,) the output that each tree adds to.
+            places: (trees,) each tree's place among the trees of its output.
+            spare: the place for a group's missing trees.
+            targets: the number of outputs.
         """
         trees = np.flatnonzero(numbers.small if size == 1 else ~numbers.small)
         upper = numbers.upper if size == 1 else 0
@@ -138,7 +146,7 @@ class BitsetTrees:
         count = np.bincount(outputs[trees], minlength=targets)
         width = -(-count // together)
         start = np.concatenate([[0], np.cumsum(width)])
-        # Where each tree stands in groups that each output fills from its first group on.
+        # How far a tree moves, since each output begins with a new group.
         before = np.repeat(start[:-1] * together - (np.cumsum(count) - count), count)
         members = np.full(start[-1] * together, -1, dtype=np.int64)
         members[np.arange(len(order)) + before] = order
@@ -173,17 +181,17 @@ class BitsetTrees:
 
 
 def split_sets(upper: int) -> NDArray[np.int64]:
-    """(2**upper - 1,) Where the set is that the node at each place of upper levels splits, in bytes."""
+    """(2**upper - 1,) The set that the node at each place of the upper levels splits, in bytes."""
     sets = [0]
     for place in range(1, 2**upper - 1):
         parent = (place - 1) // 2
-        # A left child has the set of its parent, a right one the set that its parent's split made.
+        # A left child splits the set of its parent, a right child the set that its parent's split made.
         sets.append(sets[parent] if place % 2 else parent + 1)
     return np.array(sets[: 2**upper - 1], dtype=np.int64) * SET_BYTES
 
 
 def _upper_levels(index: InOrder, small: NDArray[np.bool_]) -> int:
-    """How many levels of the small trees are occupied well enough."""
+    """How many levels of the small trees have enough nodes to be laid out as if they were full."""
     depth = index.depth[np.repeat(small, index.leaves - 1)]
     nodes = np.bincount(depth[depth < _MOST_UPPER], minlength=_MOST_UPPER)
     places = max(1, int(small.sum())) * 2 ** np.arange(_MOST_UPPER)
@@ -202,7 +210,7 @@ def _number(
     number: NDArray[np.int32],
     count: NDArray[np.int64],
 ) -> None:
-    """Level by level; between inner nodes i - 1 and i lies leaf i, the first right of node i - 1."""
+    """Numbers leaves level by level. Leaf i stands between inner nodes i - 1 and i, right of node i - 1."""
     before = np.empty((depth.max() if depth.size else 0) + 2, dtype=np.int32)
     for tree in range(leaves.size):
         start, inner = node_start[tree], leaves[tree] - 1
@@ -242,7 +250,7 @@ def _place(
     number: NDArray[np.int32],
     entries: NDArray[Any],
 ) -> None:
-    """Writes every node to where its group has it; where a tree has no node, nobody goes right."""
+    """Writes every node to its place in its group. At a place without a node, no row goes right."""
     together = members.shape[1]
     below = ((1 << upper) - 1) * together
     for group in range(members.shape[0]):

@@ -1,8 +1,8 @@
-"""Columns: a forest's thresholds, sorted, so that small integers compare with them as the floats do.
+"""Columns: a forest's sorted thresholds. Small integers, the ranks, then compare as the floats do.
 
 A column is one (feature, default direction, run of cuts), its cuts sorted. The rank of x in it is
-the number of cuts <= x, so that x < cuts[bin] exactly where rank <= bin. Ranks and bins are stored less
-2**(bits - 1), as signed integers.
+the number of cuts <= x. So x < cuts[bin] exactly if rank <= bin. Ranks and bins are stored as signed
+integers, less 2**(bits - 1).
 """
 
 from dataclasses import dataclass
@@ -91,7 +91,7 @@ class Columns:
 
     @property
     def comparison(self) -> NDArray[np.int64]:
-        """(inner nodes,) The place among all cuts of each node's threshold."""
+        """(inner nodes,) The place of each node's threshold among all cuts."""
         start = self.cuts.start[self.column]
         comparison: NDArray[np.int64] = start + self.limit + (2 ** (self.bits - 1) - 1)
         return comparison

@@ -9,12 +9,11 @@ of its left subtree `first`. The leaf that a row reaches is found by looking at 
         if goes_right[node] and exit >= first[node]:
             exit = node + 1
 
-Why: `exit` is always the first leaf of the subtree that the row is still in, as far as the nodes
-seen so far decide. A node on the row's path has exit == first when its turn comes, if all right
-turns above it have been taken, which come earlier in order. A node off the path lies either in a
-subtree left by a left turn, at whose root all of its nodes have first > exit, or in one left by a
-right turn, whose nodes come before that root in order, and what they did to `exit` is overwritten
-with a larger leaf when that root's turn comes.
+Why this is right: `exit` is the first leaf of the subtree that the row has reached by the nodes seen so
+far. A node on the row's path has exit == first at its turn: all right turns above it stand earlier in
+order. A node off the path is in a subtree that the row left. If the row left it by a left turn, all nodes
+of the subtree have first > exit, and change nothing. If the row left it by a right turn, the subtree's
+nodes stand before the node of that turn in order, and that node then overwrites `exit` with a larger leaf.
 """
 
 from dataclasses import dataclass
@@ -36,10 +35,10 @@ class InOrder:
         node_start: (trees,) int64, place of each tree's first inner node.
         leaf_start: (trees,) int64, place of each tree's first leaf.
         first: (inner nodes,) int32, first leaf of the left subtree, counted within the tree.
-        last: (inner nodes,) int32, last leaf of the right subtree, counted likewise.
+        last: (inner nodes,) int32, last leaf of the right subtree, counted within the tree.
         depth: (inner nodes,) int32, 0 for a tree's root.
-        place: (inner nodes,) int32, which of 2**depth a node is, from left to right, were its level full;
-            below level 30 it means nothing.
+        place: (inner nodes,) int32, the node's place in its level from left to right, counted as if the
+            level were full; below level 30 it has no meaning.
         feature: (inner nodes,) int32.
         default_left: (inner nodes,) bool.
         threshold: (inner nodes,) float32.

@@ -1,4 +1,4 @@
-"""Leaf values in memory as the sum of many rows looks them up."""
+"""Tables of leaf values, in which the evaluators of many rows look leaves up."""
 
 from typing import Final
 
@@ -11,10 +11,10 @@ from taxel_server.runtimes.trees.layout.in_order import InOrder
 from taxel_server.runtimes.trees.simd.lookups import can_look_up
 
 LEAVES: Final = np.dtype([("table", "<i8"), ("exits", "<i4"), ("kind", "<i4")])
-"""Of a tree: its leaf table's first byte, its exits' place, and the table's kind.
+"""A tree's entry: the first byte of its leaf table, the place of its exits, and the kind of the table.
 
-Kinds above 0 are byte tables: so many times 16 leaves, all their lowest bytes first. Kind 0 are
-floats found with exits of one byte, -1 floats found with exits of two.
+A kind k above 0 is a byte table for 16 k leaves: first the lowest byte of every leaf, then the next. Kind 0
+is a table of floats for exits of one byte, and kind -1 for exits of two bytes.
 """
 
 _ALIGNMENT: Final = 64
@@ -29,7 +29,7 @@ def write_leaf_tables(
 ) -> NDArray[np.uint8]:
     """Writes the leaf tables by leaf number, and their place and kind into `leaves`.
 
-    Those of floats take less room; bytes are looked up faster, where the processor can.
+    Tables of floats take less memory. Byte tables are faster if the processor has byte shuffles.
     """
     counts = numbers.count[order]
     sixteens = -(-counts // 16)

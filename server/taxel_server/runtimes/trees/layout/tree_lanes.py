@@ -1,12 +1,12 @@
-"""A forest as the evaluators of few rows read it: trees side by side, each a top tree and its leaf blocks.
+"""The layout for few rows: trees side by side, each split into a top tree and leaf blocks.
 
-A leaf block is a largest subtree of at most so many leaves; the top tree is what remains above them. In the
-in-order numbering, inner node i stands between leaves i and i + 1. So the leaves between two nodes of the
-top tree that follow each other are a block's, and the top tree is itself a tree in order, whose leaves are
-the blocks.
+A leaf block is a subtree with at most a given number of leaves, and its parent's subtree has more. The top
+tree is everything above the leaf blocks. In the in-order numbering, inner node i stands between leaves i
+and i + 1. So a block's leaves stand between two neighbouring nodes of the top tree, and the top tree is
+itself a tree in order; its leaves are the blocks.
 
-With blocks of eight leaves, each in a cache line of its own, a row touches little of a tree, and knows
-early which part of it; with blocks of one leaf the whole tree is top tree, which several rows share.
+With blocks of eight leaves, each block takes one cache line: a row reads little of a tree, and it is known
+early what it reads. With blocks of one leaf, the whole tree is top tree: several rows read the same nodes.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from taxel_server.runtimes.trees.layout.in_order import InOrder
 from taxel_server.runtimes.trees.simd.lookups import can_look_up
 
 BLOCK_LEAVES: Final = 8
-"""Most leaves of a block that is more than a leaf."""
+"""The most leaves of a block, where blocks have more than one leaf."""
 
 LINE: Final = 64
 """Bytes of such a block: its leaves as float32, its nodes' columns, limits and masks, eight bytes each.
@@ -34,16 +34,16 @@ LIMITS_AT: Final = COLUMNS_AT + BLOCK_LEAVES
 MASKS_AT: Final = LIMITS_AT + BLOCK_LEAVES
 
 MOST_EXITS: Final = {8: 127, 16: 32767}
-"""Leaf blocks of the largest tree whose exits fit signed integers of so many bits."""
+"""The most leaf blocks of a tree, by the bits of an exit, a signed integer."""
 
 COLUMN_BITS: Final = 5
-"""What a column takes of the byte that it shares with a distance, where both are small."""
+"""How many bits a column takes of a byte that it shares with a distance."""
 
 _LAST_COLUMN: Final = 2**COLUMN_BITS - 1
 _MOST_DISTANT: Final = 2 ** (8 - COLUMN_BITS) - 1
 
 _TABLE_SIZES: Final = (16, 32, 48, 64, 128, 256)
-"""How many columns a row's byte ranks may have, padded with ranks of 0, at least one."""
+"""The possible lengths of a row's ranks. At least one rank of padding, 0, stands behind the columns."""
 
 
 def fits_lanes(columns: Columns) -> bool:
@@ -52,19 +52,19 @@ def fits_lanes(columns: Columns) -> bool:
 
 
 def table_size(columns: Columns) -> int:
-    """The length of a row's ranks, of columns that `fits_lanes`."""
+    """The length of a row's ranks, for columns that fit lanes (`fits_lanes`)."""
     return next(size for size in _TABLE_SIZES if size > len(columns))
 
 
 @dataclass(frozen=True)
 class TopTrees:
-    """Top trees by place, in groups of as many as a kernel has lanes.
+    """Top trees in groups; a group has one tree for each lane of a kernel.
 
-    A node's distance is how many blocks its left subtree has, but for one.
+    A node's distance is the number of blocks in its left subtree, less 1.
 
     Attributes:
-        bits: of the number of a block in its tree, 8 or 16.
-        packed: whether a node takes two bytes, as its column and distance share one.
+        bits: the size of a block's number in its tree, 8 or 16.
+        packed: whether a node takes two bytes, because its column and its distance share one.
         steps: (groups,) int64, nodes of each group's largest tree.
         start: (groups + 1,) int64, each group's first byte in `nodes`.
         nodes: (bytes,) uint8, for every step the columns, limits and distances of the group's trees, or
@@ -81,7 +81,7 @@ class TopTrees:
     def of(
         cls, index: InOrder, columns: Columns, trees: NDArray[np.int64], most: int, may_pack: bool
     ) -> Self:
-        """Lays out the trees of (groups, lanes), where -1 is none, with at most so many leaves a block."""
+        """Lays out the trees (groups, lanes), -1 for no tree, with at most `most` leaves in a block."""
         blocks = np.append(count_blocks(index, most), 1)
         distance = _distances(index, most)
         bits = 8 if blocks.max() <= MOST_EXITS[8] else 16
@@ -90,8 +90,8 @@ class TopTrees:
         each = 2 if packed else 2 + bits // 8
         steps = blocks[trees].max(axis=1, initial=1) - 1
         start = np.concatenate([[0], np.cumsum(each * trees.shape[1] * steps)])
-        # What fills up a lane is a node where no row goes right: its distance is -1, or its column the one
-        # behind the last, whose rank is below the limit.
+        # Padding is a node where no row goes right. Its distance is -1; or, if packed, its column is the
+        # one behind the last, whose rank is below the limit.
         nodes = np.full(start[-1], 255, dtype=np.uint8)
         if packed:
             nodes.reshape(-1, 2, trees.shape[1])[:] = [[len(columns) + 128], [127]]
@@ -114,9 +114,9 @@ class LeafBlocks:
     """The blocks of BLOCK_LEAVES leaves of trees by place.
 
     Attributes:
-        first: (lanes,) int64, the first block of each lane's first tree; the others follow in turn.
-        counts: (groups, lanes) int64, each tree's blocks.
-        lines: (blocks, LINE) uint8; where there is no tree is one with a leaf that adds nothing.
+        first: (lanes,) int64, the first block of each lane's first tree; the lane's other blocks follow.
+        counts: (groups, lanes) int64, each tree's number of blocks.
+        lines: (blocks, LINE) uint8; a place without a tree has one line, whose leaf adds nothing.
     """
 
     first: NDArray[np.int64]
@@ -125,11 +125,11 @@ class LeafBlocks:
 
     @classmethod
     def of(cls, index: InOrder, columns: Columns, trees: NDArray[np.int64]) -> Self:
-        """Lays out the trees of (groups, lanes), where -1 is none."""
+        """Lays out the trees (groups, lanes), -1 for no tree."""
         counts = np.append(count_blocks(index, BLOCK_LEAVES), 1)[trees]
-        # A lane that never has a tree reads one line all the time.
+        # A lane without any tree always reads the same line.
         counts[:-1, (trees < 0).all(axis=0)] = 0
-        # Trees visited one after the other lie far apart, or the processor would fetch what is between.
+        # Lanes lie far apart: the processor must not prefetch what lies between two trees of a group.
         tree, apart = trees.T.ravel(), counts.T.ravel()
         first = np.cumsum(apart) - apart
         lines = np.zeros((int(counts.sum()), LINE), dtype=np.uint8)
@@ -152,14 +152,14 @@ class LeafBlocks:
 
 
 def count_blocks(index: InOrder, most: int) -> NDArray[np.int64]:
-    """(trees,) How many blocks of at most so many leaves each tree has."""
+    """(trees,) How many blocks of at most `most` leaves each tree has."""
     above = np.concatenate([[0], np.cumsum(index.last - index.first >= most)])
     blocks: NDArray[np.int64] = 1 + above[index.node_start + index.leaves - 1] - above[index.node_start]
     return blocks
 
 
 def _distances(index: InOrder, most: int) -> NDArray[np.int64]:
-    """(inner nodes,) The blocks of every top node's left subtree but for one; -1 for other nodes."""
+    """(inner nodes,) The number of blocks in a top node's left subtree, less 1; -1 for other nodes."""
     on_top = index.last - index.first >= most
     before = np.concatenate([[0], np.cumsum(on_top)])
     tree = np.repeat(index.node_start, index.leaves - 1)

@@ -1,4 +1,4 @@
-"""Evaluates many rows: blocks of rows go through all trees as sets of bits, then the leaves are summed."""
+"""Evaluates many rows: blocks of rows pass through all trees as bitsets, then the leaves are summed."""
 
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple, Self
@@ -98,13 +98,13 @@ class BitsetForest:
 
     Attributes:
         cuts: the comparisons that its nodes make.
-        narrow: the trees whose leaf numbers take a byte.
-        wide: the others.
-        most_numbers: leaf numbers of the largest tree.
-        leaves: (trees,) LEAVES, output by output, in the forest's order within each.
+        narrow: the trees whose leaf numbers take one byte.
+        wide: the trees whose leaf numbers take two bytes.
+        most_numbers: the number of leaf numbers of the largest tree.
+        leaves: (trees,) LEAVES, output by output; within an output, in the forest's order.
         start: (outputs + 1,) int64, each output's first entry in `leaves`.
         tables: (bytes,) uint8, all leaf tables.
-        places: exits that one output may need.
+        places: the most exits that one output needs.
         base_score: (outputs,) float32.
     """
 
@@ -184,7 +184,7 @@ class BitsetEvaluator(CompiledEvaluator):
         return Scratch(
             _Scratch(
                 np.empty(self.lanes, dtype=np.float32),
-                # The last comparison is never made: no row goes right.
+                # No block makes the last comparison: no row goes right there.
                 np.zeros((len(self._forest.cuts.cuts) + 1) * self.lanes // 64, dtype=np.int64),
                 np.zeros(memory_size(self._forest.most_numbers), dtype=np.int64),
                 np.empty(self._forest.places * self.lanes, dtype=np.uint8),

@@ -1,4 +1,4 @@
-"""Compares a block of rows with every cut of a forest, once each, however many nodes ask for it."""
+"""Compares a block of rows with every cut of a forest. Each comparison is made once for all its nodes."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,10 @@ from taxel_server.runtimes.trees.simd.bits import not_below
 def _load_feature(
     scales: Scales, windows: NDArray[np.float32], first: int, feature: int, x: NDArray[np.float32]
 ) -> None:
-    """A feature of a block of rows, the last row's repeated; place 8 j + k is for lane k lanes / 8 + j."""
+    """Reads a feature of a block of rows and fills the block with the last row.
+
+    Place 8 j + k is for lane k lanes / 8 + j.
+    """
     eighth = x.size // 8
     for lane in range(x.size):
         row = min(first + lane, windows.shape[0] - 1)
@@ -32,7 +35,7 @@ def compare(
     x: NDArray[np.float32],
     comparisons: NDArray[np.int64],
 ) -> None:
-    """Makes all comparisons with a block of rows: a bit is set where a row goes right."""
+    """Compares a block of rows with all cuts: a bit is set where a row goes right."""
     values, parts = x.ctypes.data, x.size // 64
     feature = -1
     for column in range(columns.feature.size):
@@ -42,7 +45,7 @@ def compare(
         start, stop = columns.start[column], columns.start[column + 1]
         for part in range(parts):
             rows = values + 256 * part
-            # Two loops: in one, LLVM would choose between their results bit by bit.
+            # Two loops: from one loop, LLVM would make code that chooses bit by bit.
             if columns.default_left[column]:
                 for place in range(start, stop):
                     comparisons[place * parts + part] = not_below(rows, columns.cuts[place], False)

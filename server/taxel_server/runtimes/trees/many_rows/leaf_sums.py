@@ -1,4 +1,4 @@
-"""Sums the leaves that many rows reached, tree after tree, a row in every lane of a vector."""
+"""Sums the leaves that many rows reached, tree after tree. Every lane of a vector is a row."""
 
 from functools import cache
 from typing import Any
@@ -11,7 +11,7 @@ from taxel_server.runtimes.trees.simd.lookups import assemble, can_look_up, gath
 
 @inlined
 def _leaves(planes: int, exits: int, size: int, lanes: int) -> Any:
-    """The leaves at some exits, each of their four bytes looked up by itself."""
+    """The leaves at some exits. Each of their four bytes is looked up in a table of its own."""
     places = load(exits, 8, lanes)
     return assemble(
         lookup(planes, size, places),
@@ -45,16 +45,21 @@ def _plus_looked_up(total: FloatVector, kind: int, table: int, exits: int, upper
     return _plus_gathered(total, kind, table, exits, upper, lanes)
 
 
-# Chosen before anything is compiled: a look-up that the processor lacks would not even compile.
+# This is chosen before anything is compiled: a look-up that the processor lacks does not compile.
 _plus_leaves = _plus_looked_up if can_look_up() else _plus_gathered
 
 
 @cache
 def add_leaves(lanes: int) -> int:
-    """The address of the sum of one output's leaves, tree after tree, compiled.
+    """Compiles the sum of one output's leaves, tree after tree; gives its address.
 
-    The function takes the number of trees, the addresses of the first LEAVES entry, the leaf
-    tables, the block's exits and its sums, which start as the base score, and the number of rows.
+    The function takes:
+        the number of trees
+        the address of the first tree's entry, a LEAVES
+        the address of the leaf tables
+        the address of the block's exits
+        the address of the block's sums, which start as the base score
+        the number of rows
     """
     part = min(lanes, 2 * register_bytes())
 

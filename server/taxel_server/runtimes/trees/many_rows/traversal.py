@@ -27,13 +27,11 @@ _UNIONS_OF_4096: Final = _UNION + 1
 _UNIONS_OF_256: Final = _UNIONS_OF_4096 + 16
 _UNIONS: Final = _UNIONS_OF_256 + 256
 _LEAVES: Final = _UNIONS + 4096
-"""Where in a kernel's memory, in sets, each leaf number's is; the unions of 16, 256, 4096 and all of them.
-
-The 16 sets before are the bits of every row's leaf number.
-"""
+"""Places in a kernel's memory, in sets: the sets of the leaf numbers, and the unions of 16, of 256, of 4096
+and of all of them. The first 16 sets are the bits of every row's leaf number."""
 
 _APART: Final = 256
-"""How many sets one tree's are from the next's, where trees of 256 rows are visited in turn."""
+"""The distance in sets from one tree's sets to the next tree's, where trees of 256 rows take turns."""
 
 _VECTORS: Final = {
     (1, 64): (8, 1, 8),
@@ -41,32 +39,37 @@ _VECTORS: Final = {
     (1, 256): (4, 4, 32 * _APART),
     (2, 256): (4, 4, 32 * _APART),
 }
-"""By a leaf number's bytes and the rows of a block: a vector's 64-bit lanes, how many of them a tree's set
-of rows takes, and the distance from one tree's sets to the next one's in bytes."""
+"""For the bytes of a leaf number and the rows of a block: the 64-bit lanes of a vector, the lanes of one
+tree's set of rows, and the distance in bytes from one tree's sets to the next tree's."""
 
 _IN_TURN: Final = {(1, 64): 8, (2, 64): 4, (1, 256): 4, (2, 256): 1}
 """How many trees take their steps in turn."""
 
 _IN_REGISTERS: Final = 4
-"""Sixteens of leaves whose rows are numbered without a detour through memory."""
+"""Up to so many groups of sixteen leaves, rows are numbered in registers, without memory."""
 
 
 def memory_size(numbers: int) -> int:
-    """How many 64-bit integers of memory, all zero, trees of so many leaf numbers need."""
+    """How many 64-bit integers of zeroed memory trees with so many leaf numbers need."""
     return (_LEAVES + max(numbers + 16, 2 * _APART)) * 8
 
 
 @cache
 def find_exits(number_bytes: int, rows: int) -> int:
-    """The address of the traversal of some groups by a block of 64 or 256 rows, compiled.
+    """Compiles the traversal of groups of trees by a block of 64 or 256 rows; gives its address.
 
-    The function takes the number of groups, the addresses of the first group and of all records; the
-    number of places in upper levels and the address of the sets split there (`split_sets`); then
-    the addresses of the block's comparisons [comparison][row], a bit each, of the memory, and of the
-    block's exits [place][byte][lane], which it writes. Row 8 j + k goes to lane k rows / 8 + j.
+    The function takes:
+        the number of groups
+        the address of the first group
+        the address of all records
+        the number of places in upper levels
+        the address of the sets that these places split (`split_sets`)
+        the address of the block's comparisons [comparison][row], a bit each
+        the address of the memory
+        the address of the block's exits [place][byte][lane], which it writes
 
-    With 64 rows, all trees of a group share a vector, each with a lane of its own; with 256 rows, a
-    tree has a vector, and some trees take their steps in turn.
+    Row 8 j + k goes to lane k rows / 8 + j. With 64 rows, all trees of a group share a vector, and each
+    tree has one lane. With 256 rows, each tree has a vector, and some trees take their steps in turn.
     """
     (vector, lanes, apart), turns = _VECTORS[number_bytes, rows], _IN_TURN[number_bytes, rows]
     together, record = TOGETHER[number_bytes], RECORDS[number_bytes].itemsize
@@ -122,7 +125,7 @@ def find_exits(number_bytes: int, rows: int) -> int:
 
 @inlined
 def _split(place: int, goes_right: Vector, new: int, lanes: int) -> None:
-    """Splits a set of rows: the left child keeps its place, the right one gets a new one."""
+    """Splits a set of rows: the left child keeps the set's place, the right child gets a new place."""
     reaching = load(place, 64, lanes)
     right = both(reaching, goes_right)
     store(place, exclusive(reaching, right))
@@ -139,7 +142,7 @@ def _split_in_turn(node: int, comparisons: int, place: int, new: int, apart: int
 
 @inlined
 def _number_by_sixteens(sets: int, sixteens: int, unions: int, bits: int, lanes: int) -> None:
-    """Four bits of the number of the set that each row is in; the sets' unions by sixteens."""
+    """Writes four bits of the number of each row's set, and the unions of every sixteen sets."""
     bit0 = splat(0, 64, lanes)
     bit1 = bit0
     bit2 = bit0
@@ -176,7 +179,7 @@ def _put_bits(bits: int, exits: int, places: int, trees: int, lanes: int) -> Non
 def _put_narrow(
     memory: int, leaves: int, sixteens: int, exits: int, places: int, trees: int, lanes: int
 ) -> None:
-    """Writes the number of the leaf that each row reached, a byte."""
+    """Writes the number of the leaf that each row reached, in one byte."""
     if sixteens <= 2:
         put_numbers(number(leaves, 32, lanes)[:-1], exits, places, trees)
     elif sixteens == 3:
@@ -195,7 +198,7 @@ def _put_narrow(
 def _put_wide(
     memory: int, leaves: int, sixteens: int, exits: int, apart: int, places: int, trees: int, lanes: int
 ) -> None:
-    """Writes the number of the leaf that each row reached, the lower byte and, so far apart, the upper."""
+    """Writes the number of each row's leaf in two bytes; the upper one stands `apart` bytes behind."""
     size = 8 * lanes
     unions, unions256 = memory + size * _UNIONS, memory + size * _UNIONS_OF_256
     unions4096, union = memory + size * _UNIONS_OF_4096, memory + size * _UNION
@@ -223,8 +226,8 @@ def _put(
 ) -> None:
     """Writes the number of the leaf that each row reached, in one byte or two.
 
-    The kernels call this by its name: a function that a kernel closes over is another one for numba's cache
-    in each process.
+    The kernels call this function by its name. If a kernel closed over it, each process would see another
+    function, and numba's cache would never be used.
     """
     if narrow:
         _put_narrow(memory, leaves, sixteens, exits, places, trees, lanes)
@@ -234,7 +237,7 @@ def _put(
 
 @compiled
 def _clear(memory: int, sixteens: int, copies: int, lanes: int) -> None:
-    """Empties the sets of leaf numbers that a call's smaller trees do not have."""
+    """Empties the sets of leaf numbers that only larger trees of a call have."""
     size = 8 * lanes
     unions = _UNIONS + 16 * ((sixteens + 15) // 16)
     for place in range(memory + size * _UNIONS_OF_4096, memory + size * unions, 8):

@@ -1,4 +1,4 @@
-"""The part of XGBoost's JSON model schema (version 3) that is read; the rest of a file is skipped.
+"""The parts of XGBoost's JSON model schema (version 3) that are read; other parts are skipped.
 
 The schema is documented at https://xgboost.readthedocs.io/en/stable/tutorials/saving_model.html.
 """
@@ -91,6 +91,6 @@ class NamedParts(Struct):
 
 
 class NamedModel(Struct):
-    """The whole file, but for the names of its parts."""
+    """The names of the parts of a whole file."""
 
     learner: NamedParts

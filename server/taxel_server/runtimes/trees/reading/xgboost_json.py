@@ -19,12 +19,12 @@ from taxel_server.runtimes.trees.reading.schema import LearnerParam, Model, Name
 _PER_NODE: Final = ("left_children", "right_children", "split_indices", "default_left", "split_type")
 
 _NOT_JSON: Final = re.compile(rb"-?Infinity|NaN")
-"""Numbers that XGBoost writes, though JSON has no word for them."""
+"""Numbers that XGBoost writes although JSON does not have them."""
 
 _BEYOND_FLOAT32: Final = {b"Infinity": b"1e39", b"-Infinity": b"-1e39", b"NaN": b"null"}
 
 _TINY: Final = 2.0**-126
-"""The least normal float32; below, two neighbours are further apart than their size tells."""
+"""The least normal float32. Below it, neighbours are further apart for their size."""
 
 _NUMBERS: Final = msgspec.json.Decoder(list[float])
 
@@ -63,7 +63,7 @@ def _decoded(text: bytes, kind: type[_Content]) -> _Content:
 
 
 def _unsupported_part(text: bytes) -> str:
-    """The booster or objective that is not supported, which explains what else is not as expected."""
+    """The booster or objective that is not supported: it explains other differences from the schema."""
     try:
         learner = msgspec.json.decode(text, type=NamedModel).learner
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
@@ -124,8 +124,8 @@ def _rounded(
 ) -> NDArray[np.float32]:
     """The decimals of the trees' `split_conditions`, rounded once to float32, from their float64.
 
-    A float64 has 29 bits more than a float32. Only where it lies in the middle of two float32, its own
-    rounding may have hidden on which side the decimal is: there the decimal itself is looked at.
+    A float64 has 29 bits more than a float32. If it lies in the middle of two float32, its own rounding may
+    have hidden on which side the decimal is. Only then the decimal itself is compared.
     """
     with np.errstate(over="ignore", under="ignore"):
         result = values.astype(np.float32)
@@ -140,7 +140,7 @@ def _rounded(
 
 
 def nearest(decimal: str) -> np.float32:
-    """The float32 nearest to a finite decimal, ties to even: a detour over float64 may round twice."""
+    """The float32 nearest to a finite decimal, ties to even. Over a float64 it would be rounded twice."""
     with np.errstate(over="ignore", under="ignore"):
         guess = np.float32(float(decimal))
         near = [guess, *(np.nextafter(guess, np.float32(side)) for side in (-np.inf, np.inf))]
@@ -155,7 +155,7 @@ def nearest(decimal: str) -> np.float32:
 
 
 def _base_score(param: LearnerParam) -> NDArray[np.float32]:
-    """One score an output; XGBoost before 3.1 wrote a single number for all of them."""
+    """One score for each output. XGBoost before 3.1 wrote a single number for all outputs."""
     text, targets = param.base_score, int(param.num_target)
     try:
         scores = np.atleast_1d(np.asarray(json.loads(text), dtype=np.float32))

@@ -1,6 +1,6 @@
-"""Sets of rows as vectors of bits: one operation of the processor decides for hundreds of rows.
+"""Bitsets of rows: one instruction of the processor decides for hundreds of rows.
 
-All of these run on any processor. Addresses are plain integers: nothing checks bounds.
+All operations run on any processor. Addresses are plain integers: nothing checks bounds.
 """
 
 from typing import Any, Final
@@ -25,7 +25,7 @@ _HALVES: Final = ((4, 0x0F0F0F0F0F0F0F0F), (2, 0x3333333333333333), (1, 0x555555
 
 @operation
 def not_below(_context: Any, _values: Any, _cut: Any, literal_missing_too: Any) -> Any:
-    """Which of 64 float32 values in memory are at least the cut or, if `literal_missing_too`, NaN."""
+    """A bit for each of 64 float32 values: whether it is at least the cut, or NaN if that counts, too."""
 
     def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
         values = load_from(builder, given[0], ir.VectorType(ir.FloatType(), 64), 4)
@@ -37,9 +37,10 @@ def not_below(_context: Any, _values: Any, _cut: Any, literal_missing_too: Any) 
 
 @operation
 def number(_context: Any, _sets: Any, literal_count: Any, literal_lanes: Any) -> Any:
-    """Which of so many disjoint sets in memory a row is in: the bits of its number, and the sets' union.
+    """The number of each row's set among disjoint sets in memory.
 
-    The rows with the lowest bit set come first.
+    Returns:
+        One bitset for each bit of the number, the lowest bit first, and the union of all sets.
     """
     vector = Vector(64, literal_lanes.literal_value)
     count = literal_count.literal_value
@@ -61,11 +62,11 @@ def number(_context: Any, _sets: Any, literal_count: Any, literal_lanes: Any) ->
 
 @operation
 def put_numbers(_context: Any, bits: Any, _exits: Any, _places: Any, literal_trees: Any) -> Any:
-    """Writes every row's number as a byte, from the rows with its lowest bit set, the next, at most 8.
+    """Writes every row's number as a byte.
 
-    The vectors hold the rows of so many trees. Each tree's places, eight bytes each in memory, say where
-    its exits begin, in numbers of its rows. Of r rows, number 8 j + k goes to k r / 8 + j, which needs no
-    sorting.
+    Each vector of `bits` holds one bit of the numbers, the lowest first, at most 8 of them. A vector holds
+    the rows of `literal_trees` trees. A tree's place, eight bytes in memory, tells where its exits begin,
+    in multiples of its rows. Of r rows, row 8 j + k goes to k r / 8 + j: this order needs no sorting.
     """
     trees = literal_trees.literal_value
     share = bits.dtype.lanes // trees
@@ -93,7 +94,7 @@ def _union(builder: ir.IRBuilder, sets: list[ir.Value]) -> ir.Value:
 
 
 def _transpose(builder: ir.IRBuilder, vectors: list[ir.Value]) -> list[ir.Value]:
-    """Exchanges, in every byte, bit i of vector k with bit k of vector i: by halves, quarters, eighths."""
+    """In every byte, swaps bit i of vector k with bit k of vector i: by halves, quarters, then eighths."""
     lanes = vectors[0].type.count
     for distance, low in _HALVES:
         shift, mask = (ir.Constant(vectors[0].type, [value] * lanes) for value in (distance, low))

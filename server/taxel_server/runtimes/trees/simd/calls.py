@@ -1,4 +1,4 @@
-"""Calls a compiled function by its address, so that one kernel can be handed to another."""
+"""Calls a compiled function by its address: a kernel takes another kernel as an argument."""
 
 from typing import Any
 

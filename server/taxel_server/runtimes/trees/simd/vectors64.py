@@ -1,6 +1,6 @@
-"""Vectors of 64-bit integers, among them addresses: eight trees' memory read at once.
+"""Vectors of 64-bit integers and addresses: they read the memory of eight trees at once.
 
-All of these run on any processor; without an instruction that gathers, LLVM loads lane by lane.
+All operations run on any processor. Without a gather instruction, LLVM loads lane by lane.
 Addresses are plain integers: nothing checks bounds.
 """
 
@@ -35,7 +35,7 @@ def widen(_context: Any, vector: Any) -> Any:
 
 @operation
 def elements(_context: Any, _start: Any, places: Any, literal_size: Any) -> Any:
-    """The addresses of some elements behind a start, each of so many bytes, a power of two."""
+    """The addresses of elements behind a start. An element has `literal_size` bytes, a power of two."""
     shift = literal_size.literal_value.bit_length() - 1
 
     def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
@@ -47,7 +47,7 @@ def elements(_context: Any, _start: Any, places: Any, literal_size: Any) -> Any:
 
 @operation
 def bytes_at(_context: Any, addresses: Any, literal_offset: Any) -> Any:
-    """Eight bytes from each address and an offset, side by side."""
+    """Eight bytes at each address plus an offset, side by side."""
     result = Vector(8, 8 * addresses.lanes)
 
     def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
@@ -80,7 +80,7 @@ def floats_at(_context: Any, addresses: Any) -> Any:
 
 @operation
 def lowest_common_bit(_context: Any, sets: Any) -> Any:
-    """Of each eight bytes, the number of the lowest bit that is set in all of them, which must exist."""
+    """For each eight bytes, the number of the lowest bit that all of them have set. It must exist."""
     result = Vector(64, sets.lanes // 8)
 
     def generate(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
