@@ -274,3 +274,17 @@ def test_answers_may_be_fetched_after_later_queries_were_sent(
     ask = connected(repeating).pipelined_asker("taxel/v2", 10)
     answers = [ask(bytes([number])) for number in range(5)]
     assert [answer() for answer in answers] == [bytes([number]) for number in range(5)]
+
+
+def test_what_a_newer_server_tells_is_ignored(connected: Callable[[Answer], RemoteSource]) -> None:
+    model = {
+        "name": "skin",
+        "version": "1",
+        "state": "READY",
+        "reason": "",
+        "platform": "xgboost_json",
+        "combination": 1,
+        "colour": "blue",
+    }
+    client = connected(lambda query: query.reply(query.key_expr, packb({"models": [model]})))
+    assert [(found.name, found.state) for found in client.models()] == [("skin", "READY")]

@@ -36,6 +36,16 @@ class ModelInfo:
     many_rows: str = ""
     instruction_set: str = ""
 
+    @classmethod
+    def read(cls, fields: dict[str, Any]) -> Self:
+        """From a server's index. A newer server may tell more: fields that this version lacks are ignored.
+
+        Raises:
+            TypeError: a field is missing.
+        """
+        known = cls.__dataclass_fields__
+        return cls(**{name: value for name, value in fields.items() if name in known})
+
 
 class Predictor(ABC):
     """Turns windows into the 21 channels.

@@ -52,7 +52,7 @@ class RemoteSource(Connection, PredictorSource):
     def models(self) -> list[ModelInfo]:
         return self._read(
             f"{self.prefix}/v2/repository/index",
-            lambda index: [ModelInfo(**model) for model in index["models"]],
+            lambda index: [ModelInfo.read(model) for model in index["models"]],
         )
 
     @override
