@@ -17,6 +17,7 @@ TESTS = (
     "tests/server/test_local.py",
     "tests/end_to_end/test_shipped.py",
 )
+_FIXTURES = ("tests/conftest.py", "tests/server/conftest.py", "tests/server/trees/conftest.py")
 _TOOLS = ("pytest", "hypothesis", "xgboost-cpu" if sys.platform == "linux" else "xgboost")
 
 Check = Callable[[Environment], None]
@@ -48,7 +49,7 @@ def tests(environment: Environment) -> None:
     frozen = environment.work / "installed.txt"
     frozen.write_text("\n".join(f"{name}=={version}" for name, version in environment.installed().items()))
     environment.install(*_TOOLS, constraints=frozen)
-    for test in ("tests/conftest.py", "tests/server/conftest.py", *TESTS):
+    for test in (*_FIXTURES, *TESTS):
         target = environment.work / test
         target.parent.mkdir(parents=True, exist_ok=True)
         copy = shutil.copytree if (ROOT / test).is_dir() else shutil.copy
