@@ -46,7 +46,7 @@ NETWORKS: Final = "tests/server/networks"
 TESTS: Final = (
     *(f"{TREES}/test_lookups.py", f"{TREES}/test_few_rows_kernels.py", f"{TREES}/test_evaluators.py"),
     *(f"{TREES}/test_exactness.py", f"{TREES}/test_ranks.py", f"{TREES}/test_runtime.py"),
-    *(f"{NETWORKS}/test_functions.py", f"{NETWORKS}/test_panels.py"),
+    *(f"{NETWORKS}/test_activations.py", f"{NETWORKS}/test_panels.py"),
 )
 
 
