@@ -78,7 +78,7 @@ def test_the_best_peer_leads_and_who_is_faster_is_told(tmp_path: Path) -> None:
 def test_our_own_page_holds_what_its_files_say() -> None:
     text = PAGE.read_text(encoding="utf-8")
     new, parts = rewritten(text, PAGE.parent)
-    assert parts == 5
+    assert parts == text.count("<!-- bench report ") > 0
     assert new == text
 
 
