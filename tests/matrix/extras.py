@@ -29,7 +29,7 @@ REFUSED = {
 
 CONSTRAINTS = ROOT / "constraints.txt"
 SMALL_TREES = "--set n_estimators=5 --set max_depth=3 --set eta=0.5"
-SMALL_NETWORK = '--set neurons=[16] --set activations=["relu"] --set epochs=1'
+SMALL_NETWORK = '--set neurons=[16,16] --set activations=["relu","relu"] --set epochs=1'
 
 
 def taxel(environment: Environment, command: str) -> None:
