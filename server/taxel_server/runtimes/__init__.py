@@ -1,6 +1,6 @@
 """Runtimes: each evaluates the artifacts of one platform."""
 
-from taxel_server.runtimes.evaluators import EvaluatorInfo
+from taxel_server.runtimes.evaluator_info import EvaluatorInfo
 from taxel_server.runtimes.options import DEFAULTS, RuntimeOptions
 from taxel_server.runtimes.runtime import Runtime, check_platform, open_runtime
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from taxel.corrections import Correction
 from taxel.corrections.correction import Evaluate
 from taxel.manifest import Manifest
-from taxel_server.runtimes.evaluators import EvaluatorInfo
+from taxel_server.runtimes.evaluator_info import EvaluatorInfo
 
 
 class CorrectedRuntime:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS
 from taxel.errors import ArtifactError
 from taxel.manifest import INPUT_NAME, OUTPUT_NAME, SPREAD_NAME, Normalisation
-from taxel_server.runtimes.evaluators import EvaluatorInfo
+from taxel_server.runtimes.evaluator_info import EvaluatorInfo
 from taxel_server.runtimes.options import DEFAULTS
 
 _OUTPUTS: Final = ([OUTPUT_NAME], [OUTPUT_NAME, SPREAD_NAME])

@@ -11,7 +11,7 @@ from taxel.artifacts import Artifact
 from taxel.errors import ArtifactError, MissingDependency
 from taxel.manifest import Platform
 from taxel_server.runtimes.corrected import CorrectedRuntime
-from taxel_server.runtimes.evaluators import EvaluatorInfo
+from taxel_server.runtimes.evaluator_info import EvaluatorInfo
 from taxel_server.runtimes.options import DEFAULTS, RuntimeOptions
 
 

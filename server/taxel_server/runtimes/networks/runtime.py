@@ -15,7 +15,7 @@ from taxel.manifest import Normalisation
 from taxel_server.runtimes.compiled.arguments import Scratch, pack, together
 from taxel_server.runtimes.compiled.evaluator import CompiledEvaluator
 from taxel_server.runtimes.compiled.processor import instruction_set
-from taxel_server.runtimes.evaluators import EvaluatorInfo
+from taxel_server.runtimes.evaluator_info import EvaluatorInfo
 from taxel_server.runtimes.networks.evaluation import evaluate
 from taxel_server.runtimes.networks.graph import Unsupported, read_graph
 from taxel_server.runtimes.networks.lowering import lower

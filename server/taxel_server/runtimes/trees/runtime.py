@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from taxel.errors import ArtifactError
 from taxel.manifest import Normalisation
 from taxel_server.runtimes.compiled.processor import instruction_set
-from taxel_server.runtimes.evaluators import EvaluatorInfo
+from taxel_server.runtimes.evaluator_info import EvaluatorInfo
 from taxel_server.runtimes.trees.autotune import BLOCKS, Autotuned
 from taxel_server.runtimes.trees.normalisation import Scales
 from taxel_server.runtimes.trees.reading.xgboost_json import read_forest
