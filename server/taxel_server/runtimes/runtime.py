@@ -93,7 +93,6 @@ def open_runtime(artifact: Artifact, options: RuntimeOptions = DEFAULTS) -> Runt
     """
     manifest = artifact.manifest
     check_platform(manifest.platform)
-    _announce_compilation()
     try:
         runtime = _FACTORIES[manifest.platform](artifact, options)
     except ModuleNotFoundError as error:  # of a library that is imported only when it is needed
@@ -104,12 +103,6 @@ def open_runtime(artifact: Artifact, options: RuntimeOptions = DEFAULTS) -> Runt
             f"{artifact.model_path} takes {runtime.features} features, but its manifest names {expected}"
         )
     return CorrectedRuntime(runtime.evaluate, runtime.evaluator, manifest) if manifest.effects else runtime
-
-
-def _announce_compilation() -> None:
-    from taxel_server.runtimes.compiled import compiling  # needs numba
-
-    compiling.announce()
 
 
 def _missing(platform: Platform, error: ModuleNotFoundError) -> MissingDependency:

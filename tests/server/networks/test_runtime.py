@@ -212,33 +212,16 @@ def test_a_program_that_this_processor_cannot_compile_is_not_used(
 
 
 def test_a_slower_program_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runtime, "_least_seconds", lambda *_: [1.0, 0.5])
+    monkeypatch.setattr(runtime, "least_seconds", lambda *_: [1.0, 0.5])
     assert isinstance(open_runtime(artifacts.read(SHIPPED / "ffnn" / "1")), OnnxRuntime)
 
 
 def test_a_program_takes_as_many_windows_as_it_is_faster_with(monkeypatch: pytest.MonkeyPatch) -> None:
     seconds = iter([[1.0, 1.5], [2.0, 2.5], [3.0, 3.5], [4.0, 3.5]])
-    monkeypatch.setattr(runtime, "_least_seconds", lambda *_: next(seconds))
+    monkeypatch.setattr(runtime, "least_seconds", lambda *_: next(seconds))
     opened = open_runtime(artifacts.read(SHIPPED / "ffnn" / "1"))
     assert isinstance(opened, NetworkRuntime)
     assert opened.most_windows == 3
-
-
-def test_a_disturbance_slows_what_is_compared_alike(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Another process takes the processor for the first half of all evaluations."""
-    clock, calls = [0.0], [0]
-
-    def taking(seconds: float) -> Callable[[np.ndarray], None]:
-        def evaluate(_: np.ndarray) -> None:
-            calls[0] += 1
-            clock[0] += seconds * (10 if calls[0] <= runtime._REPEATS else 1)
-
-        return evaluate
-
-    monkeypatch.setattr(runtime.time, "perf_counter", lambda: clock[0])
-    windows = np.zeros((1, 6), np.float32)
-    ours, theirs = runtime._least_seconds((taking(1.0), taking(2.0)), windows)
-    assert (ours, theirs) == (pytest.approx(1.0), pytest.approx(2.0))
 
 
 def check_shipped() -> None:

@@ -30,6 +30,8 @@ _ROOM: Final = 2**16
 _DECORATING: Final = RLock()
 """Held while numba's setting is changed: several threads may load models."""
 
+_ANY_ORDER: Final = {"reassoc", "contract"}
+
 _Given = ParamSpec("_Given")
 _Result = TypeVar("_Result")
 
@@ -92,6 +94,16 @@ def compiled(function: Callable[_Given, _Result]) -> Callable[_Given, _Result]:
 def inlined(function: Callable[_Given, _Result]) -> Callable[_Given, _Result]:
     """Makes a function part of each compiled function that calls it."""
     return cast("Callable[_Given, _Result]", numba.njit(inline="always")(function))
+
+
+def strict(function: Callable[_Given, _Result]) -> Callable[_Given, _Result]:
+    """Compiles a function whose order of operations counts. A division by 0 raises no error."""
+    return cast("Callable[_Given, _Result]", numba.njit(error_model="numpy")(function))
+
+
+def any_order(function: Callable[_Given, _Result]) -> Callable[_Given, _Result]:
+    """Compiles a function whose sums may have any order: LLVM then adds a register of values at once."""
+    return cast("Callable[_Given, _Result]", numba.njit(error_model="numpy", fastmath=_ANY_ORDER)(function))
 
 
 def address_of(signature: str) -> Callable[[Callable[..., Any]], int]:

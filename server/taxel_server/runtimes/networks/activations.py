@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from taxel_server.runtimes.networks.compiling import strict
+from taxel_server.runtimes.compiled.compiling import strict
 
 _LEAST: Final = np.float32(-87)
 _GREATEST: Final = np.float32(88)

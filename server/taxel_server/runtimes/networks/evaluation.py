@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.arguments import array_in, number_in
-from taxel_server.runtimes.compiled.compiling import compiled
+from taxel_server.runtimes.compiled.compiling import any_order, compiled, strict
 from taxel_server.runtimes.networks.activations import (
     clip,
     elu,
@@ -18,7 +18,6 @@ from taxel_server.runtimes.networks.activations import (
     sigmoid,
     tanh,
 )
-from taxel_server.runtimes.networks.compiling import any_order, strict
 from taxel_server.runtimes.networks.panel_product import FIXED_POINT, LANES, MOST_ROWS, multiply_panel
 from taxel_server.runtimes.networks.program import RECORD, Operation, Step
 

@@ -1,8 +1,7 @@
 """Evaluates a network: few windows by its program, more by ONNX Runtime."""
 
 import logging
-import time
-from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -13,6 +12,7 @@ from typing_extensions import override
 from taxel.channels import CHANNELS
 from taxel.manifest import Normalisation
 from taxel_server.runtimes.compiled.arguments import Scratch, pack, together
+from taxel_server.runtimes.compiled.compiling import announce
 from taxel_server.runtimes.compiled.evaluator import CompiledEvaluator
 from taxel_server.runtimes.compiled.processor import instruction_set
 from taxel_server.runtimes.evaluator_info import EvaluatorInfo
@@ -21,16 +21,14 @@ from taxel_server.runtimes.networks.graph import Unsupported, read_graph
 from taxel_server.runtimes.networks.lowering import lower
 from taxel_server.runtimes.networks.program import Program
 from taxel_server.runtimes.onnx_models import OnnxRuntime
+from taxel_server.runtimes.timing import least_seconds
 
 _LOG: Final = logging.getLogger(__name__)
 
 _TOLERANCE: Final = 1e-4
 """How far a program may lie from ONNX Runtime, in standard deviations of a channel."""
 
-_Evaluate = Callable[[NDArray[np.float32]], object]
-
 _MOST_WINDOWS: Final = 16
-_REPEATS: Final = 9
 
 
 class ProgramEvaluator(CompiledEvaluator):
@@ -95,6 +93,7 @@ def faster_runtime(
     """
     try:
         program = ProgramEvaluator(lower(read_graph(model_path)))
+        announce()
         draws = np.random.default_rng(0).standard_normal((_MOST_WINDOWS, onnx_runtime.features))
         windows = (draws * normalisation.input_std + normalisation.input_mean).astype(np.float32)
         counts = program.counts(windows)
@@ -118,20 +117,10 @@ def faster_runtime(
 def _most_windows(
     program: ProgramEvaluator, windows: NDArray[np.float32], onnx_runtime: OnnxRuntime
 ) -> int:
-    """Most windows that the program evaluates at least as fast as ONNX Runtime."""
+    """The most windows that the program evaluates at least as fast as ONNX Runtime."""
     for count in range(1, len(windows) + 1):
-        ours, theirs = _least_seconds((program.counts, onnx_runtime.evaluate), windows[:count])
+        some = windows[:count]
+        ours, theirs = least_seconds([partial(program.counts, some), partial(onnx_runtime.evaluate, some)])
         if ours > theirs:
             return count - 1
     return len(windows)
-
-
-def _least_seconds(evaluations: Sequence[_Evaluate], windows: NDArray[np.float32]) -> list[float]:
-    """The least of some times of each, taken in turn: a disturbance must not decide for good."""
-    least = [np.inf] * len(evaluations)
-    for _ in range(_REPEATS):
-        for place, evaluate_windows in enumerate(evaluations):
-            start = time.perf_counter()
-            evaluate_windows(windows)
-            least[place] = min(least[place], time.perf_counter() - start)
-    return least

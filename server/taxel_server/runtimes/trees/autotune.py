@@ -1,15 +1,16 @@
 """Autotuning: a load times all evaluators of a forest and chooses one for each number of rows."""
 
 import logging
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.evaluator import Evaluator
+from taxel_server.runtimes.timing import least_seconds
 from taxel_server.runtimes.trees.few_rows.leaf_blocks import LeafBlocksEvaluator
 from taxel_server.runtimes.trees.few_rows.ranks import ROWS
 from taxel_server.runtimes.trees.few_rows.small_batch import SmallBatchEvaluator
@@ -27,8 +28,6 @@ BLOCKS: Final = (64, 256)
 """Rows of a block: a short block wastes fewer lanes, a long one reads the forest less often."""
 
 _LOG: Final = logging.getLogger(__name__)
-
-_REPEATS: Final = 7
 
 
 @dataclass(frozen=True)
@@ -134,16 +133,13 @@ def _agrees(evaluator: Evaluator, windows: NDArray[np.float32], expected: NDArra
 def _timed(
     evaluators: Sequence[tuple[Evaluator, int]], windows: NDArray[np.float32], outputs: int
 ) -> list[Timed]:
-    """The evaluators with their least times. They take turns: a short disturbance decides nothing."""
-    least = np.full((len(evaluators), 2), np.inf)
-    for _ in range(_REPEATS):
-        for place, (evaluator, size) in enumerate(evaluators):
-            for which, rows in enumerate((1, size)):
-                result = np.empty((rows, outputs), dtype=np.float32)
-                start = time.perf_counter()
-                evaluator.evaluate(windows[:rows], result)
-                least[place, which] = min(least[place, which], time.perf_counter() - start)
+    """The evaluators with their times of one row and of a block."""
+    calls = [
+        partial(evaluator.evaluate, windows[:rows], np.empty((rows, outputs), dtype=np.float32))
+        for evaluator, size in evaluators
+        for rows in (1, size)
+    ]
+    seconds = np.array(least_seconds(calls)).reshape(-1, 2).tolist()
     return [
-        Timed(evaluator, size, *seconds)
-        for (evaluator, size), seconds in zip(evaluators, least.tolist(), strict=True)
+        Timed(evaluator, size, *times) for (evaluator, size), times in zip(evaluators, seconds, strict=True)
     ]

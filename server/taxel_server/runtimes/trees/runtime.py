@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from taxel.errors import ArtifactError
 from taxel.manifest import Normalisation
+from taxel_server.runtimes.compiled.compiling import announce
 from taxel_server.runtimes.compiled.processor import instruction_set
 from taxel_server.runtimes.evaluator_info import EvaluatorInfo
 from taxel_server.runtimes.trees.autotune import BLOCKS, Autotuned
@@ -41,6 +42,7 @@ class TreesRuntime:
             ArtifactError: the file is damaged, not supported, or at odds with the normalisation.
         """
         forest = read_forest(model_path)
+        announce()
         self.features = forest.features
         self.parameters = forest.nodes
         self._outputs = len(forest.base_score)
