@@ -1,6 +1,7 @@
 """Export of a correction: the same model file with effects, as a new version beside the old."""
 
-from collections.abc import Mapping, Sequence
+import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -10,9 +11,10 @@ from pydantic import ValidationError
 
 import taxel
 from taxel import artifacts
-from taxel.corrections import AppliedEffect, Correction
+from taxel.artifacts import Artifact
+from taxel.corrections import AppliedEffect, Composition
 from taxel.errors import ArtifactError, InvalidArgument
-from taxel.manifest import Manifest, Parity, WindowLayout, tensors
+from taxel.manifest import Manifest, Parity, WindowLayout
 from taxel.windows import ExtraFeature, WindowSpec
 from taxel_exporters.agreement import agreement
 from taxel_exporters.publish import free_version, publish
@@ -62,7 +64,7 @@ def export_corrected(
         repository,
         manifest,
         base.model_path.read_bytes(),
-        lambda staging: _check_parity(staging, manifest, taken),
+        lambda staging: _check_parity(staging, manifest, base, taken),
     )
 
 
@@ -96,26 +98,42 @@ def _corrected(
     }
     try:
         layout = WindowLayout.of(WindowSpec.of(base.window.combination, shift), base.window.extras + new)
-        return _with_window(base, layout, changes)
+        return base.with_window(layout, **changes)
     except (InvalidArgument, ValidationError) as error:
         reason = artifacts.describe(error) if isinstance(error, ValidationError) else str(error)
         raise ArtifactError(f"{base.name}/{base.version} cannot be corrected so: {reason}") from None
 
 
-def _with_window(base: Manifest, layout: WindowLayout, changes: Mapping[str, object]) -> Manifest:
-    """The manifest with another window, checked like one that is read."""
-    inputs, outputs = tensors(layout, spread=base.gives_spread)
-    fields = {field: getattr(base, field) for field in Manifest.model_fields}
-    return Manifest.model_validate(
-        {**fields, "window": layout, "inputs": inputs, "outputs": outputs, **changes}
-    )
+def _check_parity(
+    staging: Path, manifest: Manifest, base: Artifact, windows: NDArray[np.float32]
+) -> Parity:
+    """Compare what is served with the model file's own prediction and the effects, added offline.
 
-
-def _check_parity(staging: Path, manifest: Manifest, windows: NDArray[np.float32]) -> Parity:
-    """Compare what is served with the model file's own prediction and the effects, added offline."""
+    The model file is loaded alone, and the effects are added without the code that serves them: only
+    the frames' and the terms' own equations are the same.
+    """
     with taxel.load(staging) as source:
         served = source.predictor(manifest.name)
         inputs = served.checked(windows)
-        correction = Correction(manifest.effects, manifest.spec, manifest.window.extras)
-        expected = correction.add(served.predict_base(inputs), inputs)
-        return agreement(served.predict(inputs), expected, TOLERANCE, "base and effects")
+        found = served.predict(inputs)
+    names = [*manifest.spec.unshifted.features, *(extra.name for extra in manifest.window.extras)]
+    columns = {name: inputs[:, column].astype(np.float64) for column, name in enumerate(names)}
+    turned = inputs[:, : manifest.window.model_columns]
+    for effect in reversed(manifest.effects):
+        turned = effect.frame.turn(turned, manifest.spec) if effect.frame else turned
+    with tempfile.TemporaryDirectory() as folder:
+        _write(Path(folder), base.base)
+        with taxel.load(folder) as source:
+            p = source.predictor(base.manifest.name).predict(turned)
+    terms = Composition(term for effect in manifest.effects for term in effect.terms)
+    expected = terms.counts(p.astype(np.float64), columns)
+    return agreement(found, expected, TOLERANCE, "base and effects")
+
+
+def _write(repository: Path, artifact: Artifact) -> None:
+    """An artifact in a repository of its own."""
+    manifest = artifact.manifest
+    folder = repository / manifest.name / manifest.version
+    folder.mkdir(parents=True)
+    (folder / manifest.model_file.name).write_bytes(artifact.model_path.read_bytes())
+    (folder / artifacts.MANIFEST).write_text(artifacts.manifest_json(manifest), encoding="utf-8")

@@ -1,6 +1,7 @@
 """A correction becomes a new version beside the old, checked, or nothing at all."""
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 import taxel
 from taxel import artifacts
 from taxel.channels import CHANNELS
-from taxel.corrections import CALIBRATION_EXTRAS, AppliedEffect, Parameter, Weighted
+from taxel.corrections import CALIBRATION_EXTRAS, AppliedEffect, Correction, Parameter, Weighted
 from taxel.errors import ArtifactError, NotFound
 from taxel.windows import ExtraFeature, Relaxation
 from taxel_exporters.corrected import export_corrected
@@ -147,11 +148,29 @@ def test_what_does_not_fit_together_writes_nothing(repository: Path, windows: ND
     assert sorted(path.name for path in (repository / "ffnn").iterdir()) == ["1"]
 
 
-def test_what_is_served_otherwise_is_not_written(
-    repository: Path, windows: NDArray[np.float32], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def served_as_one_more(monkeypatch: pytest.MonkeyPatch) -> None:
     evaluate = CorrectedRuntime.evaluate
     monkeypatch.setattr(CorrectedRuntime, "evaluate", lambda self, given: evaluate(self, given) + 1)
-    with pytest.raises(ArtifactError, match=r"parity: window \d+, channel pac0: the artifact gives"):
+
+
+def base_of_other_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    base = Correction.base
+    reverse = np.s_[:, ::-1]
+    monkeypatch.setattr(Correction, "base", lambda self, run, given: base(self, run, given[reverse].copy()))
+
+
+def terms_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Correction, "add", lambda self, base, windows: base.copy())
+
+
+@pytest.mark.parametrize("fault", [served_as_one_more, base_of_other_columns, terms_left_out])
+def test_what_is_served_otherwise_is_not_written(
+    fault: Callable[[pytest.MonkeyPatch], None],
+    repository: Path,
+    windows: NDArray[np.float32],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    fault(monkeypatch)
+    with pytest.raises(ArtifactError, match=r"parity: window \d+, channel \w+: the artifact gives"):
         export_corrected(repository, "ffnn", "1", [adding("offset", "one", 1.0)], windows=windows)
     assert sorted(path.name for path in (repository / "ffnn").iterdir()) == ["1"]

@@ -225,9 +225,18 @@ class Manifest(Schema):
     def base(self) -> "Manifest":
         """The model file without effects: it takes unshifted windows and the file's own extras."""
         layout = WindowLayout.of(self.spec.unshifted, self.window.model_extras)
+        return self.with_window(layout, effects=())
+
+    def with_window(self, layout: WindowLayout, **changes: object) -> "Manifest":
+        """The manifest with another window and other changes, checked like one that is read.
+
+        Raises:
+            ValidationError: the parts do not fit together.
+        """
         inputs, outputs = tensors(layout, spread=self.gives_spread)
-        changes = {"window": layout, "inputs": inputs, "outputs": outputs, "effects": ()}
-        return self.model_copy(update=changes)
+        fields = {field: getattr(self, field) for field in Manifest.model_fields}
+        window = {"window": layout, "inputs": inputs, "outputs": outputs}
+        return Manifest.model_validate({**fields, **window, **changes})
 
     @property
     def typical_window(self) -> tuple[float, ...]:
