@@ -16,14 +16,18 @@ ADDRESS: Final = "127.0.0.1"
 
 
 @contextmanager
-def running_server(repository: Path) -> Iterator[str]:
+def running_server(repository: Path, *arguments: str) -> Iterator[str]:
     """Start `taxel serve` on a free loopback port and yield its endpoint once it is ready.
+
+    Args:
+        repository: what it serves.
+        arguments: further ones of the command.
 
     Raises:
         Unavailable: the server stopped before it was ready; its last output says why.
     """
     endpoint = f"tcp/{ADDRESS}:{free_port()}"
-    command = [*serve_command(repository, endpoint), "--json"]
+    command = [*serve_command(repository, endpoint), *arguments, "--json"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         _wait_until_ready(process)

@@ -39,8 +39,8 @@ class _Served(nn.Module):
         served = [extra.name for extra in trained.served_extras]
         self.length = trained.spec.length
         self.places = [served.index(name) if name in served else None for name in model.extras]
-        """Of each extra of the network among those served; None where it is fixed."""
-        # Beside others in an ensemble, a network leaves extras alone that it does not take.
+        """For each extra of the network, its index among the served extras; None if it is not served."""
+        # In an ensemble, a network ignores extras that only other members take.
         self.as_served = self.places == list(range(len(served)))
         normalisation = trained.served_normalisation
         for name, scaler in (

@@ -1,4 +1,4 @@
-"""Writes XGBoost models as one ONNX TreeEnsembleRegressor with an output a channel.
+"""Writes XGBoost models as one ONNX TreeEnsembleRegressor with one output per channel.
 
 XGBoost goes left where x < threshold in float32, which is ONNX's BRANCH_LT, and by `default_left`
 where x is missing. Sums are ONNX Runtime's own, so that predictions agree to its rounding, not to
@@ -36,12 +36,12 @@ def trees_onnx(trained: TrainedModel) -> onnx.ModelProto:
 def forest_onnx(
     boosters: Sequence[xgboost.Booster], normalisation: Normalisation, columns: int, taken: int
 ) -> onnx.ModelProto:
-    """The ONNX model of a booster a channel: raw windows in, counts out.
+    """The ONNX model of one booster per channel: raw windows in, counts out.
 
     Args:
         normalisation: of the boosters' inputs and outputs.
         columns: of a window.
-        taken: so many of these columns, the first ones, are what the boosters take.
+        taken: the boosters take the first `taken` columns.
     """
     inputs = Scaler.of(normalisation.input_mean, normalisation.input_std)
     outputs = Scaler.of(normalisation.output_mean, normalisation.output_std)

@@ -35,7 +35,7 @@ _LAST_ANSWERS_S: Final = 0.05
 LogLevel = Literal["debug", "info", "warning", "error"]
 
 
-def _option(field: str, metavar: str) -> Any:
+def _option(field: str, metavar: str | None = None) -> Any:
     """A server option on the command line. If it is not set, the other sources decide."""
     described = ServerOptions.model_fields[field]
     default = described.get_default()
@@ -45,7 +45,7 @@ def _option(field: str, metavar: str) -> Any:
         name += f"/--no-{field.replace('_', '-')}"
     return typer.Option(
         name,
-        metavar=metavar or None,
+        metavar=metavar,
         help=described.description,
         show_default=False if default is None else shown,
     )
@@ -62,7 +62,7 @@ def serve(
     max_queue_requests: Annotated[int | None, _option("max_queue_requests", "N")] = None,
     threads: Annotated[int | None, _option("threads", "N")] = None,
     providers: Annotated[list[str] | None, _option("providers", "NAME")] = None,
-    shared_memory: Annotated[bool | None, _option("shared_memory", "")] = None,
+    shared_memory: Annotated[bool | None, _option("shared_memory")] = None,
     drain_seconds: Annotated[float | None, _option("drain_seconds", "S")] = None,
     log_level: Annotated[LogLevel, typer.Option(help="What to log on stderr.")] = "warning",
     as_json: Json = False,
@@ -104,9 +104,10 @@ def serve(
 
 
 def _log_errors_of_zenoh() -> None:
-    """Sends zenoh's own errors to stderr, where the log goes.
+    """Send zenoh's own errors to stderr, where the log goes.
 
-    zenoh writes them to the process's stdout, which is for what this command announces.
+    zenoh writes them to file descriptor 1. This command announces itself on stdout, so stdout gets
+    another descriptor, and descriptor 1 becomes stderr's.
     """
     import zenoh
 
@@ -114,7 +115,7 @@ def _log_errors_of_zenoh() -> None:
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     sys.stdout = os.fdopen(announcements, "w", encoding="utf-8")
     if not sys.stderr.isatty():
-        os.environ.setdefault("NO_COLOR", "1")
+        os.environ.setdefault("NO_COLOR", "1")  # zenoh colours its log in a file, too
     zenoh.init_log_from_env_or("error")
 
 

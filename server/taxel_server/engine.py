@@ -22,8 +22,8 @@ _LOG: Final = logging.getLogger(__name__)
 _WARM_UP_ROWS: Final = (1, 8, 64, 512)
 """Runtimes choose a method by the number of rows; each method runs once before it serves."""
 
-
 _MANY_ROWS: Final = 1024
+"""Rows of a full batch at the server's default setting."""
 
 
 @dataclass(frozen=True, eq=False)

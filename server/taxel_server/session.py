@@ -18,12 +18,13 @@ Meanwhile the worker waits too. zenoh's default of 5 s would hold up all other c
 _RUNTIME: Final = (
     "(rx: (worker_threads: 8), net: (handover: rx), acc: (handover: rx), tx: (worker_threads: 1))"
 )
-"""zenoh's pools of threads: one that receives and one that sends.
+"""zenoh's threads: a pool of eight receives, and one thread sends.
 
 The two must not share a thread. zenoh ends a query on a receiving thread, and this may wait for memory
 that only the sending task gives back. On a shared thread both then wait until zenoh closes the
 connection, and the client's next queries are lost. There are several receiving threads because zenoh
-blocks one of them, for 10 s, for each client that has stopped reading when its lease ends.
+blocks one of them, for 10 s, for each client that has stopped reading when its lease ends. If eight
+clients stop at the same time, all others may wait for these 10 s.
 """
 
 

@@ -1,4 +1,4 @@
-"""The frame of the `taxel` command: groups of commands, and what is told of packages that are missing."""
+"""The `taxel` command line: groups of commands, and what it says of missing packages."""
 
 import subprocess
 import sys
@@ -7,6 +7,7 @@ from importlib.metadata import EntryPoint, entry_points, metadata
 
 import pytest
 import typer
+from packaging.requirements import Requirement
 from typer.testing import CliRunner
 
 from taxel.commands import cli
@@ -67,8 +68,11 @@ def test_a_package_that_is_missing_later_is_told_with_the_same_extra() -> None:
     assert "needs torch: pip install 'taxel[train]'" in done.stderr.replace("\n", " ")
 
 
-def test_nothing_is_missing_here() -> None:
+def test_what_serving_needs_is_in_its_extra_and_is_here() -> None:
     require("serving", "server", *SERVING)
+    required = [Requirement(line) for line in metadata("taxel").get_all("Requires-Dist") or ()]
+    server = [each for each in required if each.marker and "'server'" in str(each.marker).replace('"', "'")]
+    assert sorted(each.name.replace("-", "_") for each in server) == sorted(SERVING)
     with pytest.raises(
         MissingDependency, match=r"^drawing needs taxel_nowhere: pip install 'taxel\[plot\]'$"
     ):

@@ -276,7 +276,9 @@ def test_answers_may_be_fetched_after_later_queries_were_sent(
     assert [answer() for answer in answers] == [bytes([number]) for number in range(5)]
 
 
-def test_what_a_newer_server_tells_is_ignored(connected: Callable[[Answer], RemoteSource]) -> None:
+def test_new_fields_of_a_newer_servers_index_are_ignored(
+    connected: Callable[[Answer], RemoteSource],
+) -> None:
     model = {
         "name": "skin",
         "version": "1",

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import taxel
-from taxel_bench.server_process import free_port, running_server, serve_command
+from taxel_bench.server_process import running_server
 
 _READER = Path(__file__).with_name("stopped_reader.py")
 
@@ -45,8 +45,11 @@ def test_no_size_is_lost(repository: Path, shared_memory: bool) -> None:
     rng = np.random.default_rng(7)
     sizes = [1, 2, 63, 64, 65, 255, 256, 257, 779, 780, 781, 1023, 1025, 4096, 65_536]
     sizes += rng.integers(1, 2000, 200).tolist()
-    with server_with(repository, shared_memory=shared_memory) as endpoint:
-        warm = taxel.connect(endpoint, shared_memory=shared_memory)
+    choice = "--shared-memory" if shared_memory else "--no-shared-memory"
+    with (
+        running_server(repository, choice) as endpoint,
+        taxel.connect(endpoint, shared_memory=shared_memory) as warm,
+    ):
         kept = warm.predictor("wide")
         for rows in sizes:
             windows = rng.normal(size=(rows, 12)).astype(np.float32)
@@ -54,7 +57,6 @@ def test_no_size_is_lost(repository: Path, shared_memory: bool) -> None:
             assert expected.shape == (rows, 21)
             with taxel.connect(endpoint, shared_memory=shared_memory) as fresh:
                 np.testing.assert_array_equal(fresh.predictor("wide").predict(windows), expected)
-        warm.close()
 
 
 @pytest.mark.parametrize("stopped", [1, 4])
@@ -73,18 +75,6 @@ def test_clients_that_stop_reading_silence_nobody(server: str, stopped: int) -> 
         while time.monotonic() < end:
             assert predictor.predict(np.zeros((1, 12), dtype=np.float32)).shape == (1, 21)
             time.sleep(0.005)
-
-
-@contextmanager
-def server_with(repository: Path, *, shared_memory: bool) -> Iterator[str]:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    choice = "--shared-memory" if shared_memory else "--no-shared-memory"
-    command = [*serve_command(repository, endpoint), choice, "--json"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        assert "listen" in process.stdout.readline()
-        yield endpoint
-        process.terminate()
 
 
 @contextmanager

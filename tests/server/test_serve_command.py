@@ -67,6 +67,16 @@ def serving(
     return serve
 
 
+def test_zenohs_log_goes_to_stderr(serving: Starter, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RUST_LOG", "zenoh=info")
+    process = serving()
+    process.terminate()
+    stdout, stderr = process.communicate(timeout=HANG_S)
+    assert stdout == ""
+    assert "zenoh" in stderr
+    assert "\x1b[" not in stderr
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_it_serves_until_told_to_stop(
     serving: Starter, endpoint: str, make_windows: WindowMaker, number: signal.Signals
@@ -205,7 +215,7 @@ def test_in_a_narrow_terminal_no_name_is_cut_off(run: Starter, endpoint: str) ->
         check=True,
     ).stdout
     assert "…" not in listed
-    assert f"instruction set: {served[0]['instruction_set']}" in listed
+    assert f"instruction set {served[0]['instruction_set']}: " in listed
     for model in served:
         assert f"{model['name']}/{model['version']}" in listed
         assert model["one_row"] in listed

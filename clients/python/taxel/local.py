@@ -44,7 +44,9 @@ def shipped_repository() -> Path:
     Raises:
         ArtifactError: this installation has none.
     """
-    for entry in entry_points(group=REPOSITORIES):
-        find = cast("Callable[[], Path]", entry.load())
-        return find()
-    raise ArtifactError("no shipped models: the installation is incomplete")
+    entry = next(iter(entry_points(group=REPOSITORIES)), None)
+    if entry is None:
+        raise ArtifactError(
+            "this installation has no shipped models: expected a repository's folder, or a new installation"
+        )
+    return cast("Callable[[], Path]", entry.load())()

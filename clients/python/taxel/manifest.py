@@ -171,7 +171,7 @@ class RoundedWeights(Schema):
 
     @property
     def rise(self) -> float:
-        """The largest relative rise of the error."""
+        """The relative rise of the error through rounding."""
         return self.norm_mae / self.float32_norm_mae - 1
 
 

@@ -47,9 +47,11 @@ def models(connect: Connect = None, repository: Repository = None, as_json: Json
         print_json({"models": [asdict(model) for model in offered]})
         return
     OUT.print(_table(offered))
-    sets = sorted({model.instruction_set for model in offered if model.instruction_set})
-    if sets:
-        OUT.print(f"instruction set: {', '.join(sets)}")
+    for instructions in sorted({model.instruction_set for model in offered} - {""}):
+        users = [
+            f"{model.name}/{model.version}" for model in offered if model.instruction_set == instructions
+        ]
+        OUT.print(f"instruction set {instructions}: {', '.join(users)}", markup=False, soft_wrap=True)
     for model in offered:
         if model.reason:
             OUT.print(f"{model.name}/{model.version}: {model.reason}", markup=False, soft_wrap=True)

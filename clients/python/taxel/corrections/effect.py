@@ -31,9 +31,8 @@ def _with_present_kind(fields: Any) -> Any:
 
 
 Term = Annotated[
-    Annotated[
-        Weighted | Calibrated | Location | Crosstalk | Saturation | Fault, Field(discriminator="kind")
-    ],
+    Weighted | Calibrated | Location | Crosstalk | Saturation | Fault,
+    Field(discriminator="kind"),
     BeforeValidator(_with_present_kind),
 ]
 """Any of the terms, told apart by `kind`. The kinds of 0.1 are read, too; only today's are written."""

@@ -79,6 +79,6 @@ def location_design(
     Returns:
         (n, k), without unit: |F| / (|F| + half_force) exp(-|pos - centre|² / (2 width²)).
     """
-    squared = sum((position[:, [axis]] - centres[:, axis]) ** 2 for axis in range(3))
+    squared = sum((position[:, axis, None] - centres[:, axis]) ** 2 for axis in range(3))
     load = force / (force + half_force)
     return np.asarray(load[:, None] * np.exp(squared / (-2 * width**2)))
