@@ -39,16 +39,14 @@ def test_an_unmeasured_temperature_is_no_covariate(
     assert set(observations.covariates) == {"material"}
 
 
-def test_recordings_are_sessions_and_only_common_columns_count(
+def test_segments_are_numbered_through_and_only_common_columns_count(
     manifest: Manifest, make: Callable[..., Recording], smooth: Any
 ) -> None:
     first, second = make(600), replace(make(500, seed=4), covariates={})
     gap = first.rows(np.arange(600) // 100 != 2)
     observations = gather(smooth, [gap, second], measured_temperature=True)
     assert set(observations.covariates) == {"tac", "tdc"}
-    assert list(np.unique(observations.session)) == [0, 1]
     assert list(np.unique(observations.segment)) == [0, 1, 2]
-    assert (observations.session == (observations.segment == 2)).all()
     assert [len(rows) for rows in observations.rows] == [180 + 280, 480]
     np.testing.assert_allclose(observations.time_s[observations.segment == 2][0], 0.1)
     np.testing.assert_allclose(observations.time_s[observations.segment == 1][0], 3.1)
