@@ -142,10 +142,10 @@ def settled(model: Model, recording: Recording, seed: int) -> Recording:
     for _ in range(CLEANINGS):
         observations = gather(model, [recording], measured_temperature=True)
         blocks = cut(observations, seed=seed)
-        search = StepwiseSelection(
+        selection = StepwiseSelection(
             observations, blocks, candidates(observations), seed=seed, least_share=LEAST_SHARE / 4
         )
-        named = search.run().named
+        named = selection.run().named
         if not named:
             break
         channels = recording.channels.copy()

@@ -63,7 +63,7 @@ def removed(case: Case) -> float:
 
 
 def served(smooth: Any, case: Case) -> np.ndarray:
-    """(n, 21) what a served model with the correction gives at the observations's rows."""
+    """(n, 21) what a served model with the correction gives at the observations' rows."""
     result = case.result
     model = result.observations.manifest
     shift = sum(effect.shift_ticks for effect in result.new.effects)
