@@ -10,7 +10,6 @@ import pytest
 from taxel.channels import CHANNELS
 from taxel.corrections import AppliedEffect, Correction, Frame, Weighted
 from taxel.errors import RecordingError
-from taxel.manifest import Manifest
 from taxel.windows import Relaxation, history_columns
 from taxel_models.loop.observations import Observations, gather, predict_all
 from taxel_models.loop.resting import are_raw, resting
@@ -32,15 +31,13 @@ def test_rows_are_aligned(observations: Observations, recording: Recording, smoo
     assert "pac1" not in observations.covariates
 
 
-def test_an_unmeasured_temperature_is_no_covariate(
-    manifest: Manifest, recording: Recording, smooth: Any
-) -> None:
+def test_an_unmeasured_temperature_is_no_covariate(recording: Recording, smooth: Any) -> None:
     observations = gather(smooth, [recording], measured_temperature=False)
     assert set(observations.covariates) == {"material"}
 
 
 def test_segments_are_numbered_through_and_only_common_columns_count(
-    manifest: Manifest, make: Callable[..., Recording], smooth: Any
+    make: Callable[..., Recording], smooth: Any
 ) -> None:
     first, second = make(600), replace(make(500, seed=4), covariates={})
     gap = first.rows(np.arange(600) // 100 != 2)
@@ -52,9 +49,7 @@ def test_segments_are_numbered_through_and_only_common_columns_count(
     np.testing.assert_allclose(observations.time_s[observations.segment == 1][0], 3.1)
 
 
-def test_recordings_without_a_whole_window_are_refused(
-    manifest: Manifest, make: Callable[..., Recording], smooth: Any
-) -> None:
+def test_recordings_without_a_whole_window_are_refused(make: Callable[..., Recording], smooth: Any) -> None:
     with pytest.raises(RecordingError, match="no whole window"):
         gather(smooth, [make(15)], measured_temperature=True)
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from taxel.channels import CHANNELS
-from taxel.manifest import Manifest
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.cross_validation import Score
 from taxel_models.loop.effects.registry import candidates
@@ -24,7 +23,7 @@ Make = Callable[..., Recording]
 
 
 @pytest.fixture
-def offset(smooth: Any, make: Make, manifest: Manifest) -> Observations:
+def offset(smooth: Any, make: Make) -> Observations:
     """A recording with an offset of three times its noise."""
     injection = Injection.into(make(), 2, np.full(21, 12.0))
     inject(injection, "offset", 1.0)
@@ -66,9 +65,7 @@ def test_the_better_explanation_is_named_though_another_repeats_more_clearly(off
         assert named.candidate.effect == taken
 
 
-def test_a_certain_cause_is_named_before_one_that_explains_more(
-    smooth: Any, make: Make, manifest: Manifest
-) -> None:
+def test_a_certain_cause_is_named_before_one_that_explains_more(smooth: Any, make: Make) -> None:
     injection = Injection.into(make(), 2, np.full(21, 12.0))
     inject(injection, "offset", 2.0)
     counts = injection.recording.channels.copy()
@@ -97,7 +94,7 @@ def test_a_form_whose_weights_contradict_its_cause_is_not_named(offset: Observat
         assert (selection.best([one], sure) is one) == named
 
 
-def test_why_a_contradiction_was_not_named_is_said(smooth: Any, make: Make, manifest: Manifest) -> None:
+def test_why_a_contradiction_was_not_named_is_said(smooth: Any, make: Make) -> None:
     injection = Injection.into(make(12_000), 2, np.full(21, 12.0))
     clock = injection.time_s - injection.time_s.mean()
     injection.begin("drift", 2.0)
@@ -111,7 +108,7 @@ def test_why_a_contradiction_was_not_named_is_said(smooth: Any, make: Make, mani
 
 @pytest.mark.parametrize(("least_share", "kept"), [(0.003, True), (0.02, False)])
 def test_a_small_effect_stays_where_it_is_asked_for(
-    smooth: Any, make: Make, manifest: Manifest, least_share: float, kept: bool
+    smooth: Any, make: Make, least_share: float, kept: bool
 ) -> None:
     injection = Injection.into(make(20_000), 2, np.full(21, 12.0))
     inject(injection, "offset", 1.0)
