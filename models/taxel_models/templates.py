@@ -1,4 +1,4 @@
-"""Jinja2 templates: what every report is written with."""
+"""Renders Jinja2 templates, such as those of reports."""
 
 import re
 from pathlib import Path
@@ -36,7 +36,7 @@ def render(template: Path, **values: Any) -> str:
         keep_trailing_newline=True,
         **delimiters,
     )
-    environment.filters["md"] = lambda text: _MARKDOWN_SPECIAL.sub(r"\\\1", text)
+    environment.filters["md"] = lambda text: _MARKDOWN_SPECIAL.sub(r"\\\1", str(text))
     environment.filters["tex"] = lambda text: _LATEX_SPECIAL.sub(r"\\\1", text)
     return environment.get_template(template.name).render(**values)
 

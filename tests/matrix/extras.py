@@ -123,13 +123,13 @@ def imported_from_gazebo(environment: Environment) -> None:
 
 
 def looped(environment: Environment) -> None:
-    """An effect is planted, found and exported; the loop's own trial and calibration run."""
+    """An effect is injected, found and exported; the loop's own trial and calibration run."""
     source = "from taxel_models.shipped import shipped_repository as s; print(s())"
     shipped = Path(environment.python("-c", source).stdout.strip())
     (environment.work / "mine").mkdir()
     (environment.work / "mine" / "network-b").symlink_to(shipped / "network-b")
-    taxel(environment, "twin --rows 20000 --seed 7 --effect offset:2 -o planted.csv")
-    taxel(environment, "loop --model network-b --repository mine --data planted.csv -o report")
+    taxel(environment, "twin --rows 20000 --seed 7 --effect offset:2 -o injected.csv")
+    taxel(environment, "loop --model network-b --repository mine --data injected.csv -o report")
     taxel(environment, "loop-trial --trials 1 --rows 20000")
     _twin(environment, 20000)
     taxel(environment, "calibrate twin.csv -o calibration")
@@ -140,8 +140,8 @@ def loop_exported(environment: Environment) -> None:
     (environment.work / "mine" / "network-b").unlink()
     source = "import shutil; from taxel_models.shipped import shipped_repository as s; "
     environment.python("-c", source + "shutil.copytree(s() / 'network-b', 'mine/network-b')")
-    taxel(environment, "loop --model network-b --repository mine --data planted.csv -o exported --export")
-    taxel(environment, "predict planted.csv --model network-b/2 --repository mine -o corrected.csv")
+    taxel(environment, "loop --model network-b --repository mine --data injected.csv -o exported --export")
+    taxel(environment, "predict injected.csv --model network-b/2 --repository mine -o corrected.csv")
 
 
 def studied(environment: Environment) -> None:

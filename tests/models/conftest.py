@@ -9,7 +9,6 @@ import pytest
 from numpy.typing import NDArray
 
 from taxel import artifacts
-from taxel.manifest import Manifest
 from taxel_models.loop.observations import Observations, gather
 from taxel_models.recordings import Recording
 from taxel_models.shipped import shipped_repository
@@ -50,12 +49,6 @@ class SmoothModel:
 
 
 @pytest.fixture(scope="session")
-def manifest(smooth: SmoothModel) -> Manifest:
-    """Of a shipped model for input combination 1."""
-    return smooth.manifest
-
-
-@pytest.fixture(scope="session")
 def smooth() -> SmoothModel:
     return SmoothModel()
 
@@ -86,7 +79,7 @@ def recording(make: Make) -> Recording:
 
 
 @pytest.fixture(scope="session")
-def observations(manifest: Manifest, smooth: SmoothModel, recording: Recording) -> Observations:
+def observations(smooth: SmoothModel, recording: Recording) -> Observations:
     """The recording beside the model: a residual of nothing but noise."""
     return gather(smooth, [recording], measured_temperature=True)
 

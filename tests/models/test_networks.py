@@ -10,7 +10,7 @@ import pytest
 import torch
 from torch.nn import functional
 
-from taxel.errors import ArtifactError, SettingsError, TaxelError
+from taxel.errors import ArtifactError, InvalidArgument, SettingsError, TaxelError
 from taxel.windows import COMBINATIONS, WindowSpec
 from taxel_models.families.networks import recipe, sizes
 from taxel_models.families.networks.network import NetworkFamily, NetworkModel, Shape
@@ -234,6 +234,16 @@ def test_what_0_1_kept_of_the_temperature_is_read(recording: Recording, tmp_path
     assert (back.predict(windows, warm) != back.predict(windows)).any()
     (folder / "trained.json").write_text(json.dumps({**record, "temperature": None}))
     assert trained_models.load(folder).record.extras == ()
+
+
+def test_an_extra_that_the_model_does_not_take_is_refused(recording: Recording) -> None:
+    windows, values = np.zeros((2, 12), np.float32), np.zeros(2, np.float32)
+    model, _ = train([recording], settings("network-b", extras="measured"))
+    with pytest.raises(InvalidArgument, match=r"extras \['tcd'\]: expected \['tdc'\]"):
+        model.predict(windows, {"tdc": values, "tcd": values})
+    without, _ = train([recording], settings("network-b", extras="none"))
+    with pytest.raises(InvalidArgument, match=r"extras \['tdc'\]: expected none"):
+        without.predict(windows, {"tdc": values})
 
 
 def test_the_auxiliary_channels_are_fitted_but_not_served(recording: Recording) -> None:

@@ -1,4 +1,4 @@
-"""`taxel twin --effect`: what is planted is told in the truth file and nowhere else."""
+"""`taxel twin --effect`: what is injected is told in the truth file and nowhere else."""
 
 import json
 from dataclasses import replace
@@ -64,8 +64,8 @@ def test_a_seed_says_everything(app: typer.Typer, tmp_path: Path) -> None:
     assert not (tmp_path / "first.csv.truth.json").exists()
 
 
-def test_covariates_are_planted_in_a_recording_that_has_them(app: typer.Typer, tmp_path: Path) -> None:
-    own, output = tmp_path / "own.csv", tmp_path / "planted.csv"
+def test_covariates_are_injected_into_a_recording_that_has_them(app: typer.Typer, tmp_path: Path) -> None:
+    own, output = tmp_path / "own.csv", tmp_path / "injected.csv"
     material = np.repeat(np.arange(6.0), ROWS // 6)
     recording = replace(simulate(ROWS, 5), covariates={"material": material})
     write_ruppel(recording, own)
@@ -79,7 +79,7 @@ def test_covariates_are_planted_in_a_recording_that_has_them(app: typer.Typer, t
         rows = material == kind
         ranges = [np.ptp(change[rows, c][unclipped[rows, c]]) for c in range(21)]
         assert max(ranges) == 0
-    truth = json.loads((tmp_path / "planted.csv.truth.json").read_text())
+    truth = json.loads((tmp_path / "injected.csv.truth.json").read_text())
     (effect,) = truth["effects"]
     assert (effect["name"], effect["strength"]) == ("covariate:material", 3.0)
     assert np.shape(effect["parameters"]["weight"]) == (6, 21)

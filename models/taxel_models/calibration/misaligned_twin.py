@@ -26,8 +26,8 @@ from taxel_models.twin.temperature import RECORDED_S
 PAPER_ROWS: Final = round(RECORDED_S / PERIOD_S)
 """As long as the data set of Ruppel et al. 2018."""
 
-PLANTED_MM: Final = 5.0
-PLANTED_DEGREES: Final = 10.0
+MISALIGNED_MM: Final = 5.0
+MISALIGNED_DEGREES: Final = 10.0
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class MisalignedTwin:
             standoff: given to the calibration, mm; estimated if None. The twin's is 0.
         """
         twin = simulate(PAPER_ROWS, seed)
-        recorded = moved(twin, planted(seed))
+        recorded = moved(twin, misalignment(seed))
         return cls(twin, recorded, calibrate([recorded], standoff=standoff))
 
     @property
@@ -58,15 +58,15 @@ class MisalignedTwin:
         return float(np.linalg.norm(back.position - true.position, axis=1)[touched].mean() * 1e3)
 
 
-def planted(seed: int) -> Motion:
+def misalignment(seed: int) -> Motion:
     """A motion of a fixed size, mm and degrees, in a random direction, without roll."""
     dice = np.random.default_rng(seed)
     angle = dice.uniform(0.0, 2.0 * np.pi)
     axis = np.array([0.0, np.cos(angle), np.sin(angle)])
     shift = dice.normal(size=3)
     return Motion(
-        Rotation.from_rotvec(np.radians(PLANTED_DEGREES) * axis),
-        PLANTED_MM * shift / np.linalg.norm(shift),
+        Rotation.from_rotvec(np.radians(MISALIGNED_DEGREES) * axis),
+        MISALIGNED_MM * shift / np.linalg.norm(shift),
     )
 
 

@@ -1,7 +1,7 @@
 """`taxel loop-trial`: effects are injected, the loop has to find them without knowing, and is marked."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.progress import Progress
@@ -36,41 +36,38 @@ def loop_trial(
     """
     import taxel
     from taxel_models.recovery.benchmark import RecoverySettings, run_rounds, summarise
-    from taxel_models.shipped import shipped_repository
 
     if output is not None:
         check_file_place(output)
     rounds: list[Round] = []
     with (
-        taxel.load(repository or shipped_repository()) as source,
+        taxel.load(repository) as source,
         Progress(console=ERR, disable=not ERR.is_terminal) as progress,
     ):
         predictor = source.predictor(model)
         task = progress.add_task("rounds", total=trials)
-        for one in run_rounds(predictor, RecoverySettings(trials, seed, rows)):
-            rounds.append(one)
-            progress.update(task, advance=1, description=f"{one.truth} found as {one.found}")
+        for finished in run_rounds(predictor, RecoverySettings(trials, seed, rows)):
+            rounds.append(finished)
+            progress.update(task, advance=1, description=f"{finished.truth} found as {finished.found}")
             if output is not None:
-                _write(output, rounds, summarise(rounds))
+                _write(output, _content(rounds, summarise(rounds)))
     summary = summarise(rounds)
     if as_json:
-        print_json(
-            {
-                "summary": summary.model_dump(mode="json"),
-                "rounds": [played.model_dump(mode="json") for played in rounds],
-            }
-        )
+        print_json(_content(rounds, summary))
     else:
         _show(summary)
 
 
-def _write(path: Path, rounds: list["Round"], summary: "Summary") -> None:
+def _content(rounds: list["Round"], summary: "Summary") -> dict[str, Any]:
+    return {
+        "summary": summary.model_dump(mode="json"),
+        "rounds": [each.model_dump(mode="json", by_alias=True) for each in rounds],
+    }
+
+
+def _write(path: Path, content: dict[str, Any]) -> None:
     import json
 
-    content = {
-        "summary": summary.model_dump(mode="json"),
-        "rounds": [played.model_dump(mode="json") for played in rounds],
-    }
     with whole_file(path) as temporary:
         temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
@@ -85,7 +82,7 @@ def _show(summary: "Summary") -> None:
         ("right effect first", summary.right_first),
         ("right effect first, or reported as not to be told apart", summary.right_or_confounded),
         ("false alarms on clean recordings", summary.false_alarms),
-        ("causes of no class left unexplained", summary.unknown_left),
+        ("unknown causes left unexplained", summary.unknown_left),
         ("of the removable error removed, where right (median)", summary.removed),
         ("of the removable error removed, where right (all together)", summary.removed_mean),
         ("time constants, delays and angles within 20 %", summary.parameters_within),

@@ -115,7 +115,8 @@ class FittedModel(ABC):
 
         Args:
             windows: (n, f).
-            extras: (n,) each, by name; the mean stands in for one that is not given.
+            extras: (n,) each, by name; the mean stands in for one that is not given. One that the model
+                does not take is ignored: an ensemble gives all of them to each member.
 
         Returns:
             (n, 21).

@@ -58,7 +58,7 @@ def _applied(named: Named, online: Online, parameters: Iterable[Parameter]) -> A
 
 
 def corrected(first: Observations, attribution: Attribution, new: NewEffects) -> Floats:
-    """(n, 21) what the corrected model gives at the observations's rows, by the forms that are served.
+    """(n, 21) what the corrected model gives at the observations' rows, by the forms that are served.
 
     Args:
         first: the observations before any input was moved: effects take features as they are given.

@@ -100,13 +100,13 @@ class Score:
 
     @property
     def freedom(self) -> int:
-        """The number of its parameters, fitted or settled."""
+        """The number of its parameters: the form's and the fitted ones."""
         fitting, size = self.candidate.fitting, self.candidate.basis.size
         if fitting.fixed:
             size = 0
         elif not fitting.pooled:
             size *= len(self.strength)
-        return size + len(self.candidate.settled)
+        return size + len(self.candidate.form_parameters)
 
 
 def difference_test(by_fold: Floats) -> tuple[float, float]:

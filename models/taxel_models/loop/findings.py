@@ -19,7 +19,8 @@ class FoundEffect(Schema):
         explained: share of the residual's energy on the evaluation part that goes when it is added to
             those before it, mean over the channels, noise included.
         conditional: share of the fit part's that comes back when it alone is taken out again.
-        p_value: how often chance lets any of all candidates stand out as much, by turning blocks round.
+        p_value: how often chance lets any of all candidates stand out as much, by random
+            signs of whole blocks.
         t_test: one-sided p of the corrected resampled t-test over the cross-validation's folds, over all
             channels or those where the effect shows; see `Score.repeats`.
         parameters: what was fitted.

@@ -13,7 +13,7 @@ NORMAL_95: Final = 1.96
 
 
 def parameters(named: Named, scale: Floats) -> list[Parameter]:
-    """What was settled and what was fitted; weights that all channels have in common once.
+    """The form's parameters and the fitted weights; weights that all channels have in common once.
 
     Intervals are 95 % of the jackknife over the cross-validation's folds (Efron and Tibshirani 1993).
 
@@ -22,7 +22,8 @@ def parameters(named: Named, scale: Floats) -> list[Parameter]:
     """
     candidate, statistics = named.score.candidate, named.score.statistics
     found = [
-        Parameter(name=name, value=value, unit=unit) for name, (value, unit) in candidate.settled.items()
+        Parameter(name=name, value=value, unit=unit)
+        for name, (value, unit) in candidate.form_parameters.items()
     ]
     if candidate.fitting.fixed:
         return found

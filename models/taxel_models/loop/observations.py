@@ -64,7 +64,6 @@ class Observations:
         base: (n, 21) what the model file itself gives, from which all terms are computed; differs from
             `predicted` where the model is corrected already.
         measured: (n, 21) counts.
-        session: (n,) number of the recording that the row is from.
         segment: (n,) number of the segment; numbers run through all recordings.
         time_s: (n,) since the recording's first sample.
         position: (n, 3) m.
@@ -82,7 +81,6 @@ class Observations:
     predicted: Floats
     base: Floats
     measured: Floats
-    session: NDArray[np.int64]
     segment: NDArray[np.int64]
     time_s: Floats
     position: Floats
@@ -148,7 +146,7 @@ class Observations:
         """Some of the rows."""
         counts = np.cumsum([0, *map(len, self.rows)])
         parts = [keep[start:stop] for start, stop in pairwise(counts)]
-        columns = ("windows", "predicted", "base", "measured", "session", "segment", "time_s")
+        columns = ("windows", "predicted", "base", "measured", "segment", "time_s")
         fields: dict[str, Any] = {name: getattr(self, name)[keep] for name in columns}
         return replace(
             self,
@@ -236,7 +234,6 @@ def gather(model: Model, recordings: Sequence[Recording], *, measured_temperatur
         measured=np.concatenate(
             [recording.channels[kept] for recording, kept in zip(ticks, rows, strict=True)]
         ),
-        session=np.repeat(np.arange(len(ticks)), [len(kept) for kept in rows]),
         segment=_segments(ticks, rows),
         time_s=np.concatenate(
             [

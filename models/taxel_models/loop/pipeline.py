@@ -170,7 +170,7 @@ def _findings(
         before=ErrorMetrics.of(measured, observations.predicted[rows], output_std).report(),
         after=ErrorMetrics.of(measured, after[rows], output_std).report(),
         test=_paired(observations, blocks, after, output_std),
-        unexplained=diagnose_residual(observations, observations.measured - after, noise.differences, rows),
+        unexplained=diagnose_residual(observations, observations.measured - after, noise, rows),
     )
 
 

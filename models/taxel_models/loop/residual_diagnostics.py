@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.findings import Unexplained
+from taxel_models.loop.noise import NoiseFloor
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.resting import TOUCH_N
 from taxel_models.loop.spectrum import power_density, stretches
@@ -29,16 +30,16 @@ _PEAK: Final = 8.0
 
 
 def diagnose_residual(
-    observations: Observations, left: Floats, noise: NDArray[np.float64], rows: NDArray[np.bool_]
+    observations: Observations, left: Floats, noise: NoiseFloor, rows: NDArray[np.bool_]
 ) -> Unexplained:
     """Judge what is left at some rows.
 
     Args:
         left: (n, 21) measured less corrected, counts.
-        noise: (21,) SD of each channel's noise, counts.
+        noise: of each channel.
     """
     energy = (left[rows] ** 2).mean(axis=0)
-    shares = 1.0 - np.minimum(1.0, noise**2 / np.maximum(energy, 1e-9))
+    shares = 1.0 - noise.share(energy)
     tick = _correlations(observations, left, rows, 1)
     share = float(shares.mean())
     lags = {"10 ms": float(tick.mean()), "1 s": autocorrelation(observations, left, rows, _SECOND)}

@@ -38,7 +38,7 @@ class Fitting:
 
 @dataclass(frozen=True)
 class SufficientStatistics:
-    """SufficientStatistics of every fit block, counts².
+    """The sums over each fit block, counts².
 
     Attributes:
         regressors: (blocks, 1 or 21, k, k).

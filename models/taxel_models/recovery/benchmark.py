@@ -3,10 +3,11 @@
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ConfigDict, Field
 
 from taxel.channels import COUNTS_MAX
 from taxel.schema import Schema
@@ -45,11 +46,12 @@ class Round(Schema):
     Attributes:
         truth: the injected effect, `none`, or `unknown:NAME`.
         strength: over the residual before.
+        injected: the effect's parameters; `planted` in JSON.
         found: the effect that explains most, `none` where nothing was named, `unexplained` where
             nothing was named and what is left is structured.
         named: all that were named.
         right: whether the first is the truth, nothing was named where there was nothing, or what no
-            class describes was left unexplained.
+            effect describes was left unexplained.
         clean: normalised MAE on the evaluation blocks without the injected effect.
         before: with it.
         after: with the correction.
@@ -57,10 +59,12 @@ class Round(Schema):
         parameter_error: of the figure that is marked, relative; None where there is none.
     """
 
+    model_config = ConfigDict(populate_by_name=True)
+
     number: int
     truth: str
     strength: float
-    planted: dict[str, Any]
+    injected: Annotated[dict[str, Any], Field(alias="planted")]
     found: str
     named: tuple[str, ...]
     right: bool
@@ -80,7 +84,7 @@ class Summary(Schema):
         right_first: share of the rounds with an injected effect in which it was found first.
         right_or_confounded: likewise, or was reported as one that cannot be told from it.
         false_alarms: share of the clean rounds in which anything was named.
-        unknown_left: share of the rounds with a cause of no class in which nothing was named.
+        unknown_left: share of the rounds with an unknown cause in which nothing was named.
         removed: median share of the removable error that was removed where the effect was right.
         removed_mean: its mean, weighed by what there was to remove.
         parameters_within: share of the marked parameters within 20 %.
@@ -122,18 +126,17 @@ def run_rounds(
     model: Model, settings: RecoverySettings, note: Callable[[str], None] | None = None
 ) -> Iterator[Round]:
     """Round after round: the loop sees a recording and nothing else."""
-    settled_already: dict[int, Recording] = {}
+    clean: dict[int, Recording] = {}
     for number in range(settings.rounds):
         random = np.random.default_rng([settings.seed, number])
         which = number % settings.recordings
-        if which not in settled_already:
+        if which not in clean:
             simulated = simulate(settings.rows, 1000 * (settings.seed + 1) + which)
-            settled_already[which] = settled(model, simulated, which)
-        recording = settled_already[which]
-        yield run_round(model, recording, _draw(random, settings), number, random, note)
+            clean[which] = without_effects(model, simulated, which)
+        yield run_round(model, clean[which], _draw(random, settings), number, random, note)
 
 
-def settled(model: Model, recording: Recording, seed: int) -> Recording:
+def without_effects(model: Model, recording: Recording, seed: int) -> Recording:
     """A recording without the effects that the loop finds before any injection.
 
     Effects of a quarter of the naming threshold are taken out, too, so that another split names none.
@@ -142,10 +145,10 @@ def settled(model: Model, recording: Recording, seed: int) -> Recording:
     for _ in range(CLEANINGS):
         observations = gather(model, [recording], measured_temperature=True)
         blocks = cut(observations, seed=seed)
-        search = StepwiseSelection(
+        selection = StepwiseSelection(
             observations, blocks, candidates(observations), seed=seed, least_share=LEAST_SHARE / 4
         )
-        named = search.run().named
+        named = selection.run().named
         if not named:
             break
         channels = recording.channels.copy()
@@ -253,7 +256,7 @@ def _marked(
         number=number,
         truth=truth,
         strength=strength,
-        planted=injection.truth[0].get("parameters", {}) if injection.truth else {},
+        injected=injection.truth[0].get("parameters", {}) if injection.truth else {},
         found=found,
         named=named,
         right=not named if truth == NONE or unknown else found == truth,

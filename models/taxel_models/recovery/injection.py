@@ -75,13 +75,13 @@ class Injection:
         """(n,) a feature of the past."""
         return history_columns(self.recording.samples, [feature])[:, 0]
 
-    def add(self, delta: Floats, weights: Mapping[str, Floats], **settled: float | str) -> None:
+    def add(self, delta: Floats, weights: Mapping[str, Floats], **parameters: float | str) -> None:
         """Add a change that is linear in its weights, scaled to the strength.
 
         Args:
             delta: (n, 21) counts.
             weights: scaled as the change is.
-            settled: what else there is to know of it.
+            parameters: that are not scaled.
         """
         found = self.strength_of(delta)
         if not found > 0:
@@ -91,7 +91,7 @@ class Injection:
         scale = self.strength / found
         self._put(delta * scale)
         scaled = {name: (np.asarray(values) * scale).tolist() for name, values in weights.items()}
-        self.truth[-1].update({"parameters": {**settled, **scaled}})
+        self.truth[-1].update({"parameters": {**parameters, **scaled}})
 
     def add_nearest(
         self, changes: Iterable[tuple[float, Callable[[], Recording]]], name: str, unit: str
@@ -109,17 +109,17 @@ class Injection:
         self._put(best[2].channels - self.recording.channels)
         self.truth[-1].update({"parameters": {name: best[1], "unit": unit}})
 
-    def move(self, position: Floats, force: Floats, **settled: Any) -> None:
+    def move(self, position: Floats, force: Floats, **parameters: Any) -> None:
         """Change the recorded inputs rather than the channels."""
         self._clear()
         samples = replace(self.recording.samples, position=position, force=force)
         self.recording = replace(self.recording, samples=samples)
-        self.truth[-1].update({"parameters": settled})
+        self.truth[-1].update({"parameters": parameters})
 
-    def replace_channels(self, recording: Recording, **settled: Any) -> None:
+    def replace_channels(self, recording: Recording, **parameters: Any) -> None:
         """Take a recording whose channels were changed as they are."""
         self._put(recording.channels - self.recording.channels)
-        self.truth[-1].update({"parameters": settled})
+        self.truth[-1].update({"parameters": parameters})
 
     def begin(self, name: str, strength: float) -> None:
         """The next effect has this name and strength."""

@@ -1,4 +1,8 @@
-"""Injects each effect. The equations are written independently of those that the loop fits."""
+"""Injects each effect.
+
+The injectors are separate code, but they use the loop's features and nearly always its form of each effect:
+the benchmark tests the selection, not the equations.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -13,14 +17,12 @@ from taxel.errors import SettingsError
 from taxel.windows import Play, Relaxation
 from taxel.windows.history import TICK_S, Rate
 from taxel_models.loop.basis import Floats
+from taxel_models.loop.effects.covariate import are_kinds
 from taxel_models.loop.effects.location import farthest_points
 from taxel_models.loop.effects.registry import effect_named
 from taxel_models.loop.resting import TOUCH_N, are_raw
 from taxel_models.recordings import Recording
 from taxel_models.recovery.injection import Injection
-
-MOST_KINDS: Final = 32
-"""A column with more different values is an amount, not a kind."""
 
 MOST_LAG_TICKS: Final = 15
 MOST_DEG: Final = 45.0
@@ -46,7 +48,7 @@ def inject(injection: Injection, name: str, strength: float) -> None:
     if column:
         _covariate(injection, column)
     else:
-        _INJECTORS[kind](injection)
+        INJECTORS[kind](injection)
 
 
 def _offset(injection: Injection) -> None:
@@ -201,7 +203,7 @@ def _covariate(injection: Injection, column: str) -> None:
         raise SettingsError(f"no column {column!r} to inject by; the recording has: {known}")
     values = covariates[column]
     kinds, places = np.unique(values, return_inverse=True)
-    if len(kinds) <= MOST_KINDS:
+    if are_kinds(kinds):
         weights = injection.random.normal(size=(len(kinds), len(CHANNELS))) * injection.residual
         injection.add(weights[places], {"weight": weights})
     else:
@@ -209,7 +211,7 @@ def _covariate(injection: Injection, column: str) -> None:
         injection.add((values - values.mean())[:, None] * weights, {"weight": weights})
 
 
-_INJECTORS: Final[Mapping[str, Callable[[Injection], None]]] = {
+INJECTORS: Final[Mapping[str, Callable[[Injection], None]]] = {
     "offset": _offset,
     "gain": _gain,
     "drift": _drift,

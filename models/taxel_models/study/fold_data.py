@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from taxel.scaling import Scaler
 from taxel.windows import WindowSpec, build_windows
 from taxel_models.families.family import FitData
-from taxel_models.study.folds import Numbers, Partition
+from taxel_models.study.folds import Partition
 from taxel_models.training.dataset import EXTRAS, Examples, concatenate
+from taxel_models.training.train import Scalers
 
 
 @dataclass(frozen=True)
@@ -44,25 +45,17 @@ def fold_data(partition: Partition, combination: int, fold: int) -> FoldData:
     spec = WindowSpec.of(combination)
     table = _all_windows(partition, spec)
     numbers = partition.folds[fold]
-    # Column by column, so that only one column at a time exists twice, in float64.
-    scalers = {name: Scaler.fit(column[numbers.statistics]) for name, column in vars(table).items()}
-
-    def scaled(chosen: Numbers) -> FitData:
-        windows, channels, extras, auxiliary = (
-            scalers[name].normalise(column[chosen].astype(np.float32, copy=False))
-            for name, column in vars(table).items()
-        )
-        return FitData(windows, channels, dict(zip(EXTRAS, extras.T, strict=True)), auxiliary)
-
+    scalers = Scalers.fit(table.rows(numbers.statistics))
+    tdc = table.extras[:, [EXTRAS.index("tdc")]]
     return FoldData(
         spec,
-        scaled(numbers.train),
-        scaled(numbers.validation),
-        scaled(numbers.test),
+        scalers.apply(table.rows(numbers.train)),
+        scalers.apply(table.rows(numbers.validation)),
+        scalers.apply(table.rows(numbers.test)),
         table.channels[numbers.test],
-        scalers["channels"],
-        np.unique(np.rint(table.extras[:, EXTRAS.index("tdc")])),
-        scalers["extras"],
+        scalers.channels,
+        np.unique(np.rint(tdc)),
+        Scaler.fit(tdc[numbers.statistics]),
     )
 
 

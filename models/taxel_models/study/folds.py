@@ -17,7 +17,14 @@ from taxel.windows import PERIOD_NS, WindowSpec
 from taxel.windows.combinations import COMBINATIONS
 from taxel_models.recordings import Recording
 from taxel_models.study.study_settings import Protocol
-from taxel_models.training.split import CHUNK_ROWS, Grouping, Subset, groups_of, has_trials
+from taxel_models.training.split import (
+    CHUNK_ROWS,
+    Grouping,
+    Subset,
+    groups_of,
+    has_trials,
+    subset_of_windows,
+)
 
 Numbers = NDArray[np.int64]
 
@@ -130,10 +137,7 @@ def _guarded(recording: Recording) -> Numbers:
 def _strict_fold(recordings: Sequence[Recording], subsets: Sequence[NDArray[np.int8]], number: int) -> Fold:
     of_window = []
     for recording, of_row in zip(recordings, subsets, strict=True):
-        rows = _guarded(recording)
-        changes = np.concatenate([[0], np.cumsum(np.diff(of_row) != 0)])
-        whole = changes[rows - GUARD] == changes[rows + GUARD]
-        of_window.append(np.where(whole, of_row[rows], np.int8(-1)))
+        of_window.append(subset_of_windows(of_row, _guarded(recording), GUARD, GUARD))
     joined = np.concatenate(of_window)
     numbers = {subset: np.flatnonzero(joined == subset) for subset in Subset}
     for subset, found in numbers.items():

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from taxel.errors import SettingsError
 from taxel.windows import WindowSpec, build_windows
 from taxel_models.recordings import Recording
-from taxel_models.training.split import SplitSettings, Subset, split
+from taxel_models.training.split import SplitSettings, Subset, split, subset_of_windows
 
 EXTRAS: Final = ("tdc",)
 """Recorded columns that a model may take behind its window: the temperature."""
@@ -45,6 +45,10 @@ class Examples:
 
     def __len__(self) -> int:
         return len(self.windows)
+
+    def rows(self, chosen: NDArray[np.int64]) -> Self:
+        """The windows of these numbers."""
+        return type(self)(*(column[chosen] for column in vars(self).values()))
 
 
 def examples(recording: Recording, spec: WindowSpec) -> Examples:
@@ -81,7 +85,7 @@ class Dataset:
         found: dict[Subset, list[Examples]] = {subset: [] for subset in Subset}
         for recording, of_row in zip(ticks, row_subsets, strict=True):
             windows = build_windows(recording.samples, spec)
-            of_window = _subset_of_windows(of_row, windows.rows, spec)
+            of_window = subset_of_windows(of_row, windows.rows, spec.look_back, spec.look_ahead)
             for subset in Subset:
                 chosen = of_window == subset
                 found[subset].append(Examples.at(recording, windows.values[chosen], windows.rows[chosen]))
@@ -102,15 +106,6 @@ class Dataset:
     def counts(self) -> dict[str, int]:
         """Windows in each set."""
         return {"train": len(self.train), "validation": len(self.validation), "test": len(self.test)}
-
-
-def _subset_of_windows(
-    of_row: NDArray[np.int8], rows: NDArray[np.int64], spec: WindowSpec
-) -> NDArray[np.int8]:
-    """The subset of each window; -1 if its samples belong to different subsets."""
-    changes = np.concatenate([[0], np.cumsum(np.diff(of_row) != 0)])
-    whole = changes[rows - spec.look_back] == changes[rows + spec.look_ahead]
-    return np.where(whole, of_row[rows], np.int8(-1))
 
 
 def concatenate(items: list[Examples]) -> Examples:

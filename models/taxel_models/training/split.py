@@ -89,6 +89,22 @@ def split(recordings: Sequence[Recording], settings: SplitSettings) -> list[NDAr
     return subsets
 
 
+def subset_of_windows(
+    of_row: NDArray[np.int8], rows: NDArray[np.int64], look_back: int, look_ahead: int
+) -> NDArray[np.int8]:
+    """The subset of each window; -1 if its samples belong to different subsets.
+
+    Args:
+        of_row: the `Subset` of every row of a recording.
+        rows: (n,) the rows T of the windows.
+        look_back: rows before T that a window takes.
+        look_ahead: rows after T that a window takes.
+    """
+    changes = np.concatenate([[0], np.cumsum(np.diff(of_row) != 0)])
+    whole = changes[rows - look_back] == changes[rows + look_ahead]
+    return np.where(whole, of_row[rows], np.int8(-1))
+
+
 def has_trials(recording: Recording) -> bool:
     """Whether a recording is a series of trials, by its number of segments."""
     return len(recording.segments) >= _TRIALS_FROM

@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError,
 
 from taxel.artifacts import describe
 from taxel.atomic import whole_folder
-from taxel.errors import ArtifactError
+from taxel.errors import ArtifactError, InvalidArgument
 from taxel.manifest import Normalisation, Training, WindowLayout
 from taxel.scaling import Scaler
 from taxel.windows import ExtraFeature, WindowSpec
@@ -117,7 +117,14 @@ class TrainedModel:
 
         Returns:
             (n, 21), counts.
+
+        Raises:
+            InvalidArgument: the model takes no extra of a given name.
         """
+        known = [extra.name for extra in self.record.extras]
+        unknown = [name for name in extras if name not in known]
+        if unknown:
+            raise InvalidArgument(f"extras {unknown}: expected {known or 'none'}")
         normalisation = self.record.normalisation
         inputs = Scaler.of(normalisation.input_mean, normalisation.input_std)
         outputs = Scaler.of(normalisation.output_mean, normalisation.output_std)

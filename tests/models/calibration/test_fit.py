@@ -19,7 +19,7 @@ RADIUS = 7.0
 Make = Callable[..., LightContacts]
 
 
-def planted(contacts: LightContacts, motion: Motion) -> LightContacts:
+def misaligned(contacts: LightContacts, motion: Motion) -> LightContacts:
     """The contacts in a frame from which `motion` leads back."""
     return replace(contacts, course=motion.inverse().apply(contacts.course))
 
@@ -40,7 +40,7 @@ def test_any_tilt_and_shift_are_undone_exactly(
 ) -> None:
     true = make_contacts(standoff=standoff)
     axis = np.array([0.0, np.cos(direction), np.sin(direction)])
-    recorded = planted(true, Motion(Rotation.from_rotvec(np.radians(degrees) * axis), np.array(shift)))
+    recorded = misaligned(true, Motion(Rotation.from_rotvec(np.radians(degrees) * axis), np.array(shift)))
     found = fit(recorded, RADIUS, 0)
     assert not found.held
     np.testing.assert_allclose(placed(found, recorded), true.position, atol=0.03)
@@ -72,7 +72,7 @@ def test_derivatives_are_those_of_the_distances(
 def test_a_roll_is_invisible_and_left_out(make_contacts: Make) -> None:
     true = make_contacts()
     turned = Rotation.from_euler("xyz", [40, 8, -6], degrees=True)
-    recorded = planted(true, Motion(turned, np.array([3.0, -2.0, 4.0])))
+    recorded = misaligned(true, Motion(turned, np.array([3.0, -2.0, 4.0])))
     found = fit(recorded, RADIUS, 0)
     back = placed(found, recorded)
     assert found.placement.motion.rotation.as_rotvec()[0] == pytest.approx(0.0, abs=1e-12)
@@ -88,7 +88,7 @@ def test_a_roll_is_invisible_and_left_out(make_contacts: Make) -> None:
 
 def test_contacts_on_the_cylinder_alone_do_not_tell_x(make_contacts: Make) -> None:
     true = make_contacts(200, along=(-14.0, -6.0), noise=0.1)
-    recorded = planted(true, Motion(Rotation.from_rotvec([0, 0.1, 0.05]), np.array([2.0, 1.0, 3.0])))
+    recorded = misaligned(true, Motion(Rotation.from_rotvec([0, 0.1, 0.05]), np.array([2.0, 1.0, 3.0])))
     found = fit(recorded, RADIUS, 0)
     assert found.held == ("x",)
     assert found.placement.values[0] == 0.0

@@ -1,4 +1,4 @@
-"""The twin with a planted misalignment, as long as the published recording."""
+"""The twin with a known misalignment, as long as the published recording."""
 
 import json
 

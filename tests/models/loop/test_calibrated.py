@@ -8,7 +8,6 @@ import numpy as np
 
 from taxel.channels import CHANNELS
 from taxel.corrections import Calibrated, Correction, OffsetCalibration
-from taxel.manifest import Manifest
 from taxel.windows import WindowSpec
 from taxel_models.loop.pipeline import LoopResult, LoopSettings, run_loop
 from taxel_models.recordings import Recording
@@ -21,20 +20,18 @@ CONTACT: Final = 500
 CALIBRATION_S: Final = 0.5
 
 
-def result_with(
-    smooth: Any, make: Make, manifest: Manifest, offset: Any, contact: int = CONTACT
-) -> LoopResult:
+def result_with(smooth: Any, make: Make, offset: Any, contact: int = CONTACT) -> LoopResult:
     """The loop on contacts with offsets, a function of their number and of the seconds since they began."""
     recording = make(20_000, noise=2.0)
     rows = np.arange(len(recording))
     apart = recording.samples.time_ns + 1_000_000_000 * (rows // contact)
     channels = recording.channels + offset(rows // contact, rows % contact / 100.0)
-    planted = replace(
+    with_offset = replace(
         recording,
         samples=replace(recording.samples, time_ns=apart),
         channels=np.clip(np.rint(channels), 0, 4095),
     )
-    return run_loop(smooth, [planted], LoopSettings(calibration_s=CALIBRATION_S))
+    return run_loop(smooth, [with_offset], LoopSettings(calibration_s=CALIBRATION_S))
 
 
 def drawn(seed: int) -> np.ndarray:
@@ -42,21 +39,21 @@ def drawn(seed: int) -> np.ndarray:
     return np.random.default_rng(seed).normal(size=(200, 21)) * 20.0
 
 
-def test_an_offset_that_stays_is_not_said_to_fade(smooth: Any, make: Make, manifest: Manifest) -> None:
+def test_an_offset_that_stays_is_not_said_to_fade(smooth: Any, make: Make) -> None:
     def offset(contact: np.ndarray, seconds: np.ndarray) -> np.ndarray:
         return drawn(0)[contact]
 
-    (effect,) = result_with(smooth, make, manifest, offset).findings.effects
+    (effect,) = result_with(smooth, make, offset).findings.effects
     assert effect.form == "of each contact, from a calibration"
     assert effect.explained > 0.9
 
 
-def test_one_that_fades_is_served_with_its_age(smooth: Any, make: Make, manifest: Manifest) -> None:
+def test_one_that_fades_is_served_with_its_age(smooth: Any, make: Make) -> None:
     def offset(contact: np.ndarray, seconds: np.ndarray) -> np.ndarray:
         lasts = 0.3 + 0.7 * np.exp(-np.maximum(seconds - CALIBRATION_S, 0.0) / 1.0)
         return drawn(0)[contact] * lasts[:, None]
 
-    result = result_with(smooth, make, manifest, offset)
+    result = result_with(smooth, make, offset)
     (effect,) = result.findings.effects
     assert effect.form == "of each contact, from a calibration, fading with 1 s"
     assert effect.needs[-1] == "calibration_age"
@@ -69,8 +66,8 @@ def test_one_that_fades_is_served_with_its_age(smooth: Any, make: Make, manifest
     np.testing.assert_allclose(fades / stays, 0.7 * np.exp(-0.1) / 0.3, rtol=0.1)
     assert 0.22 < stays.mean() < 0.31
 
-    spec = WindowSpec.of(manifest.window.combination, 0)
-    extras = (*manifest.window.extras, *result.new.extras)
+    spec = WindowSpec.of(smooth.manifest.window.combination, 0)
+    extras = (*smooth.manifest.window.extras, *result.new.extras)
     correction = Correction(result.new.effects, spec, extras)
     everything = result.served_windows(len(result.observations))
     np.testing.assert_allclose(correction.apply(smooth.predict, everything), result.after, atol=0.02)
@@ -85,9 +82,7 @@ def test_one_that_fades_is_served_with_its_age(smooth: Any, make: Make, manifest
     np.testing.assert_allclose(alone[0], result.after[row], atol=0.02)
 
 
-def test_what_all_channels_share_is_told_by_all_of_them(
-    smooth: Any, make: Make, manifest: Manifest
-) -> None:
+def test_what_all_channels_share_is_told_by_all_of_them(smooth: Any, make: Make) -> None:
     """While it is calibrated each channel errs by itself, too, and some contacts are far off."""
     shared, own = drawn(1).mean(axis=1, keepdims=True) * 5.0, drawn(2)
     own[::20] *= 20.0
@@ -96,7 +91,7 @@ def test_what_all_channels_share_is_told_by_all_of_them(
         at_first = (seconds < CALIBRATION_S + 0.1)[:, None]
         return shared[contact] + np.where(at_first, own[contact], 0.0)
 
-    result = result_with(smooth, make, manifest, offset, contact=120)
+    result = result_with(smooth, make, offset, contact=120)
     (effect,) = result.findings.effects
     assert "from a calibration of all channels" in effect.form
     assert {figure.name.rsplit(" ", 1)[0] for figure in effect.parameters[1:]} <= {

@@ -103,8 +103,8 @@ def test_freedom_counts_what_is_fitted_and_what_is_settled() -> None:
     assert scored(statistics).freedom == 21
     assert scored(statistics, pooled=True).freedom == 1
     assert scored(statistics, fixed=True).freedom == 0
-    settled = Candidate("one", "a form", Shared(np.zeros((ROWS, 2))), settled={"tau": (1.0, "s")})
-    assert cross_validate(settled, statistics, np.ones(21)).freedom == 43
+    shaped = Candidate("one", "a form", Shared(np.zeros((ROWS, 2))), form_parameters={"tau": (1.0, "s")})
+    assert cross_validate(shaped, statistics, np.ones(21)).freedom == 43
 
 
 def test_scale_makes_every_channel_count_alike() -> None:

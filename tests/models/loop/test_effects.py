@@ -1,4 +1,4 @@
-"""Each effect, planted alone, is named first, measured, and removed by the form that is served."""
+"""Each effect, injected alone, is named first, measured, and removed by the form that is served."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from taxel.channels import CHANNELS
 from taxel.corrections import Correction
-from taxel.manifest import Manifest
 from taxel.windows import WindowSpec
 from taxel_models.loop.effects.registry import NAMES
 from taxel_models.loop.observations import gather
@@ -22,7 +21,7 @@ from taxel_models.recovery.injectors import inject
 Make = Callable[..., Recording]
 
 STRENGTH: Final = 12.0
-"""Root mean square of what is planted, counts: three times the noise."""
+"""Root mean square of what is injected, counts: three times the noise."""
 
 FIGURES: Final = {"creep": "time_constant", "hysteresis": "width", "lag": "lag", "frame": "angle"}
 CLOCKS: Final = {"drift": "temperature", "temperature": "drift"}
@@ -40,7 +39,7 @@ class Case:
     clean: np.ndarray
 
 
-def played(smooth: Any, manifest: Manifest, recording: Recording, name: str, seed: int = 11) -> Case:
+def played(smooth: Any, recording: Recording, name: str, seed: int = 11) -> Case:
     injection = Injection.into(recording, seed, np.full(21, STRENGTH))
     injection.respond = smooth.counts
     inject(injection, name, 1.0)
@@ -63,7 +62,7 @@ def removed(case: Case) -> float:
 
 
 def served(smooth: Any, case: Case) -> np.ndarray:
-    """(n, 21) what a served model with the correction gives at the observations's rows."""
+    """(n, 21) what a served model with the correction gives at the observations' rows."""
     result = case.result
     model = result.observations.manifest
     shift = sum(effect.shift_ticks for effect in result.new.effects)
@@ -77,10 +76,10 @@ def figures(case: Case) -> dict[str, float]:
 
 
 @pytest.fixture(scope="module", params=[*NAMES, "covariate:material"])
-def case(request: pytest.FixtureRequest, smooth: Any, make: Make, manifest: Manifest) -> tuple[str, Case]:
+def case(request: pytest.FixtureRequest, smooth: Any, make: Make) -> tuple[str, Case]:
     name = request.param
     recording = make(LONG.get(name, 12_000), noise=4.0)
-    return name, played(smooth, manifest, recording, name)
+    return name, played(smooth, recording, name)
 
 
 def test_it_is_named_first_and_removed(case: tuple[str, Case], smooth: Any) -> None:
@@ -88,7 +87,7 @@ def test_it_is_named_first_and_removed(case: tuple[str, Case], smooth: Any) -> N
     effects = found.result.findings.effects
     assert effects
     assert effects[0].name == name
-    # What is planted is no 0 in the mean, and its form has no mean: an offset may stand for that.
+    # What is injected is no 0 in the mean, and its form has no mean: an offset may stand for that.
     assert {effect.name for effect in effects} <= {name, "offset"}
     assert removed(found) >= 0.8
     if name in CLOCKS:
@@ -107,13 +106,13 @@ def test_its_parameters_are_recovered(case: tuple[str, Case]) -> None:
     if name in FIGURES:
         figure = FIGURES[name]
         assert values[figure] == pytest.approx(found.truth[figure], rel=0.2)
-    fitted, planted = weights(name, values, found)
-    if len(planted):
-        np.testing.assert_allclose(fitted, planted, atol=0.2 * np.abs(planted).max())
+    fitted, injected = weights(name, values, found)
+    if len(injected):
+        np.testing.assert_allclose(fitted, injected, atol=0.2 * np.abs(injected).max())
 
 
 def weights(name: str, values: dict[str, float], found: Case) -> tuple[np.ndarray, np.ndarray]:
-    """Figures of an effect that can be compared one by one, fitted and planted."""
+    """Figures of an effect that can be compared one by one, fitted and injected."""
     truth = found.truth
     if name == "offset":
         # Whole counts stay whole.
@@ -134,8 +133,8 @@ def weights(name: str, values: dict[str, float], found: Case) -> tuple[np.ndarra
     return np.empty(0), np.empty(0)
 
 
-def test_its_interval_holds_what_was_planted(smooth: Any, make: Make, manifest: Manifest) -> None:
-    found = played(smooth, manifest, make(noise=4.0), "offset", seed=5)
+def test_its_interval_holds_what_was_injected(smooth: Any, make: Make) -> None:
+    found = played(smooth, make(noise=4.0), "offset", seed=5)
     inside = [
         figure.low <= truth <= figure.high
         for figure, truth in zip(
@@ -147,7 +146,7 @@ def test_its_interval_holds_what_was_planted(smooth: Any, make: Make, manifest: 
 
 @pytest.mark.parametrize("turn_deg", [[0.0, 0.0, 90.0], [0.0, 180.0, 0.0], [40.0, -30.0, 0.0]])
 def test_a_sensor_that_was_mounted_the_other_way_round_is_found(
-    smooth: Any, make: Make, manifest: Manifest, turn_deg: list[float]
+    smooth: Any, make: Make, turn_deg: list[float]
 ) -> None:
     recording = make(12_000).ticks()
     turn = Rotation.from_rotvec(np.radians(turn_deg))
@@ -161,7 +160,7 @@ def test_a_sensor_that_was_mounted_the_other_way_round_is_found(
 
 
 @pytest.mark.parametrize("seed", [3, 4, 5])
-def test_noise_alone_has_no_effect(smooth: Any, make: Make, manifest: Manifest, seed: int) -> None:
+def test_noise_alone_has_no_effect(smooth: Any, make: Make, seed: int) -> None:
     result = run_loop(smooth, [make(seed=seed)], LoopSettings(seed=seed))
     findings = result.findings
     assert findings.effects == ()
@@ -173,9 +172,7 @@ def test_noise_alone_has_no_effect(smooth: Any, make: Make, manifest: Manifest, 
 
 
 @pytest.mark.parametrize("both", [("offset", "rate"), ("lag", "creep")])
-def test_two_effects_are_both_named(
-    smooth: Any, make: Make, manifest: Manifest, both: tuple[str, str]
-) -> None:
+def test_two_effects_are_both_named(smooth: Any, make: Make, both: tuple[str, str]) -> None:
     recording = make(12_000, noise=4.0)
     injection = Injection.into(recording, 2, np.full(21, STRENGTH))
     for name in both:
@@ -189,9 +186,7 @@ def test_two_effects_are_both_named(
     np.testing.assert_allclose(served(smooth, case), result.after, atol=0.02)
 
 
-def test_an_excluded_effect_is_neither_named_nor_rejected(
-    smooth: Any, make: Make, manifest: Manifest
-) -> None:
+def test_an_excluded_effect_is_neither_named_nor_rejected(smooth: Any, make: Make) -> None:
     injection = Injection.into(make(), 2, np.full(21, STRENGTH))
     inject(injection, "offset", 1.0)
     settings = LoopSettings(exclude=("offset",))

@@ -10,7 +10,6 @@ import pytest
 from taxel.channels import CHANNELS
 from taxel.corrections import AppliedEffect, Correction, Frame, Weighted
 from taxel.errors import RecordingError
-from taxel.manifest import Manifest
 from taxel.windows import Relaxation, history_columns
 from taxel_models.loop.observations import Observations, gather, predict_all
 from taxel_models.loop.resting import are_raw, resting
@@ -32,31 +31,25 @@ def test_rows_are_aligned(observations: Observations, recording: Recording, smoo
     assert "pac1" not in observations.covariates
 
 
-def test_an_unmeasured_temperature_is_no_covariate(
-    manifest: Manifest, recording: Recording, smooth: Any
-) -> None:
+def test_an_unmeasured_temperature_is_no_covariate(recording: Recording, smooth: Any) -> None:
     observations = gather(smooth, [recording], measured_temperature=False)
     assert set(observations.covariates) == {"material"}
 
 
-def test_recordings_are_sessions_and_only_common_columns_count(
-    manifest: Manifest, make: Callable[..., Recording], smooth: Any
+def test_segments_are_numbered_through_and_only_common_columns_count(
+    make: Callable[..., Recording], smooth: Any
 ) -> None:
     first, second = make(600), replace(make(500, seed=4), covariates={})
     gap = first.rows(np.arange(600) // 100 != 2)
     observations = gather(smooth, [gap, second], measured_temperature=True)
     assert set(observations.covariates) == {"tac", "tdc"}
-    assert list(np.unique(observations.session)) == [0, 1]
     assert list(np.unique(observations.segment)) == [0, 1, 2]
-    assert (observations.session == (observations.segment == 2)).all()
     assert [len(rows) for rows in observations.rows] == [180 + 280, 480]
     np.testing.assert_allclose(observations.time_s[observations.segment == 2][0], 0.1)
     np.testing.assert_allclose(observations.time_s[observations.segment == 1][0], 3.1)
 
 
-def test_recordings_without_a_whole_window_are_refused(
-    manifest: Manifest, make: Callable[..., Recording], smooth: Any
-) -> None:
+def test_recordings_without_a_whole_window_are_refused(make: Callable[..., Recording], smooth: Any) -> None:
     with pytest.raises(RecordingError, match="no whole window"):
         gather(smooth, [make(15)], measured_temperature=True)
 

@@ -11,7 +11,6 @@ import pytest
 
 from taxel.channels import CHANNELS
 from taxel.errors import SettingsError
-from taxel.manifest import Manifest
 from taxel_models.loop.attribution import Named
 from taxel_models.loop.cross_validation import cross_validate
 from taxel_models.loop.effects.effect import Effect, Remaining
@@ -35,7 +34,7 @@ PNG = b"\x89PNG"
 
 
 @pytest.fixture(scope="module")
-def result(manifest: Manifest, smooth: Model, make: Callable[..., Recording]) -> LoopResult:
+def result(smooth: Model, make: Callable[..., Recording]) -> LoopResult:
     """The loop on a model that lacks an offset in e1 to e6 and a drift in e9 to e12.
 
     e18 is stuck off and on, which is not looked for.

@@ -6,10 +6,12 @@ from scipy.signal import lfilter
 
 from taxel.windows.history import TICK_S
 from taxel_models.loop.findings import Unexplained
+from taxel_models.loop.noise import NoiseFloor
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.residual_diagnostics import PIECE_ROWS, autocorrelation, diagnose_residual
 
 SD = 8.0
+FLOOR = NoiseFloor(np.full(21, SD), None)
 
 
 @pytest.fixture
@@ -18,7 +20,7 @@ def white(observations: Observations) -> np.ndarray:
 
 
 def judged(observations: Observations, left: np.ndarray) -> Unexplained:
-    return diagnose_residual(observations, left, np.full(21, SD), np.ones(len(observations), bool))
+    return diagnose_residual(observations, left, FLOOR, np.ones(len(observations), bool))
 
 
 def test_white_noise_is_noise(observations: Observations, white: np.ndarray) -> None:
@@ -38,7 +40,7 @@ def test_more_white_noise_than_expected_is_no_structure(
     assert not found.structured
 
 
-def test_an_autoregressive_remainder_is_structured(observations: Observations, white: np.ndarray) -> None:
+def test_an_autoregressive_residual_is_structured(observations: Observations, white: np.ndarray) -> None:
     left = lfilter([1.0], [1.0, -0.9], white, axis=0)
     found = judged(observations, left)
     assert found.structured
@@ -48,7 +50,7 @@ def test_an_autoregressive_remainder_is_structured(observations: Observations, w
 
 
 @pytest.mark.parametrize("frequency", [1.37, 2.9, 7.0])
-def test_a_periodic_remainder_is_told_by_its_frequency(
+def test_a_periodic_residual_is_told_by_its_frequency(
     observations: Observations, white: np.ndarray, frequency: float
 ) -> None:
     wave = 12.0 * np.sin(2 * np.pi * frequency * observations.time_s)
@@ -83,7 +85,7 @@ def test_rows_elsewhere_are_not_looked_at(observations: Observations, white: np.
     rows = np.arange(len(observations)) < len(observations) // 2
     left = white.copy()
     left[~rows] += 500.0
-    assert not diagnose_residual(observations, left, np.full(21, SD), rows).structured
+    assert not diagnose_residual(observations, left, FLOOR, rows).structured
 
 
 def test_autocorrelation_stays_inside_segments(observations: Observations, white: np.ndarray) -> None:

@@ -6,10 +6,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taxel.manifest import Manifest
-from taxel_models.loop.effects.registry import NAMES
+from taxel_models.loop.blocks import cut
+from taxel_models.loop.effects.registry import NAMES, candidates
+from taxel_models.loop.observations import gather
+from taxel_models.loop.stepwise import StepwiseSelection
 from taxel_models.recordings import Recording
-from taxel_models.recovery.benchmark import RecoverySettings, Round, _draw, run_round, summarise
+from taxel_models.recovery.benchmark import (
+    RecoverySettings,
+    Round,
+    _draw,
+    run_round,
+    summarise,
+    without_effects,
+)
+from taxel_models.recovery.injection import Injection
+from taxel_models.recovery.injectors import inject
 
 Make = Callable[..., Recording]
 
@@ -20,7 +31,7 @@ def made(truth: str, found: str, **others: Any) -> Round:
         "number": 0,
         "truth": truth,
         "strength": 1.0,
-        "planted": {},
+        "injected": {},
         "found": found,
         "named": named,
         "right": found == truth if truth in NAMES else not named,
@@ -89,7 +100,7 @@ def test_rounds_are_drawn_as_the_rules_say() -> None:
     assert 1.9 < max(strengths) <= 2.0
 
 
-def test_a_round_is_marked_by_what_was_planted(smooth: Any, make: Make, manifest: Manifest) -> None:
+def test_a_round_is_marked_by_what_was_injected(smooth: Any, make: Make) -> None:
     drawn, random = ("lag", 2.0), np.random.default_rng(0)
     one = run_round(smooth, make(noise=4.0), drawn, 7, random)
     assert (one.number, one.truth, one.found, one.named, one.right) == (7, "lag", "lag", ("lag",), True)
@@ -97,3 +108,31 @@ def test_a_round_is_marked_by_what_was_planted(smooth: Any, make: Make, manifest
     assert one.clean < one.after * 1.01 < one.before
     assert one.removed == pytest.approx((one.before - one.after) / (one.before - one.clean))
     assert one.removed > 0.9
+
+
+def named_in(smooth: Any, recording: Recording) -> list[str]:
+    observations = gather(smooth, [recording], measured_temperature=True)
+    blocks = cut(observations, seed=1)
+    selection = StepwiseSelection(observations, blocks, candidates(observations), seed=1)
+    return [named.name for named in selection.run().named]
+
+
+def test_a_recording_without_effects_is_clean_on_another_split(smooth: Any, make: Make) -> None:
+    clean = make()
+    injection = Injection.into(clean, 2, np.full(21, 12.0))
+    inject(injection, "offset", 1.0)
+    inject(injection, "rate", 0.5)
+    assert set(named_in(smooth, injection.recording)) == {"offset", "rate"}
+    found = without_effects(smooth, injection.recording, seed=0)
+    assert named_in(smooth, found) == []
+    # What was injected is gone, and nothing else.
+    change = (found.channels - clean.ticks().channels)[100:-100]
+    assert np.sqrt((change**2).mean()) < 1.5
+
+
+def test_an_earlier_round_is_read() -> None:
+    finished = made("lag", "lag", injected={"lag": 0.05})
+    kept = finished.model_dump(mode="json", by_alias=True)
+    assert kept["planted"] == {"lag": 0.05}
+    assert "injected" not in kept
+    assert Round.model_validate(kept) == finished

@@ -23,7 +23,7 @@ from taxel_models.study.run import Study, compute_here, run_study
 from taxel_models.study.store import Store
 from taxel_models.study.study_report import describe, write_report
 from taxel_models.study.study_settings import PROTOCOLS, StudySettings
-from taxel_models.study.study_tables import leak_table, models_table, results_table, windows_table
+from taxel_models.study.study_tables import Table, leak_table, models_table, results_table, windows_table
 from taxel_models.study.summary import Summary, leak
 
 Run = Callable[..., Result]
@@ -141,6 +141,11 @@ def test_published_values_stand_beside_ours_where_the_data_are_the_papers(
     assert "| -7.740 | -9.785 | 0.000 |" in models.markdown()
     windows = windows_table(summary, published=True)
     assert "| -0.859 |  | 0.000 |" in windows.markdown()
+
+
+def test_a_name_with_a_bar_stays_in_its_cell() -> None:
+    table = Table("a", "by a|b", ("model|inputs", "MAE"), (("x|y", "1.0"),))
+    assert table.markdown() == "by a\\|b\n\n| model\\|inputs | MAE |\n| --- | ---: |\n| x\\|y | 1.0 |\n"
 
 
 def test_the_leak_is_told_beside_the_mean_predictor(

@@ -47,6 +47,11 @@ def _both(offsets: Candidate, gains: Candidate) -> Candidate:
     )
 
 
+def are_kinds(values: Floats) -> bool:
+    """Whether a column's different values name kinds."""
+    return len(values) <= MOST_KINDS and bool((values == np.rint(values)).all())
+
+
 class Covariate(Effect):
     """A constant for each kind, or a line in an amount. The column NAME has the effect `covariate:NAME`."""
 
@@ -70,7 +75,7 @@ class Covariate(Effect):
         kinds = np.unique(values)
         if len(kinds) < 2:
             return
-        if len(kinds) <= MOST_KINDS and (kinds == np.rint(kinds)).all():
+        if are_kinds(kinds):
             drivers = [self._is(values, kind) for kind in kinds]
             yield weighted(observations, name, "by kind", "unit", drivers, weight_unit="counts")
             # The mean over all kinds is taken out: a gain that all kinds share does not depend on the kind.

@@ -37,7 +37,7 @@ class Creep(Effect):
 
     @override
     def finer(self, observations: Observations, best: Candidate) -> Iterable[Candidate]:
-        tau = best.settled["time_constant"][0]
+        tau = best.form_parameters["time_constant"][0]
         make = self._of_signal if best.form.startswith(_OF_SIGNAL) else self._by_force
         for factor in FINER:
             yield make(observations, tau * float(factor))
@@ -61,7 +61,7 @@ class Creep(Effect):
             f"by force{' and its direction' if len(of) > 1 else ''}, {tau:.3g} s",
             "unit",
             drivers,
-            settled={"time_constant": (tau, "s")},
+            form_parameters={"time_constant": (tau, "s")},
             weight_unit="counts/N",
         )
 
@@ -74,6 +74,6 @@ class Creep(Effect):
             "signal",
             [past(observations, share, f"relaxation_share[{tau:.3g}s].force", "1")],
             centred=False,
-            settled={"time_constant": (tau, "s")},
+            form_parameters={"time_constant": (tau, "s")},
             weight_unit="relative",
         )

@@ -49,7 +49,7 @@ class Candidate:
         fitting: how its weights are fitted.
         weight_names: the k names of the weights.
         weight_unit: the unit of all weights.
-        settled: the parameters of this form, such as a time constant, with their units.
+        form_parameters: the parameters of this form, such as a time constant, with their units.
         online: gives the online form for weights (21, k).
         alike: the largest SD over mean of the electrodes' weights; None if they may differ freely.
         certain: whether chance cannot cause its signature. Then it needs no test.
@@ -64,7 +64,7 @@ class Candidate:
     fitting: Fitting = field(default_factory=Fitting)
     weight_names: tuple[str, ...] = ("weight",)
     weight_unit: str = ""
-    settled: Mapping[str, tuple[float, str]] = field(default_factory=dict)
+    form_parameters: Mapping[str, tuple[float, str]] = field(default_factory=dict)
     online: Callable[[Floats], Online] = lambda _: Online()
     alike: float | None = None
     certain: bool = False

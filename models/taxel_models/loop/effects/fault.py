@@ -20,7 +20,7 @@ class Fault(Effect):
     name = "fault"
     looks_at_residual = True
     equation = "measured_c = v_c"
-    source = "frozen channels and unconnected fingers in public logs"
+    source = "stuck channels and unconnected fingers in public logs"
     signature = (
         "a value repeated for longer than chance allows, got to by a jump or while the prediction moves"
     )
@@ -47,7 +47,7 @@ class Fault(Effect):
             f"{kind}: {names}",
             Own(values),
             fitting=Fitting(fixed=True),
-            settled={
+            form_parameters={
                 f"rows affected, {CHANNELS[stuck.channel]}": (float(stuck.rows.mean()), "share")
                 for stuck in found
             },

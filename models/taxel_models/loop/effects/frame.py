@@ -45,13 +45,13 @@ class Frame(Effect):
                 form,
                 Own(change[:, :, None].astype(np.float32), rows),
                 fitting=Fitting(fixed=True),
-                settled=_settled(kind, vector),
+                form_parameters=_form_parameters(kind, vector),
                 online=partial(_online, kind, vector),
                 moved=partial(_moved, kind, vector),
             )
 
 
-def _settled(kind: str, vector: Floats) -> dict[str, tuple[float, str]]:
+def _form_parameters(kind: str, vector: Floats) -> dict[str, tuple[float, str]]:
     """The motion's parameters, for a report."""
     if kind == "shift":
         named = dict(zip("xyz", vector * 1e3, strict=True))

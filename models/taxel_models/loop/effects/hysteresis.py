@@ -39,9 +39,9 @@ class Hysteresis(Effect):
 
     @override
     def finer(self, observations: Observations, best: Candidate) -> Iterable[Candidate]:
-        if "width" in best.settled:
+        if "width" in best.form_parameters:
             for factor in FINER:
-                yield self._with(observations, best.settled["width"][0] * factor)
+                yield self._with(observations, best.form_parameters["width"][0] * factor)
 
     def _with(self, observations: Observations, width: float) -> Candidate:
         feature = Play(of="force", width_n=width)
@@ -51,6 +51,6 @@ class Hysteresis(Effect):
             f"play of {width:.3g} N",
             "unit",
             [past(observations, feature, f"play[{width:.3g}N].force", "N")],
-            settled={"width": (width, "N")},
+            form_parameters={"width": (width, "N")},
             weight_unit="counts/N",
         )

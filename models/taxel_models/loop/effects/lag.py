@@ -34,7 +34,7 @@ class Lag(Effect):
                 f"{ticks * 10} ms",
                 Own(change[:, :, None].astype(np.float32)),
                 fitting=Fitting(fixed=True),
-                settled={"lag": (ticks * TICK_S, "s")},
+                form_parameters={"lag": (ticks * TICK_S, "s")},
                 online=partial(_online, ticks),
                 moved=partial(_moved, ticks),
             )

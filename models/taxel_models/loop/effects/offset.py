@@ -110,7 +110,7 @@ class Offset(Effect):
             fitting=fitting,
             weight_names=("share that stays", "share that fades"),
             weight_unit="relative",
-            settled={"time constant of fading": (time_constant_s, "s")},
+            form_parameters={"time constant of fading": (time_constant_s, "s")},
             online=lambda weights: _fading_online(weights, time_constant_s, limits),
             again=lambda _: self._fading(taken, time_constant_s, limits),
         )

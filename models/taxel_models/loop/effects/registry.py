@@ -1,4 +1,7 @@
-"""The list of effects. To add an effect, write its file and add its class here."""
+"""The list of effects.
+
+To add an effect, write its file, add its class here, and its injector in `recovery/injectors.py`.
+"""
 
 from typing import Final
 

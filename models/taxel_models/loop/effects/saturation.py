@@ -50,7 +50,7 @@ class Saturation(Effect):
             fitting=Fitting(pooled=pooled),
             weight_names=("slope",),
             weight_unit="relative",
-            settled={"quantile": (quantile, "of |signal|")},
+            form_parameters={"quantile": (quantile, "of |signal|")},
             online=online,
             again=partial(self._with, quantile, level, pooled),
         )

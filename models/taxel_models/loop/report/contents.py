@@ -21,7 +21,7 @@ class Pictures:
     Attributes:
         waterfall: explained shares.
         channels: errors of each channel.
-        remainder: spectrum and autocorrelation.
+        residual: spectrum and autocorrelation.
         effects: one each, by the effect's name.
     """
 

@@ -22,7 +22,7 @@ class Partial:
 
     Attributes:
         named: the effect.
-        rows: (n,) which of the observations's rows they are.
+        rows: (n,) which of the observations' rows they are.
         before: (m, 21) what the other named effects leave, counts.
         after: (m, 21) what is left with this one too, counts.
         contribution: (m, 21) their difference, counts.

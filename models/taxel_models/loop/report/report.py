@@ -5,7 +5,7 @@ DIR/report.md            the same to read, with the pictures beside it
 DIR/report.html          the same in one file
 DIR/waterfall.png        where the residual's energy goes
 DIR/channels.png         each channel's error before and after
-DIR/residual.png        the residual's spectrum and autocorrelation before and after
+DIR/residual.png         the residual's spectrum and autocorrelation before and after
 DIR/effect-1-NAME.png …  the residual against each named effect's driver before and after
 """
 
@@ -46,7 +46,7 @@ def write_report(folder: Path, result: LoopResult) -> None:
 
 def _draw(result: LoopResult, place: Path) -> Pictures:
     findings = result.findings
-    waterfall, channels, remainder = "waterfall.png", "channels.png", "residual.png"
+    waterfall, channels, residual = "waterfall.png", "channels.png", "residual.png"
     named = {effect.name: effect for effect in result.attribution.named}
     effects = {}
     for number, effect in enumerate(findings.effects, 1):
@@ -59,7 +59,7 @@ def _draw(result: LoopResult, place: Path) -> Pictures:
         Picture(
             channels, "errors of each channel", draw_channels(findings, _noise(result), place / channels)
         ),
-        Picture(remainder, "spectrum and autocorrelation", draw_residual(result, place / remainder)),
+        Picture(residual, "spectrum and autocorrelation", draw_residual(result, place / residual)),
         effects,
     )
 

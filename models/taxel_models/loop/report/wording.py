@@ -48,12 +48,12 @@ def interval(figure: Parameter) -> str:
 
 
 def key_parameters(effect: FoundEffect) -> str:
-    """What settles the effect's form, then the largest of what was fitted."""
-    settled = [figure for figure in effect.parameters if figure.low is None]
+    """The parameters of the effect's form, then the largest of those that were fitted."""
+    of_form = [figure for figure in effect.parameters if figure.low is None]
     fitted = sorted(
         (figure for figure in effect.parameters if figure.low is not None), key=_size, reverse=True
     )
-    shown = [*settled, *fitted][:_MOST_KEY_PARAMETERS]
+    shown = [*of_form, *fitted][:_MOST_KEY_PARAMETERS]
     more = len(effect.parameters) - len(shown)
     return "; ".join(map(parameter, shown)) + (f"; {more} more" if more else "")
 
