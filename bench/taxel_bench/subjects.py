@@ -68,7 +68,7 @@ class Subject:
 
     @property
     def engines(self) -> tuple[Engine, ...]:
-        """All engines, ours last: the caches then hold another engine's data."""
+        """All engines, the baseline first and ours last."""
         baseline = () if self.baseline is None else (self.baseline,)
         return (*baseline, *self.peers, self.taxel)
 

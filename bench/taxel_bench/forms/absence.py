@@ -61,7 +61,7 @@ class Absences:
             for forest in self._evaluated.values()
             for call in (self._evict, *(_evaluation(forest, windows, result, by) for by in (0, 1)))
         ]
-        timed = interleaved(calls, repetitions=repetitions, watch=watch)
+        timed = interleaved(calls, repetitions=repetitions, seed=seed, together=3, watch=watch)
         cold, warm = timed[1::3], timed[2::3]
         return [
             {

@@ -52,7 +52,7 @@ class Effort:
         repetitions: timed calls of each engine; as many as p99 needs if None, fewer where they would
             take longer than `seconds`.
         seconds: longest time for the calls, where `repetitions` does not say how many.
-        seed: of the windows.
+        seed: of the windows, and of the order of turns.
     """
 
     repetitions: int | None = None
@@ -98,7 +98,9 @@ def run_paper(subject: Subject, effort: Effort, watch: Watch = ignore) -> list[d
     warm_up(calls, rounds=PAPER_WARM_UP, seconds=effort.seconds)
     with stolen_time() as stolen:
         rounds = effort.repetitions or PAPER_WINDOWS
-        taken = interleaved(calls, repetitions=rounds, watch=lambda done: watch(done / rounds))
+        taken = interleaved(
+            calls, repetitions=rounds, seed=effort.seed, watch=lambda done: watch(done / rounds)
+        )
     results = []
     for engine, timed in zip(subject.engines, taken, strict=True):
         mean, std = float(timed.seconds.mean()) * 1e3, float(timed.seconds.std()) * 1e3
@@ -123,7 +125,8 @@ def _serve_batch(subject: Subject, batch: int, effort: Effort, watch: Watch) -> 
     round_s = warm_up(turns, rounds=_WARM_UP, seconds=_WARM_UP_SHARE * effort.seconds)
     rounds = effort.rounds(round_s)
     with stolen_time() as stolen:
-        taken = interleaved(turns, repetitions=rounds, watch=_part(watch, _TURNS_BEGIN, _TURNS_END, rounds))
+        told = _part(watch, _TURNS_BEGIN, _TURNS_END, rounds)
+        taken = interleaved(turns, repetitions=rounds, seed=effort.seed, watch=told)
 
     def predicting(number: int) -> object:
         return subject.predict(inputs[number % distinct])
