@@ -14,7 +14,7 @@ import onnx
 import xgboost
 
 from taxel.artifacts import Artifact
-from taxel.errors import Unavailable
+from taxel.errors import TaxelError, Unavailable
 from taxel_bench.engines import Engine
 from taxel_bench.environments import find_environment, install_environment
 from taxel_models.families.networks.network import NetworkModel
@@ -93,6 +93,14 @@ class Peer(Generic[Model]):
             raise Unavailable(f"{self.module} cannot be imported: {last[0]}")
         # Behind our own packages, so that what both have stays ours.
         site.addsitedir(str(packages_of(interpreter)))
+
+
+def reason_of(error: Exception) -> str:
+    """Why a peer has no part: in our words, or in the first line of its own."""
+    if isinstance(error, TaxelError):
+        return str(error)
+    lines = str(error).strip().splitlines()
+    return ": ".join([type(error).__name__, *lines[:1]])
 
 
 def packages_of(interpreter: Path) -> Path:

@@ -8,7 +8,8 @@ from taxel.errors import SettingsError, Unavailable
 from taxel_bench.engines import Engine
 from taxel_bench.peers.forests import FOREST_PEERS
 from taxel_bench.peers.networks import GRAPH_PEERS
-from taxel_bench.peers.peer import Model, Peer
+from taxel_bench.peers.peer import Model, Peer, reason_of
+from taxel_bench.windows import random_windows
 
 ALL: Final = "all"
 
@@ -47,7 +48,8 @@ def parse_peer_choice(text: str, *, install: bool) -> PeerChoice:
 def open_peers(
     choice: PeerChoice, peers: Sequence[Peer[Model]], model: Model
 ) -> tuple[tuple[Engine, ...], dict[str, str]]:
-    """Engines of the chosen peers, and the reason for each that has none."""
+    """Engines of the chosen peers, and the reason for each that has none or cannot evaluate a window."""
+    window = random_windows(model.artifact.manifest, 1, seed=0)
     engines: list[Engine] = []
     skipped: dict[str, str] = {}
     known = {peer.name: peer for peer in peers}
@@ -56,7 +58,10 @@ def open_peers(
             if name not in known:
                 raise Unavailable(f"not for this kind of model: there is {', '.join(known)}")
             known[name].get_ready(install=choice.install)
-            engines.append(known[name].engine(model))
-        except (Unavailable, ImportError) as error:
-            skipped[name] = str(error)
+            engine = known[name].engine(model)
+            # Some compile only now. A library may raise anything, and the others are measured all the same.
+            engine.predict(window)
+            engines.append(engine)
+        except Exception as error:
+            skipped[name] = reason_of(error)
     return tuple(engines), skipped

@@ -114,4 +114,6 @@ def _times(paper: Result, taxel: Result) -> list[str]:
 
 
 def _verdict(paper: Result, taxel: Result) -> str:
-    return "VALID" if paper["verdict"] == taxel["verdict"] == "VALID" else "INVALID"
+    """Of all figures of a row, in turn and warm."""
+    verdicts = {result[key] for result in (paper, taxel) for key in ("verdict", "warm_verdict")}
+    return "VALID" if verdicts == {"VALID"} else "INVALID"

@@ -1,6 +1,12 @@
 """Other libraries beside ours: the same answers, a result each, and who is missing told by name."""
 
 import json
+import os
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +14,7 @@ import numpy as np
 import onnx
 import onnx.reference
 import pytest
+from numpy.typing import NDArray
 from typer.testing import CliRunner, Result
 
 from taxel.artifacts import folder_of
@@ -17,11 +24,13 @@ from taxel_bench.paper_size import write_paper_sized
 from taxel_bench.peers.compiled_treelite import compiled_library
 from taxel_bench.peers.numpy_graph import NumpyGraph
 from taxel_bench.peers.selection import PeerChoice
+from taxel_bench.run.protocols import DISTINCT_INPUTS, Effort, run_serving
 from taxel_bench.subjects import open_subject
 from taxel_bench.windows import random_windows
 from taxel_exporters.export import export
 from taxel_models.shipped import shipped_repository
 
+Windows = NDArray[np.float32]
 QUICK = ("--repetitions", "4", "--seconds", "0.1")
 HERE = {
     "xgb": ("xgboost-merged", "onnxruntime"),
@@ -50,8 +59,9 @@ def test_each_peer_has_a_result_and_ours_compares_with_it(model: str) -> None:
     for batch in (1, 8):
         results = [each for each in said["results"] if each["batch"] == batch]
         ours = results[-1]
-        left_out = ours["too_slow"]
-        assert [each["engine"] for each in results] == [name for name in engines if name not in left_out]
+        assert [each["engine"] for each in results] == engines
+        assert (ours["too_slow"], ours["too_slow_limit_ms"], ours["left_out"]) == ({}, None, {})
+        assert ours["ratios"]["paper"] == ours["ratio"]
         peers = {each["engine"]: each for each in results[1:-1]}
         for name, peer in peers.items():
             assert peer["threads"] == 1
@@ -85,6 +95,66 @@ def test_peers_give_the_answers_that_they_promise() -> None:
                     assert 1e-4 < apart < 1
                 else:
                     assert apart < 1e-4
+
+
+def test_a_peer_that_disagrees_or_fails_is_left_out_and_the_others_are_timed() -> None:
+    """The answer to the last of all inputs alone is another: the first one was asked for before."""
+
+    def fails(windows: Windows) -> Windows:
+        raise MemoryError("no room\nfor so many rows")
+
+    with open_subject("ffnn", peers=PeerChoice(("onnxruntime", "numpy"))) as subject:
+        onnx_runtime, numpy = subject.peers
+        calls = count()
+        wrong = replace(
+            onnx_runtime,
+            counts=lambda out: onnx_runtime.counts(out) + np.float32(next(calls) == DISTINCT_INPUTS),
+        )
+        found = {
+            name: run_serving(replace(subject, peers=peers), [1], Effort(repetitions=4))
+            for name, peers in {
+                "wrong": (wrong, numpy),
+                "failing": (onnx_runtime, replace(numpy, evaluate=fails)),
+            }.items()
+        }
+    assert [each["engine"] for each in found["wrong"]] == ["paper", "numpy", "taxel"]
+    (reason,) = found["wrong"][-1]["left_out"].values()
+    assert "the engine onnxruntime differs from ours by 1 counts" in reason
+    assert [each["engine"] for each in found["failing"]] == ["paper", "onnxruntime", "taxel"]
+    assert found["failing"][-1]["left_out"] == {"numpy": "MemoryError: no room"}
+
+
+def test_a_peer_whose_calls_take_too_much_of_the_time_is_left_out() -> None:
+    with open_subject("ffnn", peers=PeerChoice(("onnxruntime", "numpy"))) as subject:
+        onnx_runtime, numpy = subject.peers
+        effort = Effort(seconds=4.0)
+
+        def slow(windows: Windows) -> Windows:
+            time.sleep(0.11)
+            return numpy.evaluate(windows)
+
+        changed = replace(subject, peers=(onnx_runtime, replace(numpy, evaluate=slow)))
+        results = run_serving(changed, [64], effort)
+    assert [each["engine"] for each in results] == ["paper", "onnxruntime", "taxel"]
+    assert results[-1]["too_slow_limit_ms"] == 100
+    assert results[-1]["too_slow"]["numpy"] > 100
+
+
+def test_a_library_that_fails_at_its_first_call_is_skipped(tmp_path: Path) -> None:
+    """torch.compile looks for a compiler only then."""
+    run = "from taxel_bench.commands import app; app()"
+    arguments = ("run", "--model", "ffnn", "--peers", "torch-compiled,numpy", *QUICK, "--json")
+    missing = {"CXX": "/nonexistent/c++", "TORCHINDUCTOR_CACHE_DIR": str(tmp_path / "compiled")}
+    done = subprocess.run(
+        [sys.executable, "-c", run, *arguments], env=os.environ | missing, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert [each["engine"] for each in said["results"]] == ["paper", "numpy", "taxel"]
+    ((name, reason),) = [(each["peer"], each["reason"]) for each in said["skipped"]]
+    assert name == "torch-compiled"
+    assert "\n" not in reason
+    assert "ompile" in reason
 
 
 def test_peers_that_are_not_there_are_told_by_name() -> None:
