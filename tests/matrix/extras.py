@@ -24,6 +24,7 @@ REFUSED = {
         "bench table -o x",
         "bench load --scenario single-stream --model xgb",
         "bench compare",
+        "bench forms",
     ),
 }
 

@@ -5,11 +5,13 @@ from typing import Annotated, Any
 
 import typer
 
-from taxel.commands.cli import OUT, Json, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.dependencies import SERVING
 from taxel.errors import SettingsError
 from taxel_bench.options import Seed, parse_batches
 
 
+@needs("bench", *SERVING, "psutil")
 def forms(
     forest: Annotated[
         str, typer.Option(help="even and skewed, of the paper's size, and shipped; one or several.")
