@@ -4,7 +4,8 @@
     python tests/arm/predictions.py compare FILE
 
 A forest's have to be the same bits. A network's sums may be rounded otherwise; they have to be as near to
-ONNX Runtime's as the server asks for. A network's program is compared even where a load would choose ONNX Runtime.
+ONNX Runtime's as the server asks for. A network's program is compared even where a load would choose
+ONNX Runtime.
 """
 
 import sys
@@ -57,10 +58,11 @@ def compare(artifact: Artifact, expected: NDArray[np.float32]) -> bool:
     program = ProgramEvaluator(lower(read_graph(artifact.model_path)))
     near = []
     for name, counts in (("as loaded", found), (program.name, program.counts(windows))):
-        apart = [float((np.abs(counts - other) / deviations).max()) for other in (by_onnx_runtime, expected)]
+        others = (by_onnx_runtime, expected)
+        apart = [float((np.abs(counts - other) / deviations).max()) for other in others]
         print(
-            f"  {name}: at most {apart[0]:.1e} of a channel's deviation from ONNX Runtime's on this processor,"
-            f" {apart[1]:.1e} from the other processor's"
+            f"  {name}: at most {apart[0]:.1e} of a channel's deviation from ONNX Runtime's"
+            f" on this processor, {apart[1]:.1e} from the other processor's"
         )
         near.append(max(apart) <= MOST_APART)
     return all(near)

@@ -7,11 +7,10 @@ import xgboost
 from numpy.typing import NDArray
 
 from taxel.errors import Unavailable
-from taxel.manifest import OUTPUT_NAME
 from taxel.scaling import Scaler
 from taxel_bench.engines import SAME_ANSWERS, THREADS, Engine
 from taxel_bench.peers.compiled_treelite import compiled_library
-from taxel_bench.peers.onnx_session import onnx_session
+from taxel_bench.peers.onnx_engine import onnx_engine
 from taxel_bench.peers.peer import ForestModel, Peer
 from taxel_exporters.onnx_trees import forest_onnx
 
@@ -61,17 +60,8 @@ def _onnx_runtime(model: ForestModel) -> Engine:
     manifest = model.artifact.manifest
     columns = manifest.window.model_columns
     graph = forest_onnx(model.boosters, manifest.normalisation, columns, columns)
-    session, version = onnx_session(graph.SerializeToString())
-    (name,) = (given.name for given in session.get_inputs())
-    return Engine(
-        "onnxruntime",
-        f"one TreeEnsembleRegressor, raw windows to counts, ONNX Runtime {version}",
-        lambda windows: {name: np.ascontiguousarray(windows[:, :columns])},
-        lambda feed: session.run([OUTPUT_NAME], feed),
-        lambda outputs: np.asarray(outputs[0]),
-        None,
-        SAME_ANSWERS,
-    )
+    how = "one TreeEnsembleRegressor, raw windows to counts"
+    return onnx_engine("onnxruntime", how, graph, manifest)
 
 
 def _treelite_gtil(model: ForestModel) -> Engine:

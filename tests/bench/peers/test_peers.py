@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -197,6 +198,15 @@ def test_a_graph_by_numpy_is_what_onnx_says_of_it(model: str, tmp_path: Path) ->
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-3)
 
 
+def test_a_product_that_numpy_would_compute_otherwise_is_refused() -> None:
+    graph = onnx.load(folder_of(shipped_repository(), "ffnn") / "model.onnx")
+    gemm = next(node for node in graph.graph.node if node.op_type == "Gemm")
+    (alpha,) = [attribute for attribute in gemm.attribute if attribute.name == "alpha"]
+    alpha.f = 0.5
+    with pytest.raises(Unavailable, match=r"a Gemm has alpha 0\.5"):
+        NumpyGraph(graph)
+
+
 def test_a_forest_is_compiled_on_request_only(monkeypatch: pytest.MonkeyPatch) -> None:
     with open_subject("xgb") as subject:
         manifest = subject.manifest
@@ -232,6 +242,7 @@ def results_of(*arguments: str) -> list[dict[str, Any]]:
     return results
 
 
+@pytest.mark.skipif(shutil.which("g++") is None, reason="there is no g++: torch.compile needs one")
 @pytest.mark.filterwarnings("ignore:.torch.jit:DeprecationWarning")
 def test_torch_compiled_gives_the_networks_answers() -> None:
     peer = results_of("--model", "network-b", "--peers", "torch-compiled", *QUICK)[1]
