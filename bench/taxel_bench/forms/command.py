@@ -7,8 +7,7 @@ import typer
 
 from taxel.commands.cli import OUT, Json, needs, print_json
 from taxel.dependencies import SERVING
-from taxel.errors import SettingsError
-from taxel_bench.options import Seed, parse_batches
+from taxel_bench.options import Seed, parse_batches, parse_names
 
 
 @needs("bench", *SERVING, "psutil")
@@ -39,10 +38,7 @@ def forms(
     from taxel_server.runtimes.compiled.processor import instruction_set
 
     batches = parse_batches(batch)
-    switches = NAMES if without is None else tuple(without.split(","))
-    unknown = [name for name in switches if name not in NAMES]
-    if unknown:
-        raise SettingsError(f"--without {unknown[0]}: expected some of {', '.join(NAMES)}")
+    switches = NAMES if without is None else parse_names("--without", without, NAMES, "switch")
     results: list[dict[str, Any]] = []
     with forest_files(forest.split(","), model or [], seed) as files:
         total = len(files) * len(batches) * repetitions

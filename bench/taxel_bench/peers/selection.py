@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from taxel.errors import SettingsError, Unavailable
+from taxel.errors import Unavailable
 from taxel_bench.engines import Engine
+from taxel_bench.options import parse_names
 from taxel_bench.peers.forests import FOREST_PEERS
 from taxel_bench.peers.networks import GRAPH_PEERS
 from taxel_bench.peers.peer import Model, Peer, reason_of
@@ -38,11 +39,8 @@ def parse_peer_choice(text: str, *, install: bool) -> PeerChoice:
     """
     if text == ALL:
         return PeerChoice(None, install)
-    known = list(dict.fromkeys(peer.name for peer in (*FOREST_PEERS, *GRAPH_PEERS)))
-    names = tuple(dict.fromkeys(part.strip() for part in text.split(",")))
-    if unknown := [name for name in names if name not in known]:
-        raise SettingsError(f"--peers {text}: no peer {unknown[0]!r}; there is: {', '.join(known)}")
-    return PeerChoice(names, install)
+    known = (peer.name for peer in (*FOREST_PEERS, *GRAPH_PEERS))
+    return PeerChoice(tuple(parse_names("--peers", text, known, "peer")), install)
 
 
 def open_peers(

@@ -18,12 +18,14 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner, Result
 
-from taxel.artifacts import folder_of
+from taxel.artifacts import folder_of, read
 from taxel.errors import Unavailable
 from taxel_bench.commands import app
+from taxel_bench.environments import environment, own_versions
 from taxel_bench.paper_size import write_paper_sized
 from taxel_bench.peers.compiled_treelite import compiled_library
 from taxel_bench.peers.numpy_graph import NumpyGraph
+from taxel_bench.peers.peer import GraphModel, Peer, packages_of
 from taxel_bench.peers.selection import PeerChoice
 from taxel_bench.run.protocols import DISTINCT_INPUTS, Effort, run_serving
 from taxel_bench.subjects import open_subject
@@ -208,17 +210,56 @@ def test_a_product_that_numpy_would_compute_otherwise_is_refused() -> None:
 
 
 def test_a_forest_is_compiled_on_request_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    with open_subject("xgb") as subject:
-        manifest = subject.manifest
-    from taxel.artifacts import read
-
-    artifact = read(folder_of(shipped_repository(), manifest.name))
+    artifact = read(folder_of(shipped_repository(), "xgb"))
     monkeypatch.setattr("shutil.which", lambda name: f"/usr/bin/{name}")
     with pytest.raises(Unavailable, match="pass --install"):
         compiled_library(artifact, install=False)
     monkeypatch.setattr("shutil.which", lambda name: None)
     with pytest.raises(Unavailable, match="no gcc"):
         compiled_library(artifact, install=True)
+
+
+def test_a_forest_that_takes_too_long_to_compile_is_told_with_the_folder_to_remove(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("shutil.which", lambda name: f"/usr/bin/{name}")
+    artifact = read(folder_of(shipped_repository(), "xgb"))
+    environment("engines/treelite-compiled", [], install=True)
+    for limit_s in (0.0, 1200.0):
+        with pytest.raises(Unavailable, match=r"longer than 0 s .* remove") as refused:
+            compiled_library(artifact, install=True, limit_s=limit_s)
+    shutil.rmtree(Path(str(refused.value).rpartition("remove ")[2]))
+    # Without TL2cgen it fails now: it was tried again.
+    with pytest.raises(Unavailable, match=r"cannot be compiled: .*tl2cgen"):
+        compiled_library(artifact, install=True)
+
+
+def test_a_peers_packages_become_importable_behind_ours(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    made = {name: environment(f"engines/{name}", [], install=True) for name in ("works", "fails")}
+    for name, interpreter in made.items():
+        packages = packages_of(interpreter)
+        (packages / f"taxel_{name}.py").write_text(
+            "" if name == "works" else "raise ImportError('no luck')"
+        )
+        (packages / "numpy").mkdir()
+        requirements = ["thing==1", *own_versions("numpy", "scipy", "scikit-learn", "onnxruntime")]
+        (interpreter.parents[1] / "requirements.json").write_text(json.dumps(requirements))
+    works, fails = (
+        Peer[GraphModel](name, lambda _: pytest.fail("it is not evaluated"), ("thing==1",), f"taxel_{name}")
+        for name in made
+    )
+    before = list(sys.path)
+    with pytest.raises(Unavailable, match="taxel_fails cannot be imported: ImportError: no luck"):
+        fails.get_ready(install=False)
+    assert sys.path == before
+    works.get_ready(install=False)
+    assert sys.path == [*before, str(packages_of(made["works"]))]
+
+
+def test_an_environment_of_another_python_is_told(tmp_path: Path) -> None:
+    with pytest.raises(Unavailable, match="was made by another Python: remove it"):
+        packages_of(tmp_path / "bin" / "python")
 
 
 @pytest.mark.parametrize(
