@@ -31,7 +31,7 @@ def forms(
     All are evaluated in turn in one run: cold, after the caches were emptied, and warm. The cost of an
     absence is the growth of the processor's time, as the median over the rounds.
     """
-    from taxel_bench.forms.absence import NAMES, Absences
+    from taxel_bench.forms.absence import EVICTION_BYTES, NAMES, Absences
     from taxel_bench.forms.files import forest_files
     from taxel_bench.machine import describe_machine
     from taxel_bench.progress import progress_bar, shifted
@@ -52,7 +52,14 @@ def forms(
                     results += [{"forest": name, **result} for result in found]
     if as_json:
         machine = describe_machine()
-        print_json({"machine": machine, "instruction_set": instruction_set(), "results": results})
+        print_json(
+            {
+                "machine": machine,
+                "instruction_set": instruction_set(),
+                "eviction_bytes": EVICTION_BYTES,
+                "results": results,
+            }
+        )
         return
     OUT.print(_table(results, batches, instruction_set()))
 

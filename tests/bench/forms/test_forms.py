@@ -30,7 +30,7 @@ def forest(tmp_path: Path) -> Path:
 def test_each_absence_is_timed_beside_everything(forest: Path) -> None:
     few = ("--forest", "", "--model", forest, "--batch", "8,300", "--repetitions", 2)
     said = json.loads(bench_forms(*few, "--without", "small_batch,bitset_256", "--json").stdout)
-    assert set(said) == {"machine", "instruction_set", "results"}
+    assert set(said) == {"machine", "instruction_set", "eviction_bytes", "results"}
     results = said["results"]
     assert [(each["rows"], each["without"]) for each in results] == [
         (rows, name) for rows in (8, 300) for name in ("", "small_batch", "bitset_256")
