@@ -7,6 +7,7 @@ from rich.table import Table
 
 from taxel_bench.engines import BASE, TAXEL
 from taxel_bench.figures import short
+from taxel_bench.verdict import verdict_of
 
 _KEYS = ("median_ms", "p90_ms", "p99_ms")
 
@@ -15,11 +16,11 @@ def serving_table(results: Sequence[dict[str, Any]]) -> Table:
     """One row for each batch size and engine, in milliseconds."""
     compared = _compared(results)
     table = Table(
-        *("batch", "engine", "median", "p90", "p99", compared, "verdict", "warm", compared, "verdict"),
+        *("batch", "engine", "median", "p90", "p99", compared, "warm", compared, "verdict"),
         caption="milliseconds; the engines in turn, and warm: each back to back",
     )
-    for column in table.columns[2:]:
-        column.justify = "left" if column.header == "verdict" else "right"
+    for column in table.columns[2:-1]:
+        column.justify = "right"
     for result in results:
         ours = next(
             each for each in results if each["engine"] == TAXEL and each["batch"] == result["batch"]
@@ -29,10 +30,9 @@ def serving_table(results: Sequence[dict[str, Any]]) -> Table:
             result["engine"],
             *(short(result[key]) for key in _KEYS),
             _comparison(result, ours, "ratio", "correction_cost_cold_us"),
-            result["verdict"],
             short(result["warm_median_ms"]),
             _comparison(result, ours, "warm_ratio", "correction_cost_us"),
-            result["warm_verdict"],
+            verdict_of(result),
             end_section=result is ours,
         )
     return table
