@@ -40,6 +40,7 @@ unit:
 # ARGS: pytest's arguments, instead of all tests and the shipped models' predictions.
 arm: $(VENV)/.all
 	@$(BIN)/python tests/arm/emulate.py $(ARGS)
+
 # Apart from `make test`: tracing makes the tests of plain Python half as slow again.
 coverage: $(VENV)/.all
 	$(BIN)/python -m pytest --cov --cov-report=term

@@ -29,10 +29,12 @@ def main() -> int:
     parser.add_argument("version", help="The new version, as 1.2.3.")
     parser.add_argument("--dry", action="store_true", help="In a temporary clone, which is deleted.")
     options = parser.parse_args()
-    root = Path(_git(Path.cwd(), "rev-parse", "--show-toplevel"))
     try:
+        root = Path(_git(Path.cwd(), "rev-parse", "--show-toplevel"))
         if not options.dry:
             release(root, options.version)
+            files = f"dist/*{options.version}*"
+            print(f"To publish: git push --follow-tags, and twine upload {files}")
             return 0
         with TemporaryDirectory(prefix="taxel-release-") as folder:
             _check_clean(root)
@@ -74,9 +76,7 @@ def release(root: Path, version: str) -> None:
     _git(root, "tag", "-a", tag, "-m", f"Taxel {version}")
     for path in files:
         print(f"{path.relative_to(root)}  {path.stat().st_size / 1e6:.1f} MB")
-    print(
-        f"Committed and tagged {tag}. To publish: git push --follow-tags, and twine upload dist/*{version}*"
-    )
+    print(f"Committed and tagged {tag}.")
 
 
 def tag_of(version: str) -> str:

@@ -8,6 +8,8 @@ import os
 import subprocess
 import venv
 from collections.abc import Sequence
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final
 
@@ -19,40 +21,46 @@ _LIST: Final = "requirements.json"
 
 
 def cache_folder() -> Path:
-    """Where environments are kept: `taxel/peers` in the user's cache folder."""
+    """Where environments are kept: `taxel/peers` in the user's cache folder.
+
+    Those of libraries are in `engines` there, those of servers in `servers`.
+    """
     named = os.environ.get("XDG_CACHE_HOME")
     return (Path(named) if named else Path.home() / ".cache") / "taxel" / "peers"
 
 
-def find_environment(name: str, requirements: Sequence[str]) -> Path:
+def environment(name: str, requirements: Sequence[str], *, install: bool) -> Path:
     """The interpreter of an environment that holds exactly these requirements.
 
+    Args:
+        name: its folder below the cache folder.
+        install: whether it is made if there is none.
+
     Raises:
-        Unavailable: there is none.
+        Unavailable: there is none, or they could not be installed; then the text is pip's.
     """
     folder = cache_folder() / name
     try:
         found = json.loads((folder / _LIST).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         found = None
-    if found != list(requirements):
+    if found == list(requirements):
+        return interpreter_of(folder)
+    if not install:
         state = "not installed" if found is None else "installed in other versions"
         raise Unavailable(f"{state}: pass --install to install {', '.join(requirements)} in {folder}")
+    with whole_folder(folder, replacing=_LIST) as making:
+        _fill(making, requirements)
     return interpreter_of(folder)
 
 
-def install_environment(name: str, requirements: Sequence[str]) -> Path:
-    """The interpreter of an environment that holds these requirements, made if there is none.
-
-    Raises:
-        Unavailable: they could not be installed; the text is pip's.
-    """
-    try:
-        return find_environment(name, requirements)
-    except Unavailable:
-        with whole_folder(cache_folder() / name, replacing=_LIST) as folder:
-            _fill(folder, requirements)
-    return interpreter_of(cache_folder() / name)
+def own_versions(*packages: str) -> list[str]:
+    """Requirements that ask for the versions that Taxel itself runs on, of the packages that it has."""
+    found = []
+    for name in packages:
+        with suppress(PackageNotFoundError):
+            found.append(f"{name}=={version(name)}")
+    return found
 
 
 def _fill(folder: Path, requirements: Sequence[str]) -> None:

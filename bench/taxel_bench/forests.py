@@ -1,9 +1,9 @@
 """Forests of a given size and shape as XGBoost JSON: no training, so that a benchmark can start at once."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,8 +43,17 @@ class ForestShape:
     cuts: int = 255
 
 
-SKEWED: Final = ForestShape(trees_per_output=63, leaves=572, depth=64, skew=0.5)
-"""1.5 million nodes in deep trees of more than a thousand each, as unlimited depth grows them."""
+TreeShape = Literal["even", "skewed"]
+
+_SKEWED: Final = ForestShape(trees_per_output=63, leaves=572, depth=64, skew=0.5)
+"""1.5 million nodes in deep trees of some 1,100 each, as unlimited depth grows them."""
+
+
+def tree_shape(trees: TreeShape, combination: int) -> ForestShape:
+    """Even trees as the published forests of a combination have them, or skewed ones, as many nodes."""
+    if trees == "even":
+        return paper_forest(combination)
+    return replace(_SKEWED, features=WindowSpec.of(combination).length)
 
 
 def paper_forest(combination: int) -> ForestShape:

@@ -2,6 +2,7 @@
 
 import os
 import platform
+import subprocess
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
@@ -21,12 +22,15 @@ _VECTOR_FLAGS: Final = (
 )
 """Instructions that decide which code the runtimes choose, as Linux names them."""
 
+_CHECKOUT: Final = Path(__file__).resolve().parents[2]
+
 
 def describe_machine() -> dict[str, Any]:
     """The processor, the system, its load, and the versions of what was measured.
 
     `flags` are the processor's vector instructions and `caches` its caches, both empty where the
     system does not tell; `load` is the mean number of busy or waiting threads over the last minute.
+    `commit` is that of the checkout which is measured, null where there is none.
     """
     return {
         "cpu": _cpu_model(),
@@ -38,7 +42,31 @@ def describe_machine() -> dict[str, Any]:
         "system": platform.platform(),
         "python": platform.python_version(),
         "versions": {name: found for name in _PACKAGES if (found := _version(name))},
+        "commit": commit_of(_CHECKOUT),
     }
+
+
+def commit_of(checkout: Path) -> dict[str, Any] | None:
+    """The short hash of a checkout's commit, and whether tracked files differ from it; None without one."""
+    top = _git(checkout, "rev-parse", "--show-toplevel")
+    # A package that is installed may lie inside someone else's checkout.
+    if top is None or Path(top).resolve() != checkout.resolve():
+        return None
+    commit = _git(checkout, "describe", "--always", "--dirty", "--exclude=*")
+    if commit is None:
+        return None
+    return {"hash": commit.removesuffix("-dirty"), "dirty": commit.endswith("-dirty")}
+
+
+def _git(folder: Path, *arguments: str) -> str | None:
+    """What git says; None where it fails, or there is no git."""
+    try:
+        done = subprocess.run(
+            ["git", "-C", folder, *arguments], capture_output=True, text=True, check=False
+        )
+    except OSError:
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None
 
 
 def _cores() -> int:

@@ -1,6 +1,6 @@
 """Options that several commands share."""
 
-from collections.abc import Container
+from collections.abc import Container, Iterable
 from typing import Annotated
 
 import typer
@@ -25,6 +25,22 @@ def parse_batches(text: str) -> list[int]:
         SettingsError: one is not a whole number from 1 to as many windows as a call may have.
     """
     return parse_numbers("--batch", text, range(1, MAX_ROWS + 1), f"1 to {MAX_ROWS}")
+
+
+def parse_names(option: str, text: str, known: Iterable[str], what: str) -> list[str]:
+    """Names from `fastapi,grpc`, each once, in the order given.
+
+    Args:
+        what: they name.
+
+    Raises:
+        SettingsError: one is not known.
+    """
+    names = list(dict.fromkeys(part.strip() for part in text.split(",")))
+    every = list(dict.fromkeys(known))
+    if unknown := [name for name in names if name not in every]:
+        raise SettingsError(f"{option} {text}: no {what} {unknown[0]!r}; there is: {', '.join(every)}")
+    return names
 
 
 def parse_numbers(option: str, text: str, allowed: Container[int], expected: str) -> list[int]:

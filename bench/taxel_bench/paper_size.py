@@ -2,7 +2,7 @@
 
 import hashlib
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 import torch
@@ -13,7 +13,7 @@ from taxel.channels import CHANNELS
 from taxel.errors import SettingsError
 from taxel.manifest import Manifest, ModelFile, Normalisation, Platform, Training, WindowLayout, tensors
 from taxel.windows import WindowSpec
-from taxel_bench.forests import SKEWED, ForestShape, paper_forest, write_forest
+from taxel_bench.forests import TreeShape, tree_shape, write_forest
 from taxel_exporters import formats
 from taxel_models.families.family import History
 from taxel_models.families.networks.network import NetworkFamily, NetworkModel
@@ -21,8 +21,6 @@ from taxel_models.families.registry import family, resolve
 from taxel_models.training.trained import TrainedExtra, TrainedModel, TrainedRecord
 
 PAPER_MODELS: Final = ("xgb", "ffnn", "transformer", "network-b", "network-a")
-
-TreeShape = Literal["even", "skewed"]
 
 
 def write_paper_sized(
@@ -53,10 +51,8 @@ def write_paper_sized(
 
 def _write_forest(folder: Path, combination: int, seed: int, trees: TreeShape) -> None:
     spec = WindowSpec.of(combination)
-    even = paper_forest(combination)
-    shape = even if trees == "even" else ForestShape(**{**vars(SKEWED), "features": spec.length})
     path = folder / "model.json"
-    nodes = write_forest(path, shape, seed)
+    nodes = write_forest(path, tree_shape(trees, combination), seed)
     training = _training("xgb", resolve(family("xgb"), combination, {}).model_dump(mode="json"), seed)
     layout = WindowLayout.of(spec)
     statistics = _statistics(spec.length, seed)

@@ -15,8 +15,9 @@ from taxel.artifacts import MANIFEST, Artifact, folder_of, read
 from taxel.errors import ArtifactError, SettingsError
 from taxel.manifest import Manifest
 from taxel_bench.engines import SAME_ANSWERS, Engine, base_engine, taxel_engine
+from taxel_bench.forests import TreeShape
 from taxel_bench.operations.of_graph import count_graph_operations
-from taxel_bench.paper_size import PAPER_MODELS, TreeShape, write_paper_sized
+from taxel_bench.paper_size import PAPER_MODELS, write_paper_sized
 from taxel_bench.peers.forests import FOREST_PEERS
 from taxel_bench.peers.networks import GRAPH_PEERS
 from taxel_bench.peers.peer import ForestModel, GraphModel
@@ -68,7 +69,7 @@ class Subject:
 
     @property
     def engines(self) -> tuple[Engine, ...]:
-        """All engines, ours last: the caches then hold another engine's data."""
+        """All engines, the baseline first and ours last."""
         baseline = () if self.baseline is None else (self.baseline,)
         return (*baseline, *self.peers, self.taxel)
 

@@ -2,7 +2,7 @@
 
 import gc
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -72,13 +72,23 @@ class TimedCalls(Latencies):
 
 
 def interleaved(
-    calls: Sequence[Call], *, repetitions: int, watch: Callable[[int], None] = lambda _: None
+    calls: Sequence[Call],
+    *,
+    repetitions: int,
+    seed: int = 0,
+    together: int = 1,
+    watch: Callable[[int], None] = lambda _: None,
 ) -> list[TimedCalls]:
-    """Time each call once a round, in this order: each finds in the caches what the others left.
+    """Time each call once a round, in a new order each round: each finds in the caches what others left.
 
-    `watch` is told after each round how many are done.
+    Args:
+        repetitions: rounds.
+        seed: of the orders.
+        together: so many calls, one after the other, keep their order and stay together.
+        watch: told after each round how many are done.
     """
-    wall, cpu = _time_rounds(calls, repetitions, watch)
+    orders = list(_orders(len(calls) // together, repetitions, seed))
+    wall, cpu = _time_rounds(calls, orders, together, watch)
     return [TimedCalls(*seconds) for seconds in zip(wall, cpu, strict=True)]
 
 
@@ -97,24 +107,37 @@ def warm_up(calls: Sequence[Call], *, rounds: int, seconds: float) -> float:
     return float(np.median(taken))
 
 
+def _orders(groups: int, rounds: int, seed: int) -> Iterator[list[int]]:
+    """A permutation for each round, at random; none starts with what the one before it ended with."""
+    generator = np.random.default_rng(seed)
+    last = -1
+    for _ in range(rounds):
+        order = generator.permutation(groups)
+        while groups > 1 and order[0] == last:
+            order = generator.permutation(groups)
+        last = order[-1]
+        yield order.tolist()
+
+
 def _time_rounds(
-    calls: Sequence[Call], repetitions: int, watch: Callable[[int], None]
+    calls: Sequence[Call], orders: Sequence[Sequence[int]], together: int, watch: Callable[[int], None]
 ) -> NDArray[np.float64]:
-    """Seconds and processor seconds of each call in each round, (2, calls, repetitions).
+    """Seconds and processor seconds of each call in each round, (2, calls, rounds).
 
     Garbage is collected before, not during.
     """
-    seconds = np.empty((2, len(calls), repetitions))
+    seconds = np.empty((2, len(calls), len(orders)))
     gc.collect()
     gc.disable()
     try:
-        for number in range(repetitions):
-            for place, call in enumerate(calls):
-                running = time.process_time()
-                start = time.perf_counter()
-                call(number)
-                end = time.perf_counter()
-                seconds[:, place, number] = end - start, time.process_time() - running
+        for number, order in enumerate(orders):
+            for group in order:
+                for place in range(group * together, (group + 1) * together):
+                    running = time.process_time()
+                    start = time.perf_counter()
+                    calls[place](number)
+                    end = time.perf_counter()
+                    seconds[:, place, number] = end - start, time.process_time() - running
             watch(number + 1)
     finally:
         gc.enable()

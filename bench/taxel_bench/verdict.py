@@ -31,3 +31,9 @@ def too_few(queries: int, percentile: float) -> list[str]:
     if queries >= needed:
         return []
     return [f"{queries} queries do not support p{percentile:g}: at least {needed} are needed"]
+
+
+def verdict_of(*results: dict[str, Any]) -> str:
+    """Of all figures of some results, in turn and warm."""
+    verdicts = {result[key] for result in results for key in ("verdict", "warm_verdict")}
+    return "VALID" if verdicts == {"VALID"} else "INVALID"

@@ -1,6 +1,7 @@
 """What makes a measurement invalid."""
 
 import time
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -37,11 +38,35 @@ def test_calls_take_turns_and_waiting_is_no_processor_time() -> None:
             [lambda _: order.append("idle") or time.sleep(0.002), lambda _: order.append("busy")],
             repetitions=5,
         )
-    assert order == ["idle", "busy"] * 5
+    assert order in (["idle", "busy"] * 5, ["busy", "idle"] * 5)
     assert idle.running < 0.9
     assert (idle.seconds >= 0.002).all()
     assert len(busy.seconds) == 5
     assert 0 <= stolen() <= 1
+
+
+def order_of(groups: int, together: int, seed: int) -> list[int]:
+    """The calls' places as they were called in 20 rounds."""
+    order: list[int] = []
+    calls = [lambda _, place=place: order.append(place) for place in range(groups * together)]
+    interleaved(calls, repetitions=20, together=together, seed=seed)
+    return order
+
+
+def test_each_round_has_an_order_of_its_own_and_no_call_follows_itself() -> None:
+    order = order_of(4, together=1, seed=3)
+    rounds = [tuple(order[start : start + 4]) for start in range(0, 80, 4)]
+    assert all(sorted(each) == [0, 1, 2, 3] for each in rounds)
+    assert len(set(rounds)) > 5
+    assert all(one != next_one for one, next_one in pairwise(order))
+    assert order == order_of(4, together=1, seed=3) != order_of(4, together=1, seed=4)
+
+
+def test_calls_that_belong_together_stay_together() -> None:
+    order = order_of(3, together=2, seed=0)
+    pairs = list(zip(order[::2], order[1::2], strict=True))
+    assert set(pairs) == {(0, 1), (2, 3), (4, 5)}
+    assert all(one != next_one for one, next_one in pairwise(pairs))
 
 
 def test_warming_up_ends_by_rounds_or_by_time() -> None:

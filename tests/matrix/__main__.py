@@ -2,7 +2,8 @@
 
     python3 tests/matrix [--python 3.12] [--versions lowest] [--extra loop] [--json]
 
-Exit status: 0 where every environment passed, 1 where one failed, 2 for bad use.
+Exit status: 0 where every environment passed, 1 where one failed, none was tried or a Python that was
+asked for is missing, 2 for bad use.
 """
 
 import argparse
@@ -18,7 +19,7 @@ from tempfile import TemporaryDirectory
 from environments import Environment, Failed, build_wheel, environment
 from extras import EXTRAS
 from pythons import SUPPORTED, Python, find
-from report import Cell, Outcome, as_object, say, table
+from report import Cell, Outcome, all_passed, as_object, say, table
 from requirements import lower_bounds, lowest
 from serving import CHECKS, Check
 
@@ -51,7 +52,7 @@ def main() -> int:
         print(json.dumps(as_object(cells, missing), indent=1))
     else:
         print(table(cells, missing))
-    return 0 if all(cell.passed for cell in cells) else 1
+    return 0 if all_passed(cells) and not (options.python and missing) else 1
 
 
 def _serving(python: Python, wheel: Path, versions: str) -> Cell:
@@ -85,25 +86,36 @@ def _tried(
     checks: tuple[Check, ...],
 ) -> Cell:
     """Fill in a cell: install, then every check. A failed installation leaves out the checks."""
-    with environment(python, wheel) as found:
-        if _passes(cell, "install", lambda: install(found)):
-            cell.installed = found.installed()
-            for check in checks:
-                _passes(cell, check.__name__, partial(check, found))
+
+    def steps() -> None:
+        with environment(python, wheel) as found:
+            if _passes(cell, "install", lambda: install(found)):
+                cell.installed = found.installed()
+                for check in checks:
+                    _passes(cell, check.__name__, partial(check, found))
+
+    if error := _error_of(cell, "environment", steps):
+        cell.outcomes.append(Outcome("environment", 0.0, error))
     return cell
 
 
 def _passes(cell: Cell, name: str, step: Callable[[], None]) -> bool:
     started = time.monotonic()
     say(f"{cell.label}: {name}")
-    error = ""
-    try:
-        step()
-    except Failed as failure:
-        error = str(failure)
-        say(f"{cell.label}: {name} FAILED: {error[-300:]}")
+    error = _error_of(cell, name, step)
     cell.outcomes.append(Outcome(name, round(time.monotonic() - started, 1), error))
     return not error
+
+
+def _error_of(cell: Cell, name: str, step: Callable[[], None]) -> str:
+    """What went wrong; empty if nothing did. Whatever it is, the other environments are tried."""
+    try:
+        step()
+    except Exception as failure:
+        error = str(failure) if isinstance(failure, Failed) else repr(failure)
+        say(f"{cell.label}: {name} FAILED: {error[-300:]}")
+        return error
+    return ""
 
 
 def _options() -> argparse.Namespace:
@@ -115,7 +127,10 @@ def _options() -> argparse.Namespace:
         "--versions", action="append", choices=("newest", "lowest", "none"), help="Only these versions."
     )
     parser.add_argument(
-        "--extra", action="append", choices=(*EXTRAS, "none"), help="Only this extra by itself."
+        "--extra",
+        action="append",
+        choices=(*EXTRAS, "none"),
+        help="Only this extra by itself, tested: with the versions of constraints.txt.",
     )
     parser.add_argument("--jobs", type=int, default=1, help="Environments at a time, of about 1 GB each.")
     parser.add_argument("--json", action="store_true", help="Print one JSON object instead of a table.")

@@ -79,17 +79,10 @@ class Environment:
         Raises:
             Failed: `check` is true and it ends with another status than 0.
         """
-        clean = {
-            name: value
-            for name, value in os.environ.items()
-            if not name.startswith(("PYTHON", "TAXEL", "VIRTUAL_ENV"))
-        }
-        command = [str(self.folder / "bin" / program), *map(str, arguments)]
-        # Wide, so that what is looked for in an error is not broken over lines.
-        clean |= {"COLUMNS": "200", "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
+        command = self._command(program, arguments)
         try:
             done = subprocess.run(
-                command, capture_output=True, text=True, cwd=self.work, env=clean, timeout=TIMEOUT_S
+                command, capture_output=True, text=True, cwd=self.work, env=_clean(), timeout=TIMEOUT_S
             )
         except subprocess.TimeoutExpired:
             raise Failed(f"{_shown(program, arguments)}: still running after {TIMEOUT_S} s") from None
@@ -97,6 +90,25 @@ class Environment:
             said = f"{done.stdout.strip()}\n{done.stderr.strip()}".strip()[-4000:]
             raise Failed(f"{_shown(program, arguments)}: exit {done.returncode}\n{said}")
         return done
+
+    def started(self, program: str, *arguments: str | Path) -> subprocess.Popen[str]:
+        """The same, but it runs on; what it prints is for whoever reads `stdout`."""
+        command = self._command(program, arguments)
+        return subprocess.Popen(command, cwd=self.work, env=_clean(), text=True, stdout=subprocess.PIPE)
+
+    def _command(self, program: str, arguments: tuple[str | Path, ...]) -> list[str]:
+        return [str(self.folder / "bin" / program), *map(str, arguments)]
+
+
+def _clean() -> dict[str, str]:
+    """The caller's environment without what it sets for Python and Taxel."""
+    clean = {
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith(("PYTHON", "TAXEL", "VIRTUAL_ENV"))
+    }
+    # Wide, so that what is looked for in an error is not broken over lines.
+    return clean | {"COLUMNS": "200", "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
 
 
 def _shown(program: str, arguments: tuple[str | Path, ...]) -> str:

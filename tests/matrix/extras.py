@@ -1,6 +1,5 @@
 """What runs with each extra by itself, and what the bare client says of everything else."""
 
-import subprocess
 from pathlib import Path
 
 from environments import Environment, Failed, environment
@@ -24,6 +23,7 @@ REFUSED = {
         "bench table -o x",
         "bench load --scenario single-stream --model xgb",
         "bench compare",
+        "bench forms",
     ),
 }
 
@@ -76,12 +76,7 @@ def served_to_a_bare_client(served: Environment) -> None:
     with environment(served.interpreter) as bare:
         bare.install(served.wheel, constraints=CONSTRAINTS)
         _twin(bare)
-        process = subprocess.Popen(
-            [served.folder / "bin" / "taxel", "serve", "--listen", endpoint, "--json"],
-            cwd=served.work,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
+        process = served.started("taxel", "serve", "--listen", endpoint, "--json")
         try:
             if not process.stdout.readline():
                 raise Failed("taxel serve ended before it was ready")

@@ -42,6 +42,11 @@ class Cell:
         return bool(self.outcomes) and not any(outcome.error for outcome in self.outcomes)
 
 
+def all_passed(cells: list[Cell]) -> bool:
+    """Whether every environment did, and there was one."""
+    return bool(cells) and all(cell.passed for cell in cells)
+
+
 def say(text: str) -> None:
     """Progress, on stderr."""
     print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
@@ -60,9 +65,8 @@ def table(cells: list[Cell], missing: list[str]) -> str:
     if missing:
         lines.append(f"\nNot on this machine: Python {', '.join(missing)}.")
     failed = sum(not cell.passed for cell in cells)
-    lines.append(
-        f"\n{len(cells)} environments, {failed} failed." if failed else f"\nAll {len(cells)} passed."
-    )
+    counted = f"\n{len(cells)} environments, {failed} failed."
+    lines.append(f"\nAll {len(cells)} passed." if all_passed(cells) else counted)
     return "\n".join(lines)
 
 
@@ -71,6 +75,6 @@ def as_object(cells: list[Cell], missing: list[str]) -> dict[str, Any]:
     return {
         "system": f"{platform.system()} {platform.machine()}",
         "pythons_missing": missing,
-        "passed": all(cell.passed for cell in cells),
+        "passed": all_passed(cells),
         "cells": [{**asdict(cell), "passed": cell.passed} for cell in cells],
     }

@@ -41,6 +41,7 @@ def clone(tmp_path: Path) -> Path:
 def test_a_release_is_bumped_dated_built_committed_and_tagged(clone: Path) -> None:
     done = release(clone, "99.0.0")
     assert done.returncode == 0, done.stderr
+    assert "To publish: git push --follow-tags, and twine upload dist/*99.0.0*" in done.stdout
     assert git(clone, "status", "--porcelain") == ""
     assert git(clone, "log", "-1", "--format=%s") == "Release 99.0.0"
     assert git(clone, "rev-parse", "v99.0.0^{commit}") == git(clone, "rev-parse", "HEAD")
@@ -59,6 +60,7 @@ def test_a_dry_run_changes_nothing(clone: Path) -> None:
     before = git(clone, "rev-parse", "HEAD")
     done = release(clone, "99.0.0", "--dry")
     assert done.returncode == 0, done.stderr
+    assert "git push" not in done.stdout
     assert '+__version__: Final = "99.0.0"' in done.stdout
     assert (git(clone, "rev-parse", "HEAD"), git(clone, "tag"), git(clone, "status", "--porcelain")) == (
         *(before, ""),
@@ -77,6 +79,9 @@ def test_what_cannot_be_released_is_refused_and_left_as_it_is(clone: Path) -> No
     refused = release(clone, "99.0.0")
     assert refused.returncode == 1
     assert "expected a clean working tree" in refused.stderr
+    outside = release(clone.parent, "99.0.0")
+    assert outside.returncode == 1
+    assert outside.stderr.startswith("release: git rev-parse:")
     assert (clone / "README.md").read_text() == "changed"
     assert not (clone / "dist").exists()
 

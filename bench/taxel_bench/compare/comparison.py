@@ -14,11 +14,11 @@ import numpy as np
 from taxel import artifacts
 from taxel.errors import SettingsError, Unavailable
 from taxel_bench.compare.figures import Figures, median_ratios
-from taxel_bench.compare.peers import Peer
+from taxel_bench.compare.peers import PeerServer
 from taxel_bench.compare.processes import Cores
 from taxel_bench.compare.rounds import BULK_ROWS, BareRuntime, Predict, Round, measure_round
 from taxel_bench.compare.servers import CHECKED_ROWS, ServerUnderTest, Workload, peer_server, taxel_server
-from taxel_bench.environments import find_environment, install_environment
+from taxel_bench.environments import environment
 from taxel_bench.windows import random_windows
 from taxel_server.engine import load_model
 
@@ -42,7 +42,7 @@ class CompareSettings:
     """
 
     folder: Path
-    peers: Sequence[Peer]
+    peers: Sequence[PeerServer]
     install: bool
     rounds: int
     seconds: float
@@ -160,7 +160,7 @@ def _prepared(settings: CompareSettings) -> Iterator[tuple[Workload, Predict]]:
 
 
 @contextmanager
-def _started(peer: Peer, workload: Workload, *, install: bool) -> Iterator[ServerUnderTest]:
-    get = install_environment if install else find_environment
-    with peer_server(peer, get(peer.name, peer.requirements), workload) as server:
+def _started(peer: PeerServer, workload: Workload, *, install: bool) -> Iterator[ServerUnderTest]:
+    interpreter = environment(f"servers/{peer.name}", peer.requirements, install=install)
+    with peer_server(peer, interpreter, workload) as server:
         yield server

@@ -1,14 +1,14 @@
 """The peers: what each needs installed, and which programs are its server and its client."""
 
 from dataclasses import dataclass
-from importlib.metadata import version
 from typing import Final
 
-from taxel.errors import SettingsError
+from taxel_bench.environments import own_versions
+from taxel_bench.options import parse_names
 
 
 @dataclass(frozen=True)
-class Peer:
+class PeerServer:
     """A way to serve a network that a user may pick instead of Taxel.
 
     Attributes:
@@ -28,33 +28,29 @@ class Peer:
     @property
     def requirements(self) -> tuple[str, ...]:
         """The packages, with the ONNX Runtime and NumPy that Taxel itself runs on."""
-        return (*self.packages, *(f"{name}=={version(name)}" for name in ("onnxruntime", "numpy")))
+        return (*self.packages, *own_versions("onnxruntime", "numpy"))
 
 
 PEERS: Final = (
-    Peer(
+    PeerServer(
         "fastapi",
         ("fastapi==0.165.0", "uvicorn==0.54.0", "uvloop==0.23.0", "httptools==0.9.0"),
         server="fastapi_server",
     ),
-    Peer("litserve", ("litserve==0.2.19",), server="litserve_server"),
-    Peer("ray", ("ray[serve]==2.60.0",), server="ray_server"),
-    Peer("mosec", ("mosec==0.9.8",), server="mosec_server"),
-    Peer(
+    PeerServer("litserve", ("litserve==0.2.19",), server="litserve_server"),
+    PeerServer("ray", ("ray[serve]==2.60.0",), server="ray_server"),
+    PeerServer("mosec", ("mosec==0.9.8",), server="mosec_server"),
+    PeerServer(
         "grpc", ("grpcio==1.85.1",), server="grpc_server", client="grpc_client", client_needs_packages=True
     ),
 )
 
 
-def parse_peers(text: str) -> list[Peer]:
+def parse_peers(text: str) -> list[PeerServer]:
     """Peers from `fastapi,grpc`, in the order given.
 
     Raises:
         SettingsError: there is no such peer.
     """
     known = {peer.name: peer for peer in PEERS}
-    names = list(dict.fromkeys(part.strip() for part in text.split(",")))
-    unknown = [name for name in names if name not in known]
-    if unknown:
-        raise SettingsError(f"--peers {text}: no peer {unknown[0]!r}; there is: {', '.join(known)}")
-    return [known[name] for name in names]
+    return [known[name] for name in parse_names("--peers", text, known, "peer")]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.errors import Unavailable
-from taxel_bench.compare.peers import Peer
+from taxel_bench.compare.peers import PeerServer
 from taxel_bench.compare.processes import Cores, Program, running_program
 from taxel_bench.server_process import ADDRESS, free_port, serve_command
 
@@ -70,7 +70,7 @@ def taxel_server(workload: Workload) -> Iterator[ServerUnderTest]:
 
 
 @contextmanager
-def peer_server(peer: Peer, interpreter: Path, workload: Workload) -> Iterator[ServerUnderTest]:
+def peer_server(peer: PeerServer, interpreter: Path, workload: Workload) -> Iterator[ServerUnderTest]:
     """A peer's server and client.
 
     Raises:

@@ -19,8 +19,8 @@ from taxel_server.runtimes.trees.switches import ALL_ON
 
 NAMES: Final = tuple(field.name for field in fields(ALL_ON))
 
-_EVICTION_BYTES: Final = 64 * 2**20
-"""What is read and written before a cold call: more than the caches hold."""
+EVICTION_BYTES: Final = 64 * 2**20
+"""What is read and written before a cold call, so that the caches hold nothing else if they are smaller."""
 
 _WINDOWS: Final = 64
 """Different batches of windows that the calls take in turn."""
@@ -46,7 +46,7 @@ class Absences:
             say(f"laying out {path.name} {f'without {name}' if name else ''}")
             chosen = replace(ALL_ON, **{name: False}) if name else ALL_ON
             self._evaluated[name] = Autotuned.of(forest, scales, chosen)
-        self._eviction = np.zeros(_EVICTION_BYTES // 8)
+        self._eviction = np.zeros(EVICTION_BYTES // 8)
 
     def measure(
         self, rows: int, repetitions: int, seed: int, watch: Watch = ignore
@@ -61,13 +61,13 @@ class Absences:
             for forest in self._evaluated.values()
             for call in (self._evict, *(_evaluation(forest, windows, result, by) for by in (0, 1)))
         ]
-        timed = interleaved(calls, repetitions=repetitions, watch=watch)
+        timed = interleaved(calls, repetitions=repetitions, seed=seed, together=3, watch=watch)
         cold, warm = timed[1::3], timed[2::3]
         return [
             {
                 "rows": rows,
                 "without": name,
-                "evaluator": forest.cheapest[min(rows, len(forest.cheapest) - 1)].name,
+                "evaluator": forest.evaluator_of(rows).name,
                 "repetitions": repetitions,
                 **_figures("cold", cold[place], cold[0]),
                 **_figures("warm", warm[place], warm[0]),

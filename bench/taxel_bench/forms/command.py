@@ -5,11 +5,12 @@ from typing import Annotated, Any
 
 import typer
 
-from taxel.commands.cli import OUT, Json, print_json
-from taxel.errors import SettingsError
-from taxel_bench.options import Seed, parse_batches
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.dependencies import SERVING
+from taxel_bench.options import Seed, parse_batches, parse_names
 
 
+@needs("bench", *SERVING, "psutil")
 def forms(
     forest: Annotated[
         str, typer.Option(help="even and skewed, of the paper's size, and shipped; one or several.")
@@ -30,17 +31,14 @@ def forms(
     All are evaluated in turn in one run: cold, after the caches were emptied, and warm. The cost of an
     absence is the growth of the processor's time, as the median over the rounds.
     """
-    from taxel_bench.forms.absence import NAMES, Absences
+    from taxel_bench.forms.absence import EVICTION_BYTES, NAMES, Absences
     from taxel_bench.forms.files import forest_files
     from taxel_bench.machine import describe_machine
     from taxel_bench.progress import progress_bar, shifted
     from taxel_server.runtimes.compiled.processor import instruction_set
 
     batches = parse_batches(batch)
-    switches = NAMES if without is None else tuple(without.split(","))
-    unknown = [name for name in switches if name not in NAMES]
-    if unknown:
-        raise SettingsError(f"--without {unknown[0]}: expected some of {', '.join(NAMES)}")
+    switches = NAMES if without is None else parse_names("--without", without, NAMES, "switch")
     results: list[dict[str, Any]] = []
     with forest_files(forest.split(","), model or [], seed) as files:
         total = len(files) * len(batches) * repetitions
@@ -54,7 +52,14 @@ def forms(
                     results += [{"forest": name, **result} for result in found]
     if as_json:
         machine = describe_machine()
-        print_json({"machine": machine, "instruction_set": instruction_set(), "results": results})
+        print_json(
+            {
+                "machine": machine,
+                "instruction_set": instruction_set(),
+                "eviction_bytes": EVICTION_BYTES,
+                "results": results,
+            }
+        )
         return
     OUT.print(_table(results, batches, instruction_set()))
 

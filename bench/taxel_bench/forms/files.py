@@ -4,15 +4,15 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
+from typing import Final, get_args
 
-from taxel.artifacts import read
+from taxel.artifacts import folder_of, read
 from taxel.errors import SettingsError
-from taxel_bench.forests import SKEWED, paper_forest, write_forest
+from taxel_bench.forests import TreeShape, tree_shape, write_forest
 from taxel_models.shipped import shipped_repository
 
 _COMBINATION: Final = 1
-_SHAPES: Final = {"even": paper_forest(_COMBINATION), "skewed": SKEWED}
+_SHAPES: Final = {trees: tree_shape(trees, _COMBINATION) for trees in get_args(TreeShape)}
 
 
 @contextmanager
@@ -32,7 +32,7 @@ def forest_files(names: Sequence[str], models: Sequence[Path], seed: int) -> Ite
         files = dict[str, Path]()
         for name in filter(None, names):
             if name == "shipped":
-                files[name] = read(shipped_repository() / "xgb" / "1").model_path
+                files[name] = read(folder_of(shipped_repository(), "xgb")).model_path
             elif name in _SHAPES:
                 files[name] = Path(folder) / f"{name}.json"
                 write_forest(files[name], _SHAPES[name], seed)

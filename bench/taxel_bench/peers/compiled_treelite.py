@@ -1,5 +1,7 @@
 """A forest as C code that a C compiler has compiled, kept in the cache folder."""
 
+import hashlib
+import json
 import os
 import shutil
 import signal
@@ -11,9 +13,13 @@ from taxel.artifacts import Artifact
 from taxel.atomic import whole_folder
 from taxel.errors import Unavailable
 from taxel_bench.environments import cache_folder, interpreter_of
+from taxel_bench.peers.peer import ENGINES
+
+NAME: Final = "treelite-compiled"
+PACKAGES: Final = ("tl2cgen==1.0.0", "treelite==4.8.1")
 
 LIMIT_S: Final = 1200.0
-"""How long the compiler may take: for a forest of the paper's size it takes longer."""
+"""How long the compiler may take."""
 
 _LIBRARY: Final = "forest.so"
 _TOO_LONG: Final = "took-too-long"
@@ -24,7 +30,7 @@ forest = treelite.frontend.load_xgboost_model(sys.argv[1], format_choice="inspec
 parts = {"parallel_comp": 32}
 tl2cgen.export_lib(forest, toolchain="gcc", libpath=sys.argv[2], params=parts, options=["-O1"])
 """
-"""-O1: gcc takes half of the time of TL2cgen's default, and what it makes of a forest is no slower."""
+"""-O1 shortens gcc's work."""
 
 
 def compiled_library(artifact: Artifact, *, install: bool, limit_s: float = LIMIT_S) -> Path:
@@ -37,7 +43,8 @@ def compiled_library(artifact: Artifact, *, install: bool, limit_s: float = LIMI
     Raises:
         Unavailable: there is no gcc, it takes too long, or it is not compiled and may not be now.
     """
-    folder = cache_folder() / "compiled" / artifact.manifest.model_file.sha256
+    made_of = [artifact.manifest.model_file.sha256, _COMPILE, *PACKAGES]
+    folder = cache_folder() / "compiled" / hashlib.sha256(json.dumps(made_of).encode()).hexdigest()
     if (folder / _LIBRARY).is_file():
         return folder / _LIBRARY
     if (folder / _TOO_LONG).is_file():
@@ -51,14 +58,15 @@ def compiled_library(artifact: Artifact, *, install: bool, limit_s: float = LIMI
             _compile(artifact.model_path, making / _LIBRARY, limit_s)
         except subprocess.TimeoutExpired:
             reason = (
-                f"gcc takes longer than {limit_s:g} s to compile {artifact.manifest.parameters:,} nodes"
+                f"gcc takes longer than {limit_s:g} s to compile {artifact.manifest.parameters:,} nodes; "
+                f"to try again, remove {folder}"
             )
             (making / _TOO_LONG).write_text(reason, encoding="utf-8")
     return compiled_library(artifact, install=False)
 
 
 def _compile(model: Path, library: Path, limit_s: float) -> None:
-    interpreter = interpreter_of(cache_folder() / "treelite-compiled")
+    interpreter = interpreter_of(cache_folder() / ENGINES / NAME)
     process = subprocess.Popen(
         [interpreter, "-c", _COMPILE, model, library],
         stdout=subprocess.DEVNULL,

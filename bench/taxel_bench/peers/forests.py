@@ -7,11 +7,10 @@ import xgboost
 from numpy.typing import NDArray
 
 from taxel.errors import Unavailable
-from taxel.manifest import OUTPUT_NAME
 from taxel.scaling import Scaler
 from taxel_bench.engines import SAME_ANSWERS, THREADS, Engine
-from taxel_bench.peers.compiled_treelite import compiled_library
-from taxel_bench.peers.onnx_session import onnx_session
+from taxel_bench.peers import compiled_treelite
+from taxel_bench.peers.onnx_engine import onnx_engine
 from taxel_bench.peers.peer import ForestModel, Peer
 from taxel_exporters.onnx_trees import forest_onnx
 
@@ -61,17 +60,8 @@ def _onnx_runtime(model: ForestModel) -> Engine:
     manifest = model.artifact.manifest
     columns = manifest.window.model_columns
     graph = forest_onnx(model.boosters, manifest.normalisation, columns, columns)
-    session, version = onnx_session(graph.SerializeToString())
-    (name,) = (given.name for given in session.get_inputs())
-    return Engine(
-        "onnxruntime",
-        f"one TreeEnsembleRegressor, raw windows to counts, ONNX Runtime {version}",
-        lambda windows: {name: np.ascontiguousarray(windows[:, :columns])},
-        lambda feed: session.run([OUTPUT_NAME], feed),
-        lambda outputs: np.asarray(outputs[0]),
-        None,
-        SAME_ANSWERS,
-    )
+    how = "one TreeEnsembleRegressor, raw windows to counts"
+    return onnx_engine("onnxruntime", how, graph, manifest)
 
 
 def _treelite_gtil(model: ForestModel) -> Engine:
@@ -91,11 +81,11 @@ def _treelite_gtil(model: ForestModel) -> Engine:
 def _treelite_compiled(model: ForestModel) -> Engine:
     import tl2cgen
 
-    library = compiled_library(model.artifact, install=model.install)
+    library = compiled_treelite.compiled_library(model.artifact, install=model.install)
     predictor = tl2cgen.Predictor(library, nthread=THREADS)
     return _on_z_scores(
         model,
-        "treelite-compiled",
+        compiled_treelite.NAME,
         f"C code compiled by gcc -O1, TL2cgen {tl2cgen.__version__}",
         predictor.predict,
         prepare=lambda windows: tl2cgen.DMatrix(windows),
@@ -129,8 +119,6 @@ FOREST_PEERS: Final = (
     Peer[ForestModel]("xgboost-merged", _merged_booster),
     Peer[ForestModel]("onnxruntime", _onnx_runtime),
     Peer[ForestModel]("treelite-gtil", _treelite_gtil, ("treelite==4.8.1",), "treelite"),
-    Peer[ForestModel](
-        "treelite-compiled", _treelite_compiled, ("tl2cgen==1.0.0", "treelite==4.8.1"), "tl2cgen"
-    ),
+    Peer[ForestModel](compiled_treelite.NAME, _treelite_compiled, compiled_treelite.PACKAGES, "tl2cgen"),
     Peer[ForestModel]("daal4py", _daal4py, ("scikit-learn-intelex==2026.2.0",), "daal4py"),
 )

@@ -1,5 +1,6 @@
 """Peers for networks: ONNX Runtime in float32 and twice in 8 bits, torch compiled, OpenVINO, NumPy."""
 
+import copy
 import logging
 import math
 import tempfile
@@ -14,35 +15,18 @@ from torch import Tensor
 
 from taxel.channels import CHANNELS
 from taxel.errors import SettingsError, Unavailable
-from taxel.manifest import OUTPUT_NAME
 from taxel_bench.engines import SAME_ANSWERS, THREADS, Engine
 from taxel_bench.operations.of_network import count_network_operations
 from taxel_bench.peers.numpy_graph import NumpyGraph
-from taxel_bench.peers.onnx_session import onnx_session
+from taxel_bench.peers.onnx_engine import onnx_engine
 from taxel_bench.peers.peer import GraphModel, Peer
 from taxel_bench.published_way.eager import network_scaling
 from taxel_exporters.onnx_int8 import with_int8_weights
 
 
-def _session_engine(
-    model: GraphModel, name: str, how: str, graph: onnx.ModelProto, tolerance: float
-) -> Engine:
-    columns = model.artifact.manifest.window.model_columns
-    session, version = onnx_session(graph.SerializeToString())
-    (given,) = (given.name for given in session.get_inputs())
-    return Engine(
-        name,
-        f"{how}, ONNX Runtime {version}",
-        lambda windows: {given: np.ascontiguousarray(windows[:, :columns])},
-        lambda feed: session.run([OUTPUT_NAME], feed),
-        lambda outputs: np.asarray(outputs[0]),
-        None,
-        tolerance,
-    )
-
-
 def _float32(model: GraphModel) -> Engine:
-    return _session_engine(model, "onnxruntime", "InferenceSession.run, float32", model.graph, SAME_ANSWERS)
+    how = "InferenceSession.run, float32"
+    return onnx_engine("onnxruntime", how, model.graph, model.artifact.manifest)
 
 
 def _int8_weights(model: GraphModel) -> Engine:
@@ -51,7 +35,7 @@ def _int8_weights(model: GraphModel) -> Engine:
     except SettingsError as error:
         raise Unavailable(str(error)) from None
     how = "weights of 8 bits with a scale for each 32 (taxel export --weights int8)"
-    return _session_engine(model, "onnxruntime-int8", how, graph, math.inf)
+    return onnx_engine("onnxruntime-int8", how, graph, model.artifact.manifest, math.inf)
 
 
 def _int8_dynamic(model: GraphModel) -> Engine:
@@ -67,14 +51,16 @@ def _int8_dynamic(model: GraphModel) -> Engine:
             logging.disable(logging.NOTSET)
         graph = onnx.load(path)
     how = "quantize_dynamic: weights and activations of 8 bits"
-    return _session_engine(model, "onnxruntime-int8-dynamic", how, graph, math.inf)
+    return onnx_engine("onnxruntime-int8-dynamic", how, graph, model.artifact.manifest, math.inf)
 
 
 def _compiled_torch(model: GraphModel) -> Engine:
     if model.network is None:
         raise Unavailable("there is no torch network behind this artifact")
     torch._dynamo.reset()
-    compiled = torch.compile(model.network.network.cpu().eval(), dynamic=False)
+    # Weights of its own: the published way's would be in the caches after that has had its turn.
+    network = copy.deepcopy(model.network.network).cpu().eval()
+    compiled = torch.compile(network, dynamic=False)
     prepare, counts, columns = network_scaling(model.network, model.artifact.manifest)
     flops = count_network_operations(model.network.network, columns)
 

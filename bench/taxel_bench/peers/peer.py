@@ -4,9 +4,7 @@ import site
 import subprocess
 import sysconfig
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final, Generic, TypeVar
 
@@ -14,10 +12,13 @@ import onnx
 import xgboost
 
 from taxel.artifacts import Artifact
-from taxel.errors import Unavailable
+from taxel.errors import TaxelError, Unavailable
 from taxel_bench.engines import Engine
-from taxel_bench.environments import find_environment, install_environment
+from taxel_bench.environments import environment, own_versions
 from taxel_models.families.networks.network import NetworkModel
+
+ENGINES: Final = "engines"
+"""The folder of the peers' environments, below the cache folder."""
 
 _SHARED: Final = ("numpy", "scipy", "scikit-learn", "onnxruntime")
 """Packages that a peer shares with Taxel: both use the same versions."""
@@ -81,9 +82,8 @@ class Peer(Generic[Model]):
         """
         if not self.packages:
             return
-        requirements = [*self.packages, *_shared_versions()]
-        get = install_environment if install else find_environment
-        interpreter = get(self.name, requirements)
+        requirements = [*self.packages, *own_versions(*_SHARED)]
+        interpreter = environment(f"{ENGINES}/{self.name}", requirements, install=install)
         # A package that would end its process ends this one, not the benchmark.
         done = subprocess.run(
             [interpreter, "-c", f"import {self.module}"], capture_output=True, text=True, check=False
@@ -93,6 +93,14 @@ class Peer(Generic[Model]):
             raise Unavailable(f"{self.module} cannot be imported: {last[0]}")
         # Behind our own packages, so that what both have stays ours.
         site.addsitedir(str(packages_of(interpreter)))
+
+
+def reason_of(error: Exception) -> str:
+    """Why a peer has no part: in our words, or in the first line of its own."""
+    if isinstance(error, TaxelError):
+        return str(error)
+    lines = str(error).strip().splitlines()
+    return ": ".join([type(error).__name__, *lines[:1]])
 
 
 def packages_of(interpreter: Path) -> Path:
@@ -106,11 +114,3 @@ def packages_of(interpreter: Path) -> Path:
     if not folder.is_dir():
         raise Unavailable(f"{base} was made by another Python: remove it, and pass --install")
     return folder
-
-
-def _shared_versions() -> list[str]:
-    found = []
-    for name in _SHARED:
-        with suppress(PackageNotFoundError):
-            found.append(f"{name}=={version(name)}")
-    return found

@@ -4,11 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from taxel.errors import SettingsError, Unavailable
+from taxel.errors import Unavailable
 from taxel_bench.engines import Engine
+from taxel_bench.options import parse_names
 from taxel_bench.peers.forests import FOREST_PEERS
 from taxel_bench.peers.networks import GRAPH_PEERS
-from taxel_bench.peers.peer import Model, Peer
+from taxel_bench.peers.peer import Model, Peer, reason_of
+from taxel_bench.windows import random_windows
 
 ALL: Final = "all"
 
@@ -37,17 +39,15 @@ def parse_peer_choice(text: str, *, install: bool) -> PeerChoice:
     """
     if text == ALL:
         return PeerChoice(None, install)
-    known = list(dict.fromkeys(peer.name for peer in (*FOREST_PEERS, *GRAPH_PEERS)))
-    names = tuple(dict.fromkeys(part.strip() for part in text.split(",")))
-    if unknown := [name for name in names if name not in known]:
-        raise SettingsError(f"--peers {text}: no peer {unknown[0]!r}; there is: {', '.join(known)}")
-    return PeerChoice(names, install)
+    known = (peer.name for peer in (*FOREST_PEERS, *GRAPH_PEERS))
+    return PeerChoice(tuple(parse_names("--peers", text, known, "peer")), install)
 
 
 def open_peers(
     choice: PeerChoice, peers: Sequence[Peer[Model]], model: Model
 ) -> tuple[tuple[Engine, ...], dict[str, str]]:
-    """Engines of the chosen peers, and the reason for each that has none."""
+    """Engines of the chosen peers, and the reason for each that has none or cannot evaluate a window."""
+    window = random_windows(model.artifact.manifest, 1, seed=0)
     engines: list[Engine] = []
     skipped: dict[str, str] = {}
     known = {peer.name: peer for peer in peers}
@@ -56,7 +56,10 @@ def open_peers(
             if name not in known:
                 raise Unavailable(f"not for this kind of model: there is {', '.join(known)}")
             known[name].get_ready(install=choice.install)
-            engines.append(known[name].engine(model))
-        except (Unavailable, ImportError) as error:
-            skipped[name] = str(error)
+            engine = known[name].engine(model)
+            # Some compile only now. A library may raise anything, and the others are measured all the same.
+            engine.predict(window)
+            engines.append(engine)
+        except Exception as error:
+            skipped[name] = reason_of(error)
     return tuple(engines), skipped

@@ -11,6 +11,8 @@ Result = dict[str, Any]
 
 _COLD: Final = "median_ms"
 _WARM: Final = "warm_median_ms"
+_FASTER: Final = 1.005
+"""From where on a ratio is not printed as 1.00."""
 
 
 def run_tables(run: dict[str, Any]) -> list[str]:
@@ -36,7 +38,7 @@ def run_tables(run: dict[str, Any]) -> list[str]:
 
 
 def _head(figure: str) -> list[str]:
-    beside = ["`predict`"] if figure == _WARM else ["p99", "verdict"]
+    beside = ["`predict`, ms" if figure == _WARM else "Taxel p99, ms", "verdict"]
     published = ("published way, ms", "published way / Taxel")
     return ["rows", "best peer", "its ms", "Taxel, ms", "best peer / Taxel", *published, *beside]
 
@@ -45,10 +47,11 @@ def _leading_row(group: Sequence[Result], figure: str) -> list[str]:
     engines = {result["engine"]: result for result in group}
     ours, published, best = engines[TAXEL], engines.get(PUBLISHED), fastest(group, figure)
     name, time, ratio = _beside(ours, best, figure)
+    compared = [each for each in (ours, published, best) if each]
     if figure == _WARM:
-        last = [short(ours["predictor_warm_median_ms"])]
+        last = [short(ours["predictor_warm_median_ms"]), _verdict(compared, "warm_verdict")]
     else:
-        last = [short(ours["p99_ms"]), _verdict([each for each in (ours, published, best) if each])]
+        last = [short(ours["p99_ms"]), _verdict(compared, "verdict")]
     return [
         f"{ours['batch']:,}",
         *(name, time, short(ours[figure]), f"**{ratio}**"),
@@ -64,8 +67,16 @@ def _beside(ours: Result, other: Result | None, figure: str) -> list[str]:
     return [_name(other), short(other[figure]), short(other[figure] / ours[figure])]
 
 
-def _verdict(results: Sequence[Result]) -> str:
-    return "VALID" if all(result["verdict"] == "VALID" for result in results) else "INVALID"
+def _verdict(results: Sequence[Result], key: str) -> str:
+    """Of a row; nothing where a file of an older Taxel has none."""
+    if not all(key in result for result in results):
+        return ""
+    return "VALID" if all(result[key] == "VALID" for result in results) else "INVALID"
+
+
+def _rows(result: Result) -> str:
+    batch = result["batch"]
+    return "1 row" if batch == 1 else f"{batch:,} rows"
 
 
 def _name(result: Result) -> str:
@@ -82,7 +93,7 @@ def _every_engine(groups: Sequence[Sequence[Result]]) -> list[str]:
         name = f"*{_name(first)}*" if first.get("rounded") else _name(first)
         cells = ["" if each is None else f"{short(each[_COLD])} / {short(each[_WARM])}" for each in found]
         rows.append([name, *cells, _difference(found)])
-    head = ["engine", *(f"{group[0]['batch']:,} rows" for group in groups), "largest difference, counts"]
+    head = ["engine", *(_rows(group[0]) for group in groups), "largest difference, counts"]
     return markdown_table(head, rows)
 
 
@@ -104,23 +115,26 @@ def _faster_than_taxel(groups: Sequence[Sequence[Result]]) -> list[str]:
         faster = []
         for result in group:
             times = [ours[figure] / result[figure] for figure in (_COLD, _WARM)]
-            if max(times) > 1:
+            if max(times) >= _FASTER:
                 said = " and ".join(
                     f"{short(ratio)} times {'in turn' if place == 0 else 'warm'}"
                     for place, ratio in enumerate(times)
-                    if ratio > 1
+                    if ratio >= _FASTER
                 )
                 rounds = ", with rounded weights" if result.get("rounded") else ""
                 faster.append(f"{_name(result)} ({said}{rounds})")
         told = ", ".join(faster) if faster else "none"
-        lines.append(f"- Faster than Taxel at {ours['batch']:,} rows: {told}.")
+        lines.append(f"- Faster than Taxel at {_rows(ours)}: {told}.")
     return lines
 
 
 def _left_out(groups: Sequence[Sequence[Result]], skipped: Sequence[dict[str, str]]) -> list[str]:
     lines = [f"- Skipped: {each['peer']}: {each['reason']}." for each in skipped]
     for result in (result for group in groups for result in group):
+        told = list(result.get("left_out", {}).items())
         for name, milliseconds in result.get("too_slow", {}).items():
-            took = f"its call takes {short(milliseconds)} ms"
-            lines.append(f"- Left out at {result['batch']:,} rows: {name}, as {took}.")
+            limit = result.get("too_slow_limit_ms")
+            allowed = "" if limit is None else f", and {short(limit)} are allowed"
+            told.append((name, f"its call takes {short(milliseconds)} ms{allowed}"))
+        lines += [f"- Left out at {_rows(result)}: {name}: {reason}." for name, reason in told]
     return lines

@@ -58,7 +58,7 @@ def run(
         Trees | None,
         typer.Option(
             help="Of xgb at the paper's size. even: as published. skewed: as many nodes in deep trees of "
-            "over 1000."
+            "some 1,100."
         ),
     ] = None,
     peers: Annotated[

@@ -12,7 +12,8 @@ def compare_engines(results: Sequence[Result]) -> None:
     """Add to our result how it compares with the results beside it, of one batch size.
 
     For a corrected model, this is the cost of its effects. For any other model, it is how many times faster
-    ours is. Each peer has a ratio, and `best_peer` names the fastest.
+    ours is: `ratio` than the published way, `ratios` than each engine by its name. `best_peer` names the
+    fastest whose answers were compared.
     """
     engines = {result["engine"]: result for result in results}
     ours = engines[TAXEL]
@@ -23,10 +24,10 @@ def compare_engines(results: Sequence[Result]) -> None:
     if cold == "mean_ms":
         del figures["cpu_ratio"]
     for ratio, figure in figures.items():
-        if PUBLISHED in engines:
-            ours[ratio] = engines[PUBLISHED][figure] / ours[figure]
-        if peers := peers_of(results):
-            ours[f"{ratio}s"] = {peer["engine"]: peer[figure] / ours[figure] for peer in peers}
+        if others := others_of(results):
+            ours[f"{ratio}s"] = {name: other[figure] / ours[figure] for name, other in others.items()}
+        if PUBLISHED in others:
+            ours[ratio] = ours[f"{ratio}s"][PUBLISHED]
     for name, figure in (("best_peer", cold), ("best_warm_peer", "warm_median_ms")):
         if figure in ours and (best := fastest(results, figure)):
             ours[name] = best["engine"]
@@ -37,16 +38,16 @@ def compare_engines(results: Sequence[Result]) -> None:
             ours["correction_cost_us"] = (ours["warm_median_ms"] - base["warm_median_ms"]) * 1e3
 
 
-def peers_of(results: Sequence[Result]) -> list[Result]:
-    """Results of other libraries, without the published way and ours."""
-    return [result for result in results if result["engine"] not in (TAXEL, PUBLISHED, BASE)]
+def others_of(results: Sequence[Result]) -> dict[str, Result]:
+    """Results of the published way and of other libraries, by the engine's name."""
+    return {result["engine"]: result for result in results if result["engine"] not in (TAXEL, BASE)}
 
 
 def fastest(results: Sequence[Result], figure: str) -> Result | None:
-    """The fastest of the others that give the same answers, the published way among them; None alone."""
-    others = [
+    """The fastest of the others whose answers are known to be ours; None where there is none."""
+    same_answers = [
         result
-        for result in results
-        if result["engine"] not in (TAXEL, BASE) and not result.get("rounded", False)
+        for result in others_of(results).values()
+        if result["largest_difference"] is not None and not result.get("rounded", False)
     ]
-    return min(others, key=lambda result: float(result[figure]), default=None)
+    return min(same_answers, key=lambda result: float(result[figure]), default=None)

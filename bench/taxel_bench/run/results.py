@@ -5,8 +5,9 @@ from typing import Any
 
 from rich.table import Table
 
-from taxel_bench.engines import BASE, PUBLISHED, TAXEL
+from taxel_bench.engines import BASE, TAXEL
 from taxel_bench.figures import short
+from taxel_bench.verdict import verdict_of
 
 _KEYS = ("median_ms", "p90_ms", "p99_ms")
 
@@ -31,7 +32,7 @@ def serving_table(results: Sequence[dict[str, Any]]) -> Table:
             _comparison(result, ours, "ratio", "correction_cost_cold_us"),
             short(result["warm_median_ms"]),
             _comparison(result, ours, "warm_ratio", "correction_cost_us"),
-            result["verdict"],
+            verdict_of(result),
             end_section=result is ours,
         )
     return table
@@ -71,9 +72,15 @@ def remarks(
     lines += [f"skipped {name}: {reason}" for name, reason in skipped.items()]
     for result in results:
         for name, milliseconds in result.get("too_slow", {}).items():
-            lines.append(f"batch {result['batch']}, {name}: not timed, a call takes {milliseconds:,.3g} ms")
+            took, limit = short(milliseconds), short(result["too_slow_limit_ms"])
+            reason = f"a call takes {took} ms: at most {limit} are allowed"
+            lines.append(f"batch {result['batch']}, {name}: not timed, {reason}")
+        for name, reason in result.get("left_out", {}).items():
+            lines.append(f"batch {result['batch']}, {name}: not timed, {reason}")
     for result in results:
-        lines += [f"batch {result['batch']}, {result['engine']}: {reason}" for reason in result["reasons"]]
+        place = f"batch {result['batch']}, {result['engine']}"
+        lines += [f"{place}: {reason}" for reason in result["reasons"]]
+        lines += [f"{place}, warm: {reason}" for reason in result.get("warm_reasons", [])]
     if first["size"] == "shipped":
         lines.append("A shipped model is small; --size paper measures the published size.")
     lines.append(f"On {machine['cpu']}, {machine['cores']} cores, load {machine['load']:g}.")
@@ -100,6 +107,4 @@ def _comparison(result: dict[str, Any], ours: dict[str, Any], ratio: str, cost: 
     if result is ours:
         return f"{result[cost]:+,.1f}" if cost in result else ""
     times = ours.get(f"{ratio}s", {}).get(result["engine"])
-    if result["engine"] == PUBLISHED:
-        times = ours[ratio]
     return "" if times is None else f"{short(times)}x"

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from taxel_bench.figures import markdown_table, short
 from taxel_bench.table.plots import draw_latency_against_batch, draw_time_against_parameters
+from taxel_bench.verdict import verdict_of
 
 TABLE: Final = "table.json"
 
@@ -95,12 +96,12 @@ def _cells(paper: Result, taxel: Result) -> list[str]:
         "" if flops is None else f"{short(flops / 1e6)}{mark}",
         short(paper["flops"] / 1e6),
         short(taxel["flops"] / 1e6),
-        _verdict(paper, taxel),
+        verdict_of(paper, taxel),
     ]
 
 
 def _batch_cells(paper: Result, taxel: Result) -> list[str]:
-    return [paper["model"], str(paper["batch"]), *_times(paper, taxel), _verdict(paper, taxel)]
+    return [paper["model"], str(paper["batch"]), *_times(paper, taxel), verdict_of(paper, taxel)]
 
 
 def _times(paper: Result, taxel: Result) -> list[str]:
@@ -111,7 +112,3 @@ def _times(paper: Result, taxel: Result) -> list[str]:
         short(taxel["warm_median_ms"]),
         f"{short(taxel['warm_ratio'])}x",
     ]
-
-
-def _verdict(paper: Result, taxel: Result) -> str:
-    return "VALID" if paper["verdict"] == taxel["verdict"] == "VALID" else "INVALID"

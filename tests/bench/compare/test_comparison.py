@@ -52,7 +52,7 @@ def test_wrong_answers_are_not_compared(settings: CompareSettings) -> None:
 def test_a_server_that_stops_is_told(settings: CompareSettings, monkeypatch: pytest.MonkeyPatch) -> None:
     """A peer without its packages: our own interpreter has no mosec."""
     (mosec,) = parse_peers("mosec")
-    monkeypatch.setattr("taxel_bench.compare.comparison.find_environment", lambda *_: Path(sys.executable))
+    monkeypatch.setattr("taxel_bench.compare.comparison.environment", lambda *_, **__: Path(sys.executable))
     comparison = run_comparison(replace(settings, peers=[mosec], rounds=1), lambda _: None)
     assert "No module named 'mosec'" in comparison.skipped["mosec"]
 

@@ -1,6 +1,13 @@
 """Other libraries beside ours: the same answers, a result each, and who is missing told by name."""
 
 import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -8,20 +15,25 @@ import numpy as np
 import onnx
 import onnx.reference
 import pytest
+from numpy.typing import NDArray
 from typer.testing import CliRunner, Result
 
-from taxel.artifacts import folder_of
+from taxel.artifacts import folder_of, read
 from taxel.errors import Unavailable
 from taxel_bench.commands import app
+from taxel_bench.environments import environment, own_versions
 from taxel_bench.paper_size import write_paper_sized
 from taxel_bench.peers.compiled_treelite import compiled_library
 from taxel_bench.peers.numpy_graph import NumpyGraph
+from taxel_bench.peers.peer import GraphModel, Peer, packages_of
 from taxel_bench.peers.selection import PeerChoice
+from taxel_bench.run.protocols import DISTINCT_INPUTS, Effort, run_serving
 from taxel_bench.subjects import open_subject
 from taxel_bench.windows import random_windows
 from taxel_exporters.export import export
 from taxel_models.shipped import shipped_repository
 
+Windows = NDArray[np.float32]
 QUICK = ("--repetitions", "4", "--seconds", "0.1")
 HERE = {
     "xgb": ("xgboost-merged", "onnxruntime"),
@@ -50,8 +62,9 @@ def test_each_peer_has_a_result_and_ours_compares_with_it(model: str) -> None:
     for batch in (1, 8):
         results = [each for each in said["results"] if each["batch"] == batch]
         ours = results[-1]
-        left_out = ours["too_slow"]
-        assert [each["engine"] for each in results] == [name for name in engines if name not in left_out]
+        assert [each["engine"] for each in results] == engines
+        assert (ours["too_slow"], ours["too_slow_limit_ms"], ours["left_out"]) == ({}, None, {})
+        assert ours["ratios"]["paper"] == ours["ratio"]
         peers = {each["engine"]: each for each in results[1:-1]}
         for name, peer in peers.items():
             assert peer["threads"] == 1
@@ -85,6 +98,66 @@ def test_peers_give_the_answers_that_they_promise() -> None:
                     assert 1e-4 < apart < 1
                 else:
                     assert apart < 1e-4
+
+
+def test_a_peer_that_disagrees_or_fails_is_left_out_and_the_others_are_timed() -> None:
+    """The answer to the last of all inputs alone is another: the first one was asked for before."""
+
+    def fails(windows: Windows) -> Windows:
+        raise MemoryError("no room\nfor so many rows")
+
+    with open_subject("ffnn", peers=PeerChoice(("onnxruntime", "numpy"))) as subject:
+        onnx_runtime, numpy = subject.peers
+        calls = count()
+        wrong = replace(
+            onnx_runtime,
+            counts=lambda out: onnx_runtime.counts(out) + np.float32(next(calls) == DISTINCT_INPUTS),
+        )
+        found = {
+            name: run_serving(replace(subject, peers=peers), [1], Effort(repetitions=4))
+            for name, peers in {
+                "wrong": (wrong, numpy),
+                "failing": (onnx_runtime, replace(numpy, evaluate=fails)),
+            }.items()
+        }
+    assert [each["engine"] for each in found["wrong"]] == ["paper", "numpy", "taxel"]
+    (reason,) = found["wrong"][-1]["left_out"].values()
+    assert "the engine onnxruntime differs from ours by 1 counts" in reason
+    assert [each["engine"] for each in found["failing"]] == ["paper", "onnxruntime", "taxel"]
+    assert found["failing"][-1]["left_out"] == {"numpy": "MemoryError: no room"}
+
+
+def test_a_peer_whose_calls_take_too_much_of_the_time_is_left_out() -> None:
+    with open_subject("ffnn", peers=PeerChoice(("onnxruntime", "numpy"))) as subject:
+        onnx_runtime, numpy = subject.peers
+        effort = Effort(seconds=4.0)
+
+        def slow(windows: Windows) -> Windows:
+            time.sleep(0.11)
+            return numpy.evaluate(windows)
+
+        changed = replace(subject, peers=(onnx_runtime, replace(numpy, evaluate=slow)))
+        results = run_serving(changed, [64], effort)
+    assert [each["engine"] for each in results] == ["paper", "onnxruntime", "taxel"]
+    assert results[-1]["too_slow_limit_ms"] == 100
+    assert results[-1]["too_slow"]["numpy"] > 100
+
+
+def test_a_library_that_fails_at_its_first_call_is_skipped(tmp_path: Path) -> None:
+    """torch.compile looks for a compiler only then."""
+    run = "from taxel_bench.commands import app; app()"
+    arguments = ("run", "--model", "ffnn", "--peers", "torch-compiled,numpy", *QUICK, "--json")
+    missing = {"CXX": "/nonexistent/c++", "TORCHINDUCTOR_CACHE_DIR": str(tmp_path / "compiled")}
+    done = subprocess.run(
+        [sys.executable, "-c", run, *arguments], env=os.environ | missing, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert [each["engine"] for each in said["results"]] == ["paper", "numpy", "taxel"]
+    ((name, reason),) = [(each["peer"], each["reason"]) for each in said["skipped"]]
+    assert name == "torch-compiled"
+    assert "\n" not in reason
+    assert "ompile" in reason
 
 
 def test_peers_that_are_not_there_are_told_by_name() -> None:
@@ -127,18 +200,66 @@ def test_a_graph_by_numpy_is_what_onnx_says_of_it(model: str, tmp_path: Path) ->
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-3)
 
 
-def test_a_forest_is_compiled_on_request_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    with open_subject("xgb") as subject:
-        manifest = subject.manifest
-    from taxel.artifacts import read
+def test_a_product_that_numpy_would_compute_otherwise_is_refused() -> None:
+    graph = onnx.load(folder_of(shipped_repository(), "ffnn") / "model.onnx")
+    gemm = next(node for node in graph.graph.node if node.op_type == "Gemm")
+    (alpha,) = [attribute for attribute in gemm.attribute if attribute.name == "alpha"]
+    alpha.f = 0.5
+    with pytest.raises(Unavailable, match=r"a Gemm has alpha 0\.5"):
+        NumpyGraph(graph)
 
-    artifact = read(folder_of(shipped_repository(), manifest.name))
+
+def test_a_forest_is_compiled_on_request_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    artifact = read(folder_of(shipped_repository(), "xgb"))
     monkeypatch.setattr("shutil.which", lambda name: f"/usr/bin/{name}")
     with pytest.raises(Unavailable, match="pass --install"):
         compiled_library(artifact, install=False)
     monkeypatch.setattr("shutil.which", lambda name: None)
     with pytest.raises(Unavailable, match="no gcc"):
         compiled_library(artifact, install=True)
+
+
+def test_a_forest_that_takes_too_long_to_compile_is_told_with_the_folder_to_remove(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("shutil.which", lambda name: f"/usr/bin/{name}")
+    artifact = read(folder_of(shipped_repository(), "xgb"))
+    environment("engines/treelite-compiled", [], install=True)
+    for limit_s in (0.0, 1200.0):
+        with pytest.raises(Unavailable, match=r"longer than 0 s .* remove") as refused:
+            compiled_library(artifact, install=True, limit_s=limit_s)
+    shutil.rmtree(Path(str(refused.value).rpartition("remove ")[2]))
+    # Without TL2cgen it fails now: it was tried again.
+    with pytest.raises(Unavailable, match=r"cannot be compiled: .*tl2cgen"):
+        compiled_library(artifact, install=True)
+
+
+def test_a_peers_packages_become_importable_behind_ours(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    made = {name: environment(f"engines/{name}", [], install=True) for name in ("works", "fails")}
+    for name, interpreter in made.items():
+        packages = packages_of(interpreter)
+        (packages / f"taxel_{name}.py").write_text(
+            "" if name == "works" else "raise ImportError('no luck')"
+        )
+        (packages / "numpy").mkdir()
+        requirements = ["thing==1", *own_versions("numpy", "scipy", "scikit-learn", "onnxruntime")]
+        (interpreter.parents[1] / "requirements.json").write_text(json.dumps(requirements))
+    works, fails = (
+        Peer[GraphModel](name, lambda _: pytest.fail("it is not evaluated"), ("thing==1",), f"taxel_{name}")
+        for name in made
+    )
+    before = list(sys.path)
+    with pytest.raises(Unavailable, match="taxel_fails cannot be imported: ImportError: no luck"):
+        fails.get_ready(install=False)
+    assert sys.path == before
+    works.get_ready(install=False)
+    assert sys.path == [*before, str(packages_of(made["works"]))]
+
+
+def test_an_environment_of_another_python_is_told(tmp_path: Path) -> None:
+    with pytest.raises(Unavailable, match="was made by another Python: remove it"):
+        packages_of(tmp_path / "bin" / "python")
 
 
 @pytest.mark.parametrize(
@@ -162,6 +283,7 @@ def results_of(*arguments: str) -> list[dict[str, Any]]:
     return results
 
 
+@pytest.mark.skipif(shutil.which("g++") is None, reason="there is no g++: torch.compile needs one")
 @pytest.mark.filterwarnings("ignore:.torch.jit:DeprecationWarning")
 def test_torch_compiled_gives_the_networks_answers() -> None:
     peer = results_of("--model", "network-b", "--peers", "torch-compiled", *QUICK)[1]

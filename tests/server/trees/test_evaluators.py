@@ -24,6 +24,7 @@ from taxel_server.runtimes.trees.layout.tree_lanes import BLOCK_LEAVES, MOST_EXI
 from taxel_server.runtimes.trees.many_rows.bitset import BitsetEvaluator
 from taxel_server.runtimes.trees.node_walk import walk
 from taxel_server.runtimes.trees.normalisation import Scales
+from taxel_server.runtimes.trees.reading.forest import Forest
 from taxel_server.runtimes.trees.reading.xgboost_json import read_forest
 from taxel_server.runtimes.trees.switches import ALL_ON
 
@@ -90,22 +91,65 @@ def check_file(path: Path, shape: ForestShape, names: list[str], rows: tuple[int
             )
 
 
-@pytest.mark.parametrize("switch", [field.name for field in dataclasses.fields(ALL_ON)])
-def test_without_a_part_the_bits_are_the_same(tmp_path: Path, switch: str) -> None:
-    path = tmp_path / "model.json"
-    write_forest(path, SHAPES["even"], seed=2)
-    forest = read_forest(path)
-    ones = np.ones(max(forest.features, len(forest.base_score)), np.float32)
-    scales = Scales(False, ones, ones, ones, ones)
-    evaluated = Autotuned.of(forest, scales, dataclasses.replace(ALL_ON, **{switch: False}))
-    without = "-".join(switch.split("_"))
-    assert [each.name for each in evaluated.evaluators if each.name not in EVERY] in ([], ["node-walk"])
-    assert without not in [each.name for each in evaluated.evaluators]
+SWITCHES = tuple(field.name for field in dataclasses.fields(ALL_ON))
+WITHOUT_AN_EVALUATOR = {
+    "leaf_blocks": ["node-walk", "small-batch", *BITSETS],
+    "small_batch": LARGE,
+    "bitset_64": ["leaf-blocks", "small-batch", "bitset-256"],
+    "bitset_256": ["leaf-blocks", "small-batch", "bitset-64"],
+}
+
+
+@pytest.mark.parametrize("shape", ["even", "mixed sizes"])
+@pytest.mark.parametrize("switch", SWITCHES)
+def test_without_a_part_the_bits_are_the_same(tmp_path: Path, switch: str, shape: str) -> None:
+    evaluated, forest, scales = laid_out(tmp_path, shape, switch)
+    all_names = NAMES.get(shape, LARGE)
+    expected = [
+        name for name in WITHOUT_AN_EVALUATOR.get(switch, EVERY) if name in [*all_names, "node-walk"]
+    ]
+    assert [each.name for each in evaluated.evaluators] == expected
     windows = np.random.default_rng(0).normal(size=(330, forest.features)).astype(np.float32)
     for rows in (1, 8, 70, 330):
         found = np.empty((rows, len(forest.base_score)), np.float32)
         evaluated.evaluate(windows[:rows], found)
         np.testing.assert_array_equal(found, walk(forest, scales, windows[:rows]))
+
+
+@pytest.mark.parametrize("switch", [name for name in SWITCHES if name not in WITHOUT_AN_EVALUATOR])
+def test_a_switch_changes_what_it_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, switch: str
+) -> None:
+    for module in (leaf_blocks, small_batch):
+        monkeypatch.setattr(module, "waits_for_memory", lambda: True)
+    with_it, without = (
+        parts(laid_out(tmp_path, "even", name)[0].evaluators, switch) for name in ("", switch)
+    )
+    assert all(one != other for one, other in zip(with_it, without, strict=True)), (with_it, without)
+
+
+def parts(evaluators: list[Any], switch: str) -> list[Any]:
+    """What a switch decides, in each evaluator that it concerns: a compiled function or a layout."""
+    few, small, bitset, _ = evaluators
+    return {
+        # Distances within a small batch's trees are too large for packed nodes here.
+        "packed_nodes": [few._trees.traversal],
+        "next_nodes": [few._trees.prefetches, small._trees.traversal],
+        "next_leaves": [few._trees.addition, small._trees.addition],
+        "upper_levels": [bitset._forest.narrow.upper],
+        "byte_tables": [bitset._forest.leaves["kind"].tolist()],
+    }[switch]
+
+
+def laid_out(folder: Path, shape: str, without: str) -> tuple[Autotuned, Forest, Scales]:
+    """A forest with everything on, or without one switch."""
+    path = folder / "model.json"
+    write_forest(path, SHAPES[shape], seed=2)
+    forest = read_forest(path)
+    ones = np.ones(max(forest.features, len(forest.base_score)), np.float32)
+    scales = Scales(False, ones, ones, ones, ones)
+    switches = dataclasses.replace(ALL_ON, **{without: False}) if without else ALL_ON
+    return Autotuned.of(forest, scales, switches), forest, scales
 
 
 @pytest.mark.parametrize("shape", SHAPES)

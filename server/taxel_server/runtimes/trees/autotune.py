@@ -89,7 +89,11 @@ class Autotuned:
         if left and len(windows) > block and self.cheapest[left] is not self.cheapest[block]:
             self.cheapest[block].evaluate(windows[:-left], result[:-left])
             windows, result = windows[-left:], result[-left:]
-        self.cheapest[min(len(windows), block)].evaluate(windows, result)
+        self.evaluator_of(len(windows)).evaluate(windows, result)
+
+    def evaluator_of(self, rows: int) -> Evaluator:
+        """What evaluates so many rows; if they are more than a long block, what evaluates long blocks."""
+        return self.cheapest[min(rows, BLOCKS[-1])]
 
 
 def _evaluators(forest: Forest, scales: Scales, switches: Switches) -> Iterator[tuple[Evaluator, int]]:

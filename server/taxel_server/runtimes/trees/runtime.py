@@ -77,7 +77,7 @@ class TreesRuntime:
 
     def evaluator(self, rows: int) -> EvaluatorInfo:
         """The evaluator of so many windows; if they are more than one long block, that of whole blocks."""
-        return EvaluatorInfo(self._cheapest[min(rows, len(self._cheapest) - 1)].name, instruction_set())
+        return EvaluatorInfo(self._autotuned.evaluator_of(rows).name, instruction_set())
 
     def _share(
         self, pool: ThreadPoolExecutor, windows: NDArray[np.float32], result: NDArray[np.float32]
