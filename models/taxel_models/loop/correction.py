@@ -37,7 +37,7 @@ class NewEffects:
         """
         effects, extras = [], {}
         for named in attribution.named:
-            online = named.score.candidate.online(named.weights)
+            online = named.candidate.online(named.weights)
             if not online.changes_something:
                 continue
             effects.append(_applied(named, online, parameters.get(named.name, [])))
@@ -48,7 +48,7 @@ class NewEffects:
 def _applied(named: Named, online: Online, parameters: Iterable[Parameter]) -> AppliedEffect:
     return AppliedEffect(
         name=named.name,
-        about=f"{named.effect.equation}; {named.score.candidate.form}",
+        about=f"{named.equation}; {named.candidate.form}",
         channels=named.channels,
         parameters=tuple(parameters),
         frame=online.frame,

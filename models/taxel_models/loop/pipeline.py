@@ -13,7 +13,6 @@ from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import FOLDS, Blocks, cut
 from taxel_models.loop.correction import NewEffects, corrected, served_windows
-from taxel_models.loop.cross_validation import scale_of
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.findings import (
     Findings,
@@ -21,12 +20,12 @@ from taxel_models.loop.findings import (
     PairedTest,
     RejectedEffect,
 )
+from taxel_models.loop.inference.constants import DECLARED
+from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.intervals import parameters
-from taxel_models.loop.model_selection import LEAST_SHARE
 from taxel_models.loop.noise import NoiseFloor
 from taxel_models.loop.observations import Model, Observations, gather
 from taxel_models.loop.residual_diagnostics import diagnose_residual
-from taxel_models.loop.stepwise import StepwiseSelection
 from taxel_models.recordings import Recording
 
 
@@ -35,7 +34,7 @@ class LoopSettings:
     """Settings of the loop.
 
     Attributes:
-        seed: the seed of the split and of the blocks' random signs.
+        seed: the seed of the split.
         held_out: the share of the blocks in the evaluation part.
         hold_out_by: a covariate whose values are held out whole, such as `material`.
         measured_temperature: whether a model that takes the temperature is given the recording's.
@@ -49,7 +48,7 @@ class LoopSettings:
     hold_out_by: str | None = None
     measured_temperature: bool = True
     calibration_s: float = 0.0
-    least_share: float = LEAST_SHARE
+    least_share: float = DECLARED.least_share
     exclude: tuple[str, ...] = ()
 
 
@@ -100,16 +99,15 @@ def run_loop(
         observations = observations.calibrated(settings.calibration_s)
     blocks = cut(observations, seed=settings.seed, held_out=settings.held_out, group=settings.hold_out_by)
     effects = [effect for effect in candidates(observations) if effect.label not in settings.exclude]
-    attribution = StepwiseSelection(
+    attribution = JointSelection(
         observations,
         blocks,
         effects,
-        seed=settings.seed + 1,
-        least_share=settings.least_share,
+        reference=model.manifest.held_out_residual,
+        constants=replace(DECLARED, least_share=settings.least_share),
         progress=progress,
     ).run()
-    scale = scale_of(observations.residual[blocks.fit])
-    figures = {named.name: parameters(named, scale) for named in attribution.named}
+    figures = {named.name: parameters(named) for named in attribution.named}
     new = NewEffects.of(attribution, figures)
     after = corrected(observations, attribution, new)
     findings = _findings(observations, recordings, blocks, settings, attribution, figures, new, after)
@@ -163,6 +161,7 @@ def _findings(
                 alone=rejected.alone,
                 left=rejected.share,
                 p_value=rejected.p_value,
+                log_evidence=rejected.log_evidence,
                 reason=rejected.reason,
             )
             for rejected in attribution.rejected
@@ -203,13 +202,14 @@ def _found_effect(
 ) -> FoundEffect:
     return FoundEffect(
         name=named.name,
-        form=named.score.candidate.form,
-        equation=named.effect.equation,
+        form=named.candidate.form,
+        equation=named.equation,
         channels=named.channels,
         explained=explained,
         conditional=named.conditional,
         p_value=named.p_value,
-        t_test=named.score.repeats,
+        t_test=named.p_value,
+        log_evidence=named.log_evidence,
         parameters=tuple(figures),
         confounded_with=named.confounded_with,
         needs=tuple(needs),

@@ -14,10 +14,10 @@ from taxel.schema import Schema
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.registry import NAMES, candidates
-from taxel_models.loop.model_selection import LEAST_SHARE
+from taxel_models.loop.inference.constants import DECLARED
+from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.observations import Model, Observations, gather
 from taxel_models.loop.pipeline import LoopResult, LoopSettings, run_loop
-from taxel_models.loop.stepwise import StepwiseSelection
 from taxel_models.recordings import Recording
 from taxel_models.recovery.injection import Injection
 from taxel_models.recovery.injectors import inject
@@ -145,8 +145,12 @@ def without_effects(model: Model, recording: Recording, seed: int) -> Recording:
     for _ in range(CLEANINGS):
         observations = gather(model, [recording], measured_temperature=True)
         blocks = cut(observations, seed=seed)
-        selection = StepwiseSelection(
-            observations, blocks, candidates(observations), seed=seed, least_share=LEAST_SHARE / 4
+        selection = JointSelection(
+            observations,
+            blocks,
+            candidates(observations),
+            reference=model.manifest.held_out_residual,
+            constants=replace(DECLARED, least_share=DECLARED.least_share / 4),
         )
         named = selection.run().named
         if not named:

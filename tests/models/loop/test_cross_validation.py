@@ -6,9 +6,6 @@ from typing import Final
 import numpy as np
 import pytest
 from scipy import stats
-
-from taxel_models.loop.basis import Shared
-from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.cross_validation import (
     MOST_ROW_WEIGHT,
     Score,
@@ -20,8 +17,11 @@ from taxel_models.loop.cross_validation import (
     stands_out,
     worth,
 )
-from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.statistics import Fitting, SufficientStatistics
+
+from taxel_models.loop.basis import Shared
+from taxel_models.loop.blocks import Blocks
+from taxel_models.loop.effects.effect import Candidate
 
 BLOCKS: Final = 30
 LENGTH: Final = 50

@@ -6,11 +6,7 @@ from typing import Final
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-
-from taxel_models.loop.basis import Shared
-from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.cross_validation import Score, cross_validate
-from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.model_selection import (
     CLEARLY_LESS,
     CONFOUNDED,
@@ -23,6 +19,10 @@ from taxel_models.loop.model_selection import (
     worth_most,
 )
 from taxel_models.loop.statistics import Fitting, SufficientStatistics
+
+from taxel_models.loop.basis import Shared
+from taxel_models.loop.blocks import Blocks
+from taxel_models.loop.effects.effect import Candidate
 
 ROWS: Final = 2000
 SCALE: Final = np.ones(21)

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from taxel_models.loop.cross_validation import cross_validate
+from taxel_models.loop.statistics import SufficientStatistics
 
 from taxel.channels import CHANNELS
 from taxel.errors import SettingsError
 from taxel_models.loop.attribution import Named
-from taxel_models.loop.cross_validation import cross_validate
 from taxel_models.loop.effects.effect import Effect, Remaining
 from taxel_models.loop.effects.registry import NAMES, candidates
 from taxel_models.loop.findings import Findings
@@ -23,7 +24,6 @@ from taxel_models.loop.report.effect_pictures import draw_effect
 from taxel_models.loop.report.error_pictures import bars
 from taxel_models.loop.report.partial import Partial
 from taxel_models.loop.report.report import REPORT, write_report
-from taxel_models.loop.statistics import SufficientStatistics
 from taxel_models.recordings import Recording
 
 ROWS = 7000

@@ -8,10 +8,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 from sklearn.linear_model import LinearRegression
+from taxel_models.loop.statistics import RIDGE, Fitting, SufficientStatistics
 
 from taxel_models.loop.basis import Own, Shared
 from taxel_models.loop.blocks import Blocks
-from taxel_models.loop.statistics import RIDGE, Fitting, SufficientStatistics
 
 BLOCKS: Final = 24
 LENGTH: Final = 60

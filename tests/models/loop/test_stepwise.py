@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from taxel_models.loop.cross_validation import Score
+from taxel_models.loop.model_selection import CONTENDER_LEVEL, FOLD_LEVEL
+from taxel_models.loop.stepwise import StepwiseSelection
 
 from taxel.channels import CHANNELS
 from taxel_models.loop.blocks import cut
-from taxel_models.loop.cross_validation import Score
 from taxel_models.loop.effects.registry import candidates
-from taxel_models.loop.model_selection import CONTENDER_LEVEL, FOLD_LEVEL
 from taxel_models.loop.observations import Observations, gather
 from taxel_models.loop.pipeline import LoopSettings, run_loop
-from taxel_models.loop.stepwise import StepwiseSelection
 from taxel_models.recordings import Recording
 from taxel_models.recovery.injection import Injection
 from taxel_models.recovery.injectors import inject

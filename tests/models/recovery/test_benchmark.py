@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from taxel_models.loop.stepwise import StepwiseSelection
 
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.registry import NAMES, candidates
 from taxel_models.loop.observations import gather
-from taxel_models.loop.stepwise import StepwiseSelection
 from taxel_models.recordings import Recording
 from taxel_models.recovery.benchmark import (
     RecoverySettings,

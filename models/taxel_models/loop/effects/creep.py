@@ -17,6 +17,8 @@ LONGEST_S: Final = 40.0
 
 GRID: Final = np.geomspace(SHORTEST_S, LONGEST_S, 11)
 _OF_SIGNAL: Final = "of the channel's signal"
+_DIRECTION: Final = "and its direction"
+_EVERY: Final[tuple[Followed, ...]] = ("force", "fx", "fy", "fz")
 FINER: Final = np.array([0.72, 0.85, 1.18, 1.39])
 """Factors of finer time constants; neighbours on the grid differ by a factor of 1.9."""
 
@@ -38,10 +40,15 @@ class Creep(Effect):
     @override
     def finer(self, observations: Observations, best: Candidate) -> Iterable[Candidate]:
         tau = best.form_parameters["time_constant"][0]
-        make = self._of_signal if best.form.startswith(_OF_SIGNAL) else self._by_force
         for factor in FINER:
-            yield make(observations, tau * float(factor))
-        yield self._by_force(observations, tau, ("force", "fx", "fy", "fz"))
+            if best.form.startswith(_OF_SIGNAL):
+                yield self._of_signal(observations, tau * float(factor))
+            elif _DIRECTION in best.form:
+                yield self._by_force(observations, tau * float(factor), _EVERY)
+            else:
+                yield self._by_force(observations, tau * float(factor))
+        if _DIRECTION not in best.form:
+            yield self._by_force(observations, tau, _EVERY)
 
     def _by_force(
         self, observations: Observations, tau: float, of: tuple[Followed, ...] = ("force",)
@@ -58,7 +65,7 @@ class Creep(Effect):
         return weighted(
             observations,
             self.name,
-            f"by force{' and its direction' if len(of) > 1 else ''}, {tau:.3g} s",
+            f"by force{f' {_DIRECTION}' if len(of) > 1 else ''}, {tau:.3g} s",
             "unit",
             drivers,
             form_parameters={"time_constant": (tau, "s")},

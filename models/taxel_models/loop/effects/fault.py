@@ -8,9 +8,8 @@ from typing_extensions import override
 from taxel.channels import CHANNELS
 from taxel.corrections import Fault as FaultTerm
 from taxel_models.loop.basis import Floats, Own
-from taxel_models.loop.effects.effect import Candidate, Effect, Online, Remaining
+from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.observations import Observations
-from taxel_models.loop.statistics import Fitting
 from taxel_models.loop.stuck_at import Kind, StuckChannel, stuck_channels
 
 
