@@ -63,13 +63,12 @@ def slipped_mounting(planting: Planting) -> None:
         position = turn.apply(samples.position) if planting.on_skin else samples.position
         return position, turn.apply(samples.force)
 
-    still = planting.respond(samples.position, samples.force)
-    degrees = np.geomspace(2.0, 40.0, 8)
-    strengths = [planting.strength_of(planting.respond(*turned(float(angle))) - still) for angle in degrees]
-    best = int(np.argmin(np.abs(np.log(np.maximum(strengths, 1e-9) / planting.strength))))
-    planting.replace_inputs(
-        *turned(float(degrees[best])), angle=float(degrees[best]), reached=strengths[best]
-    )
+    still, angle, reached = planting.respond(samples.position, samples.force), 10.0, 0.0
+    # The change is nearly in proportion to the angle: a few steps find it.
+    for _ in range(3):
+        angle = float(np.clip(angle * planting.strength / reached if reached else angle, 1.0, 45.0))
+        reached = planting.strength_of(planting.respond(*turned(angle)) - still)
+    planting.replace_inputs(*turned(angle), angle=angle, reached=reached)
 
 
 def place_gain(planting: Planting) -> None:

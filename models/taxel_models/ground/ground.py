@@ -1,7 +1,7 @@
 """A ground: a model, and recordings that it was not trained on."""
 
 from dataclasses import dataclass
-from typing import Final, Literal, Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,6 @@ from taxel.windows import build_windows, extra_columns
 from taxel_models.recordings import Recording
 
 Floats = NDArray[np.float64]
-
-Position = Literal["skin", "pose", "none"]
 
 ALL_CHANNELS: Final[tuple[bool, ...]] = (True,) * len(CHANNELS)
 
@@ -39,16 +37,17 @@ class Clean:
     Attributes:
         model: was not trained on the recording.
         recording: of ticks.
-        reference: another recording that the model was not trained on, with nothing injected.
-        position: whether positions lie on the skin, are poses of a robot, or were not recorded.
+        reference: another recording that the model was not trained on, with nothing injected; None where
+            there is none.
+        on_skin: whether positions lie on the skin; else they are poses of a robot.
         live: (21,) which channels were measured; the others are noise about a constant.
         contact: (n,) the number of each row's contact.
     """
 
     model: Model
     recording: Recording
-    reference: Recording
-    position: Position
+    reference: Recording | None
+    on_skin: bool
     live: tuple[bool, ...]
     contact: NDArray[np.int64]
 

@@ -72,9 +72,7 @@ class TwinGround:
         # One reference serves all rounds.
         if 0 not in self._references:
             self._references[0] = self._recording(-1, self.reference_rows)
-        return Clean(
-            self.model, recording, self._references[0], "skin", ALL_CHANNELS, contacts_of(recording)
-        )
+        return Clean(self.model, recording, self._references[0], True, ALL_CHANNELS, contacts_of(recording))
 
     def _recording(self, number: int, rows: int) -> Recording:
         random = np.random.default_rng([self.seed, number + 1, 3])
