@@ -85,7 +85,7 @@ class RealGround:
         )
         if not sessions:
             raise RecordingError(
-                f"{folder / SLIDE}: no day has {LEAST_TRIALS} held-out trials; expected some 60 trials a day"
+                f"{folder / SLIDE}: no day has {LEAST_TRIALS} held-out trials; expected about 60 in all"
             )
         return cls(sessions, seed, PLAYED[SLIDE], False, ALL_CHANNELS)
 
