@@ -28,7 +28,7 @@ def loop_trial(
         str, typer.Option(help="A model of the twin; slide and lasa train their own.")
     ] = "network-b",
     repository: Repository = None,
-    rows: Annotated[int, typer.Option(min=20_000, help="Of each twin; 100 are a second.")] = 60_000,
+    rows: Annotated[int, typer.Option(min=5_000, help="Of each twin; 100 are a second.")] = 60_000,
     ground: Annotated[
         GroundName,
         typer.Option(help="Where causes are injected. Real ones first train a model on other trials."),
@@ -165,10 +165,12 @@ _RATES: Final = {
 
 
 def _show(summary: "Summary") -> None:
-    found = sorted({name for counts in summary.confusion.values() for name in counts})
-    table = Table("injected", *found, title="Found first, by what was injected")
+    table = Table("injected", "rounds", "found first", title="Found first, by what was injected")
     for truth, counts in summary.confusion.items():
-        table.add_row(truth, *(str(counts.get(name, "")) for name in found))
+        most = sorted(counts.items(), key=lambda one: (-one[1], one[0]))
+        table.add_row(
+            truth, str(sum(counts.values())), ", ".join(f"{name} {times}" for name, times in most)
+        )
     OUT.print(table)
     for name, text in _RATES.items():
         rate = summary.rates.get(name)

@@ -26,6 +26,7 @@ WARM_S: Final = 4 * 3600.0
 MOST_ON_FOR_S: Final = 3000.0
 TOUCH_N: Final = 0.1
 KINDS: Final = 5
+REFERENCE_ROWS: Final = 20_000
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,6 @@ class TwinGround:
     model: StoredModel
     seed: int
     rows: int
-    reference_rows: int = 20_000
     _references: dict[int, Recording] = field(default_factory=dict, repr=False)
 
     def clean(self, number: int) -> Clean:
@@ -71,7 +71,7 @@ class TwinGround:
         recording = self._recording(number, self.rows)
         # One reference serves all rounds.
         if 0 not in self._references:
-            self._references[0] = self._recording(-1, self.reference_rows)
+            self._references[0] = self._recording(-1, min(self.rows, REFERENCE_ROWS))
         return Clean(self.model, recording, self._references[0], True, ALL_CHANNELS, contacts_of(recording))
 
     def _recording(self, number: int, rows: int) -> Recording:

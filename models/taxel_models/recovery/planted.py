@@ -15,7 +15,7 @@ from taxel_models.loop.effects.registry import NAMES
 from taxel_models.recordings import Recording
 from taxel_models.recovery.injection import Injection
 from taxel_models.recovery.injectors import inject
-from taxel_models.recovery.rounds import NONE, UNKNOWN_KIND
+from taxel_models.recovery.rounds import BOTH, NONE, UNKNOWN_KIND
 from taxel_models.recovery.unknown import UNKNOWN
 
 InjectorKind = Literal["own", "foreign"]
@@ -24,8 +24,6 @@ CLEAN_SHARE: Final = 0.2
 UNKNOWN_SHARE: Final = 0.1
 STRENGTHS: Final = (0.5, 2.0)
 """The least and greatest strength over the residual; strengths are drawn evenly in the logarithm."""
-
-BOTH: Final = " + "
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,8 @@ from taxel.schema import Schema
 NONE: Final = "none"
 UNEXPLAINED: Final = "unexplained"
 UNKNOWN_KIND: Final = "unknown:"
+BOTH: Final = " + "
+"""Between two causes of a round."""
 
 LEVEL: Final = 0.95
 """Of the intervals of rates."""
@@ -25,7 +27,7 @@ class Round(Schema):
     """One round.
 
     Attributes:
-        truth: the injected cause, `none`, or `unknown:NAME`; two causes are joined by ` + `.
+        truth: the injected cause, `none`, or `unknown:NAME`; two causes are joined by `BOTH`.
         strength: over the residual before.
         planted: the parameters of what was injected.
         found: the effect that explains most, `none` where nothing was named, `unexplained` where
@@ -97,7 +99,7 @@ class Summary(Schema):
         removed_mean: its mean, weighed by what there was to remove.
         parameters_within: share of the marked parameters within 20 %.
         rates: the shares above with intervals, and `all_named`: rounds in which each cause was named.
-        power: for each truth and range of strengths, how often it was found first.
+        power: for each cause and range of strengths, how often it was found first.
     """
 
     rounds: int
@@ -160,13 +162,21 @@ def rate(marks: Sequence[bool]) -> Rate:
 
 
 def power(injected: Sequence[Round]) -> dict[str, dict[str, Rate]]:
-    """How often each cause was found first, by ranges of the strength such as `0.71 to 1`."""
+    """How often each cause was found first, by ranges of the strength such as `0.71 to 1`.
+
+    Forms of a cause are counted together. Of two causes, each counts where it was named at all.
+    """
     marks: dict[str, dict[str, list[bool]]] = {}
     for finished in sorted(injected, key=lambda one: (one.truth, one.strength)):
         place = int(np.searchsorted(POWER_EDGES[1:-1], finished.strength, side="right"))
         name = range_name(POWER_EDGES[place], POWER_EDGES[place + 1])
-        marks.setdefault(finished.truth, {}).setdefault(name, []).append(finished.right)
-    return {truth: {name: rate(values) for name, values in own.items()} for truth, own in marks.items()}
+        truths = finished.truth.split(BOTH)
+        for number, truth in enumerate(truths):
+            right = finished.right
+            if len(truths) > 1:
+                right = bool(set(finished.accepted[number]) & set(finished.named))
+            marks.setdefault(truth.partition(": ")[0], {}).setdefault(name, []).append(right)
+    return {cause: {name: rate(values) for name, values in own.items()} for cause, own in marks.items()}
 
 
 def range_name(low: float, high: float) -> str:

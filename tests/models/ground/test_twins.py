@@ -14,9 +14,7 @@ from taxel_models.twin.constants import Constants
 
 @pytest.fixture(scope="module")
 def ground() -> TwinGround:
-    return TwinGround(
-        StoredModel(shipped_repository(), "network-b"), seed=2, rows=12_000, reference_rows=3_000
-    )
+    return TwinGround(StoredModel(shipped_repository(), "network-b"), seed=2, rows=8_000)
 
 
 def test_a_number_says_everything_in_any_process(ground: TwinGround) -> None:

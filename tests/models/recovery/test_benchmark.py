@@ -10,7 +10,6 @@ from taxel.channels import CHANNELS
 from taxel.errors import SettingsError
 from taxel_models.ground.ground import ALL_CHANNELS, Clean, predicted
 from taxel_models.ground.twins import contacts_of
-from taxel_models.loop.effects.registry import NAMES
 from taxel_models.recordings import Recording
 from taxel_models.recovery.benchmark import all_named, run_round
 from taxel_models.recovery.planted import Draw, planted
@@ -114,11 +113,3 @@ def test_a_round_is_marked_by_what_was_injected(smooth: Any, make: Make) -> None
     assert one.removed > 0.9
     assert one.all_named
     assert one.accepted == (("lag",),)
-
-
-def test_a_foreign_round_is_marked_by_any_right_name(smooth: Any, make: Make) -> None:
-    draw = Draw("foreign", ("gain: all channels",), (2.0, 2.0), clean_share=0.0, unknown_share=0.0)
-    one = run_round(clean_of(smooth, make()), draw, 2, np.random.default_rng(0))
-    assert (one.truth, one.found, one.right) == ("gain: all channels", "gain", True)
-    assert one.planted["reached"] == pytest.approx(2.0, rel=0.05)
-    assert set(NAMES) >= set(one.named)

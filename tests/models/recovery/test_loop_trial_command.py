@@ -20,20 +20,9 @@ def app() -> typer.Typer:
 
 def test_rounds_are_kept_and_drawn(app: typer.Typer, tmp_path: Path) -> None:
     output, plots = tmp_path / "rounds.json", tmp_path / "plots"
-    drawn = [
-        "--injector",
-        "foreign",
-        "--only",
-        "gain",
-        "--strength",
-        "1.5",
-        "2",
-        "--clean",
-        "0",
-        "--unknown",
-        "0",
-    ]
-    common = ["--trials", "1", "--seed", "3", "--rows", "20000", "-o", str(output), "--plots", str(plots)]
+    only = ["--injector", "foreign", "--only", "gain", "--clean", "0", "--unknown", "0"]
+    drawn = [*only, "--strength", "1.5", "2"]
+    common = ["--trials", "1", "--seed", "3", "--rows", "5000", "-o", str(output), "--plots", str(plots)]
     result = CliRunner().invoke(app, [*common, *drawn])
     assert result.exit_code == 0, result.output
     assert "right effect first" in result.stdout

@@ -70,6 +70,19 @@ def test_rounds_are_counted() -> None:
     assert summary.power["creep"]["1 to 1.4"].share == 0.5
 
 
+def test_power_counts_forms_together_and_each_of_two_causes() -> None:
+    pair = made(
+        "creep: relaxing + drift: linear",
+        "gain",
+        accepted=(("creep",), ("drift",)),
+        named=("gain", "drift"),
+    )
+    power = summarise([pair, made("creep: power law", "creep", right=True)]).power
+    assert (power["creep"]["1 to 1.4"].hits, power["creep"]["1 to 1.4"].rounds) == (1, 2)
+    assert (power["drift"]["1 to 1.4"].hits, power["drift"]["1 to 1.4"].rounds) == (1, 1)
+    assert set(power) == {"creep", "drift"}
+
+
 def test_intervals_are_exact() -> None:
     # Hanley and Lippman-Hand 1983: none of 300 bounds a rate at about 3 of 300, here two-sided.
     none = rate([False] * 300)

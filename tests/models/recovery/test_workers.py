@@ -15,7 +15,7 @@ ROUNDS = 2
 
 @pytest.fixture(scope="module")
 def benchmark() -> RecoveryBenchmark:
-    ground = TwinGround(StoredModel(shipped_repository(), "network-b"), 1, rows=6000, reference_rows=3000)
+    ground = TwinGround(StoredModel(shipped_repository(), "network-b"), 1, rows=5000)
     draw = Draw("foreign", ("offset", "gain"), clean_share=0.0, unknown_share=0.0)
     return RecoveryBenchmark(ground, "twin", 1, draw)
 
@@ -32,5 +32,5 @@ def test_processes_play_the_same_rounds(benchmark: RecoveryBenchmark, here: list
 
 
 def test_a_cluster_plays_the_same_rounds(benchmark: RecoveryBenchmark, here: list[Round]) -> None:
-    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0") as cluster:
-        assert list(run_rounds_on(benchmark, ROUNDS, scheduler=cluster.scheduler_address)) == here
+    with LocalCluster(1, threads_per_worker=1, processes=False, dashboard_address=":0") as cluster:
+        assert list(run_rounds_on(benchmark, 1, scheduler=cluster.scheduler_address)) == here[:1]
