@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from taxel.corrections import Parameter
+from taxel.manifest import HeldOutResidual
 from taxel_models.evaluation.metrics import ErrorMetrics
 from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats
@@ -86,8 +87,13 @@ def run_loop(
     recordings: Sequence[Recording],
     settings: LoopSettings,
     progress: Callable[[str], None] | None = None,
+    reference: HeldOutResidual | None = None,
 ) -> LoopResult:
     """Names effects, and measures the corrected model on blocks that nothing was fitted to.
+
+    Args:
+        progress: is told what the loop looks at.
+        reference: the model's own held-out residual, in place of that of its manifest.
 
     Raises:
         RecordingError: the recordings are too short to hold anything out, or lack a column.
@@ -103,7 +109,7 @@ def run_loop(
         observations,
         blocks,
         effects,
-        reference=model.manifest.held_out_residual,
+        reference=reference or model.manifest.held_out_residual,
         constants=replace(DECLARED, least_share=settings.least_share),
         progress=progress,
     ).run()

@@ -489,9 +489,7 @@ class JointSelection:
             scores = self.scores(others)
             own = next((score for score in scores if score.name == taken.name), None)
             chosen = self.choose(scores)
-            swap = own is not None and chosen is not None and chosen.name != taken.name
-            swap = swap and chosen.log_evidence > own.log_evidence and chosen.effect is not None
-            if swap and taken.name not in replaced and not chosen.form.candidate.moves:
+            if chosen is not None and self._replaces(chosen, own) and taken.name not in replaced:
                 replaced.add(taken.name)
                 self._taken = others
                 self._take(chosen)
@@ -501,6 +499,13 @@ class JointSelection:
             either[taken.name] = () if own is None else self._alike(own, scores)
             place += 1
         return tuple(self._finished(taken, either.get(taken.name, ())) for taken in self._taken)
+
+    @staticmethod
+    def _replaces(chosen: Score, own: Score | None) -> bool:
+        """Whether another effect takes the place of a named one."""
+        if own is None or chosen.name == own.name or chosen.effect is None:
+            return False
+        return chosen.log_evidence > own.log_evidence and not chosen.form.candidate.moves
 
     def _alike(self, own: Score, scores: Sequence[Score]) -> tuple[str, ...]:
         """Effects that explain nearly as much on held-out folds."""
