@@ -179,11 +179,12 @@ class OwnStructure(Schema):
     """What one effect explains of a model's own held-out residual.
 
     Attributes:
-        log_evidence: logarithm of the odds with the effect to those without it, for each bin of rows.
+        log_evidence: logarithm of each channel's odds with the effect to those without it, for each bin of
+            rows.
         gain: what it takes off each channel's squared error, counts².
     """
 
-    log_evidence: NotNegative
+    log_evidence: tuple[NotNegative, ...]
     gain: tuple[NotNegative, ...]
 
 

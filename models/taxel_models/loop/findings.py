@@ -111,7 +111,7 @@ class Findings(Schema):
         data: one entry a recording: name, format, rows, sha256.
         split: how blocks were cut and held out.
         noise_floor: the error that no effect could take away.
-        effects: in the order of what they explain.
+        effects: in the order in which they were named, the likeliest first.
         before: errors of the model on the evaluation part, as `taxel predict` reports them.
         after: errors of the corrected model there, by the forms that are served.
         exported: the version that was written, or None.

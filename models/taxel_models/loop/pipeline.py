@@ -186,7 +186,7 @@ def _found(
     new: NewEffects,
     rows: NDArray[np.bool_],
 ) -> tuple[FoundEffect, ...]:
-    """Named effects by what each adds to those before it on the evaluation part."""
+    """Named effects in their order, with what each adds to those before it on the evaluation part."""
     left = observations.residual[rows]
     first = np.maximum((left**2).mean(axis=0), 1e-9)
     served = {effect.name: effect for effect in new.effects}
@@ -200,7 +200,7 @@ def _found(
             [] if applied is None else [extra.name for extra in new.extras if extra.name in applied.takes]
         )
         found.append(_found_effect(named, explained, figures[named.name], needs, applied is not None))
-    return tuple(sorted(found, key=lambda effect: -effect.explained))
+    return tuple(found)
 
 
 def _found_effect(

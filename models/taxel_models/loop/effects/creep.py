@@ -7,13 +7,16 @@ import numpy as np
 from typing_extensions import override
 
 from taxel.windows import Relaxation, RelaxationShare
-from taxel.windows.history import Followed
+from taxel.windows.history import TICK_S, Followed
 from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past, weighted
 from taxel_models.loop.observations import Observations
 
 SHORTEST_S: Final = 0.08
 LONGEST_S: Final = 40.0
 """The load changes often, so a longer time constant looks like a gain."""
+
+OBSERVED: Final = 0.5
+"""The longest time constant over the usual length of a segment."""
 
 GRID: Final = np.geomspace(SHORTEST_S, LONGEST_S, 11)
 _OF_SIGNAL: Final = "of the channel's signal"
@@ -33,7 +36,11 @@ class Creep(Effect):
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
-        for tau in GRID:
+        # A memory that outlasts the contacts cannot be told from a gain.
+        longest = (
+            OBSERVED * float(np.median(np.unique(observations.segment, return_counts=True)[1])) * TICK_S
+        )
+        for tau in GRID[max(longest, GRID[0]) >= GRID]:
             yield self._by_force(observations, float(tau))
             yield self._of_signal(observations, float(tau))
 

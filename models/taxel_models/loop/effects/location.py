@@ -43,7 +43,7 @@ class Location(Effect):
         span = float(np.linalg.norm(high - low))
         if span <= SKIN_M:
             return None
-        return f"positions span {span * 1e3:.0f} mm: they are poses of a robot, not places on a fingertip's skin"
+        return f"positions span {span * 1e3:.0f} mm: poses of a robot, not places on a skin"
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:

@@ -1,4 +1,4 @@
-"""All declared constants of the inference. `taxel loop-trial --sensitivity` moves each by a factor of two."""
+"""All declared constants of the inference."""
 
 from dataclasses import dataclass
 from typing import Final

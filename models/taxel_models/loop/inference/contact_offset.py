@@ -1,7 +1,7 @@
 """Offsets of each contact: steady within contacts, scattered between them.
 
-No model can foretell them. They are told by their size: the part of the residual that a whole contact shares
-is larger than in the model's own held-out residual.
+No model can foretell them. They are told by their size: the part of the residual that a whole contact
+shares is larger than in the model's own held-out residual.
 """
 
 from collections.abc import Mapping

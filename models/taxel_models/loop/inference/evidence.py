@@ -1,12 +1,13 @@
 """Evidence: how much likelier the residual is with an effect than without it.
 
-y_c = X_S w_Sc + X_e w_ec + noise, for each channel c, whitened. Weights are normal, with a variance that is a
-multiple of the noise's. The noise's size has a flat prior on its logarithm and is integrated out, so the
-marginal likelihood has a closed form (a Student t; Bishop 2006, section 3.5).
+y_c = X_S w_Sc + X_e w_ec + noise, for each channel c, whitened. Weights are normal, with a variance that
+is a multiple of the noise's. The noise's size has a flat prior on its logarithm and is integrated out, so
+the marginal likelihood has a closed form (a Student t; Bishop 2006, section 3.5).
 """
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Self
 
 import numpy as np
@@ -34,7 +35,7 @@ class Design:
         """(folds, 21, k, other k) sums of products over the bins of each fold."""
         edges = np.searchsorted(self.fold, np.arange(int(self.fold.max()) + 2))
         mine = self.values.transpose(0, 2, 1)
-        parts = zip(edges[:-1], edges[1:], strict=True)
+        parts = pairwise(edges)
         return np.stack([mine[:, :, start:stop] @ other.values[:, start:stop] for start, stop in parts])
 
     def beside(self, other: "Design") -> "Design":
@@ -90,9 +91,17 @@ class Base:
         return np.asarray(np.maximum(left / self.bins, 0.0) + self.quantum)
 
     def with_constant(self, ones: Design) -> Self:
-        """With a constant of each channel."""
+        """With a constant of each channel as the last regressor."""
         precision = np.column_stack([self.precision, np.ones(len(self.precision))])
         return type(self)(self.target, self.design.beside(ones), precision, self.quantum)
+
+    def without_last(self) -> Self:
+        """The last regressor has no weight; all products stay as they are."""
+        precision = self.precision.copy()
+        precision[:, -1] = np.inf
+        other = type(self)(self.target, self.design, precision, self.quantum)
+        other.__dict__.update(gram=self.gram, cross=self.cross, energy=self.energy)
+        return other
 
     def given(self, sums: "Sums") -> tuple[Floats, Floats, Floats]:
         """Products of new regressors with themselves and the residual, and its energy, given the base."""
@@ -171,11 +180,13 @@ class Weighed:
         log_evidence: natural logarithm of the odds with the form to those without it.
         strength: the likeliest prior size of its weights, over the channel's residual.
         included: (21,) probability that a channel has it.
+        by_channel: (21,) log odds of each channel at that strength.
     """
 
     log_evidence: float
     strength: float
     included: Floats
+    by_channel: Floats
 
     @property
     def changes(self) -> NDArray[np.bool_]:
@@ -183,8 +194,14 @@ class Weighed:
         return np.asarray(self.included > 0.5)
 
 
-def weigh(products: Products, fitting: Fitting, constants: Constants) -> Weighed:
-    """The evidence for a form beside a base. Its regressors have a mean square of 1 over the scale."""
+def weigh(
+    products: Products, fitting: Fitting, constants: Constants, usual: Floats | float = 0.0
+) -> Weighed:
+    """The evidence for a form beside a base. Its regressors have a mean square of 1 over the scale.
+
+    Args:
+        usual: (21,) log odds that each channel's residual gives the effect anyway.
+    """
     base = products.base
     gram, cross, energy = base.given(products.sums())
     energy = np.maximum(energy, 0.0) + base.bins * base.quantum
@@ -192,10 +209,12 @@ def weigh(products: Products, fitting: Fitting, constants: Constants) -> Weighed
     allowed = np.ones(channels, bool) if fitting.allowed is None else fitting.allowed
     if fitting.fixed:
         left = energy - 2 * cross.sum(axis=1) + gram.sum(axis=(1, 2))
-        gain = -half * np.log(np.maximum(left, 1e-9 * energy) / energy)[allowed].sum()
-        return Weighed(float(gain - 0.5 * fitting.motion * np.log(base.bins)), 1.0, allowed.astype(float))
+        by_channel = -half * np.log(np.maximum(left, 1e-9 * energy) / energy) * allowed
+        price = 0.5 * fitting.motion * np.log(base.bins)
+        total = float((by_channel - usual)[allowed].sum() - price)
+        return Weighed(total, 1.0, allowed.astype(float), by_channel)
     if fitting.pooled:
-        return _pooled(gram[allowed], cross[allowed], energy[allowed], half, allowed, constants)
+        return _pooled(gram, cross, energy, half, allowed, constants, usual)
     values, vectors = np.linalg.eigh(gram)
     values = np.maximum(values, 0.0)
     turned = np.einsum("ckl,ck->cl", vectors, cross) ** 2
@@ -206,12 +225,13 @@ def weigh(products: Products, fitting: Fitting, constants: Constants) -> Weighed
         volume = 0.5 * np.log1p(strength**2 * values).sum(axis=1)
         factors[row] = -volume - half * np.log(left / energy) - np.log(fitting.choices)
         for column, share in enumerate(constants.included):
-            table[row, column] = _mixture(factors[row], share)[allowed].sum()
+            table[row, column] = _mixture(factors[row] - usual, share)[allowed].sum()
     row, column = divmod(int(table.argmax()), table.shape[1])
     share = constants.included[column]
-    included = share * np.exp(factors[row] - _mixture(factors[row], share)) * allowed
+    own = factors[row] - usual
+    included = share * np.exp(own - _mixture(own, share)) * allowed
     log_evidence = float(logsumexp(table) - np.log(table.size))
-    return Weighed(log_evidence, constants.strengths[row], included)
+    return Weighed(log_evidence, constants.strengths[row], included, factors[row] * allowed)
 
 
 def _mixture(factors: Floats, share: float) -> Floats:
@@ -228,9 +248,12 @@ def _pooled(
     half: float,
     allowed: NDArray[np.bool_],
     constants: Constants,
+    usual: Floats | float,
 ) -> Weighed:
     """Weights that all channels share: the posterior's height and width (Laplace)."""
-    size, found = gram.shape[-1], []
+    anyway = float(np.broadcast_to(usual, allowed.shape)[allowed].sum())
+    gram, cross, energy = gram[allowed], cross[allowed], energy[allowed]
+    size, found, shown = gram.shape[-1], [], []
     for strength in constants.strengths:
         precision = np.eye(size) / strength**2
         weights, left = np.zeros(size), energy
@@ -240,12 +263,16 @@ def _pooled(
             weights = np.linalg.solve(curvature, (cross * counted[:, None]).sum(axis=0))
             left = energy - 2 * cross @ weights + np.einsum("k,ckl,l->c", weights, gram, weights)
             left = np.maximum(left, 1e-9 * energy)
-        height = -half * np.log(left / energy).sum() - 0.5 * weights @ precision @ weights
+        by_channel = -half * np.log(left / energy)
+        height = by_channel.sum() - 0.5 * weights @ precision @ weights
         volume = 0.5 * np.linalg.slogdet(curvature)[1] + size * np.log(strength)
         found.append(float(height - volume))
+        shown.append(by_channel)
     best = int(np.argmax(found))
-    log_evidence = float(logsumexp(found) - np.log(len(found)))
-    return Weighed(log_evidence, constants.strengths[best], allowed.astype(np.float64))
+    log_evidence = float(logsumexp(found) - np.log(len(found))) - anyway
+    every = np.zeros(len(allowed))
+    every[allowed] = shown[best]
+    return Weighed(log_evidence, constants.strengths[best], allowed.astype(np.float64), every)
 
 
 def posterior_weights(

@@ -9,7 +9,7 @@ from taxel.manifest import HeldOutResidual, OwnStructure
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED, Constants
-from taxel_models.loop.inference.selection import JointSelection
+from taxel_models.loop.inference.scoring import Scoring
 from taxel_models.loop.inference.whitening import Bins, NoiseShape
 from taxel_models.loop.observations import Model, gather
 from taxel_models.recordings import Recording
@@ -36,9 +36,9 @@ def held_out_residual(
         fading=tuple(shape.fading.tolist()),
     )
     effects = candidates(observations)
-    selection = JointSelection(observations, blocks, effects, reference=found, constants=constants)
+    scoring = Scoring(observations, blocks, effects, found, constants, lambda _: None)
     structure = {
-        name: OwnStructure(log_evidence=log_evidence, gain=tuple(gain.tolist()))
-        for name, (log_evidence, gain) in selection.structure().items()
+        name: OwnStructure(log_evidence=tuple(log_evidence.tolist()), gain=tuple(gain.tolist()))
+        for name, (log_evidence, gain) in scoring.structure().items()
     }
     return found.model_copy(update={"structure": structure})

@@ -2,7 +2,8 @@
 
 A model's residual is correlated in time: a channel errs alike for a whole contact, and neighbouring rows
 err alike. Taken as independent, such rows would make evidence out of nothing. The noise of the bins of a
-block has three parts: one that the whole block shares, one that fades (Ornstein-Uhlenbeck), and white noise.
+block has three parts: one that the whole block shares, one that fades (Ornstein-Uhlenbeck), and a white
+one.
 """
 
 from dataclasses import dataclass

@@ -91,9 +91,9 @@ def _rejected(findings: Findings) -> list[Block]:
         for candidate in findings.rejected
     )
     text = (
-        "Shares are what the candidate explains of the first residual on held-out folds, by itself and beside "
-        "the named effects, less what it explains of the model's own held-out residual; below 0 it would do "
-        "harm."
+        "Shares are what the candidate explains of the first residual on held-out folds, by itself and "
+        "beside the named effects, less what it explains of the model's own held-out residual; below 0 it "
+        "would do harm."
     )
     head = ("candidate", "likeliest form", "alone", "beside the named", "log odds", "why not")
     return [Heading("Rejected"), Paragraph(text), Table(head, rows)]
