@@ -143,6 +143,7 @@ class Effect(ABC):
     Attributes:
         name: one word, as in reports.
         looks_at_residual: whether its forms depend on the residual. Then each step makes them again.
+        is_costly: whether its forms take many predictions. Then it is not tried again after it failed.
         equation: what it adds to a channel.
         source: the source of the equation.
         signature: how it differs from other effects.
@@ -150,6 +151,7 @@ class Effect(ABC):
 
     name: ClassVar[str]
     looks_at_residual: ClassVar[bool] = False
+    is_costly: ClassVar[bool] = False
     equation: ClassVar[str]
     source: ClassVar[str]
     signature: ClassVar[str]

@@ -28,6 +28,7 @@ class Frame(Effect):
 
     name = "frame"
     looks_at_residual = True
+    is_costly = True
     equation = "measured = model(R x + t, Q F)"
     source = "rigid motion; Gauss-Newton on finite differences of the model"
     signature = "turning or shifting the inputs explains all channels with three common figures"

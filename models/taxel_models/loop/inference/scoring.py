@@ -139,6 +139,8 @@ class Scoring:
         target = self.base([]).target.values[:, :, 0]
         self._energy = np.maximum((target**2).sum(axis=1), 1e-9)
         self._forms: dict[str, list[Form]] = {}
+        self._hopeless: set[str] = set()
+        """Effects whose forms cost many predictions, and which the residual does not speak for."""
 
     def move_inputs(self, moved: Callable[[Observations], Observations]) -> Floats:
         """Change the inputs, and so all predictions and forms; (n, 21) the predictions' change, counts."""
@@ -187,12 +189,16 @@ class Scoring:
         names = {each.name for each in taken}
         found = []
         for effect in self._effects:
-            if effect.label in names:
+            if effect.label in names or effect.label in self._hopeless:
                 continue
             self._progress(effect.label)
             forms = self._forms_of(effect, left)
             if forms:
-                found.append(self._score(effect, forms, base, beside, constant))
+                score = self._score(effect, forms, base, beside, constant)
+                found.append(score)
+                weak = score.log_evidence <= 0 or score.t < self._constants.least_t
+                if effect.is_costly and (weak or score.worth.mean() < self._constants.least_share):
+                    self._hopeless.add(effect.label)
         contact = None if contact_offset.NAME in names else self._contact_offset(base, left)
         found += [] if contact is None else [contact]
         return sorted(found, key=lambda score: -score.log_evidence)

@@ -75,7 +75,11 @@ class JointSelection:
     def proves_itself(self, score: Score) -> bool:
         """Whether it stands on held-out folds, is worth naming, and its weights do not contradict it."""
         constants = self._constants
-        if score.log_evidence <= 0 or (score.name, score.form.candidate.form) in self._tried:
+        if (score.name, score.form.candidate.form) in self._tried:
+            return False
+        if score.form.candidate.certain:
+            return True
+        if score.log_evidence <= 0:
             return False
         changes = score.weighed.changes
         if not changes.any():
@@ -86,8 +90,6 @@ class JointSelection:
             enough = score.worth.mean() >= constants.least_channel_share
         else:
             enough |= score.worth[changes].max() >= constants.least_channel_share
-        if score.form.candidate.certain:
-            return True
         return bool(enough and score.t >= constants.least_t) and not self._scoring.contradicts(
             score, self._taken
         )
