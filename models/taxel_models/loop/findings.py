@@ -114,6 +114,7 @@ class Findings(Schema):
         effects: in the order in which they were named, the likeliest first.
         before: errors of the model on the evaluation part, as `taxel predict` reports them.
         after: errors of the corrected model there, by the forms that are served.
+        changes: a sentence for each channel whose sensitivity changed over the session.
         exported: the version that was written, or None.
     """
 
@@ -128,4 +129,5 @@ class Findings(Schema):
     after: dict[str, Any]
     test: PairedTest
     unexplained: Unexplained
+    changes: tuple[str, ...] = ()
     exported: str | None = None

@@ -13,7 +13,10 @@ from taxel_models.evaluation.metrics import ErrorMetrics
 from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import FOLDS, Blocks, cut
+from taxel_models.loop.channel_history import sensitivity_changes
 from taxel_models.loop.correction import NewEffects, corrected, served_windows
+from taxel_models.loop.effects.fault import Fault
+from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.findings import (
     Findings,
@@ -131,6 +134,11 @@ def _findings(
     after: Floats,
 ) -> Findings:
     manifest = observations.manifest
+    others = [
+        named.contribution for named in attribution.named if named.name not in (Gain.name, Fault.name)
+    ]
+    explained = np.sum(others, axis=0) if others else np.zeros_like(observations.residual)
+    changes = sensitivity_changes(observations, blocks, explained)
     rows, output_std = blocks.evaluation, np.array(manifest.normalisation.output_std)
     noise = NoiseFloor.of(observations)
     energy = (observations.residual[rows] ** 2).mean(axis=0)
@@ -175,6 +183,7 @@ def _findings(
         before=ErrorMetrics.of(measured, observations.predicted[rows], output_std).report(),
         after=ErrorMetrics.of(measured, after[rows], output_std).report(),
         test=_paired(observations, blocks, after, output_std),
+        changes=tuple(change.sentence() for change in changes),
         unexplained=diagnose_residual(observations, observations.measured - after, noise, rows),
     )
 

@@ -98,7 +98,7 @@ def _shortened(words: Sequence[str]) -> str:
 def opening(findings: Findings, extras: Sequence[ExtraFeature]) -> str:
     """One paragraph that a reader can act on."""
     sentences = [_outcome(findings), *_named(findings, extras), *confounded(findings)]
-    sentences += [_rejected(findings), left(findings), _next(findings)]
+    sentences += [*findings.changes, _rejected(findings), left(findings), _next(findings)]
     return " ".join(filter(None, sentences))
 
 
