@@ -31,7 +31,7 @@ class Constants:
     least_included: float = 0.1
     robust: float = 1.0
     least_t: float = 2.5
-    least_share: float = 0.02
+    least_share: float = 0.01
     least_channel_share: float = 0.15
     carries: float = 0.67
     either: float = 0.8
