@@ -21,6 +21,10 @@ from taxel_models.loop.observations import Observations
 NAME: Final = "offset:contact"
 CALIBRATIONS_S: Final = (0.5, 1.0)
 FEWEST: Final = 8
+"""Contacts, to tell how far offsets scatter."""
+
+LEAST_SHARE: Final = 0.3
+"""Of the squared error, beyond what is usual of the model, that a calibration must remove."""
 
 
 @dataclass(frozen=True)

@@ -87,7 +87,7 @@ class JointSelection:
         enough = score.worth.mean() >= constants.least_share
         if score.effect is None:
             # No model can foretell them, so they must explain more to be named.
-            enough = score.worth.mean() >= constants.least_channel_share
+            enough = score.worth.mean() >= contact_offset.LEAST_SHARE
         else:
             enough |= score.worth[changes].max() >= constants.least_channel_share
         return bool(enough and score.t >= constants.least_t) and not self._scoring.contradicts(
