@@ -206,7 +206,7 @@ class JointSelection:
             if other.name not in names
             and other.effect is not None
             and own.gain > 0
-            and other.gain >= self._constants.either * own.gain
+            and other.most_gain >= self._constants.either * own.gain
         )
 
     def _finished(self, taken: Taken, either: tuple[str, ...]) -> Named:
