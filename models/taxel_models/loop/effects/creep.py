@@ -36,18 +36,15 @@ class Creep(Effect):
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
-        # A memory that outlasts the contacts cannot be told from a gain.
-        longest = (
-            OBSERVED * float(np.median(np.unique(observations.segment, return_counts=True)[1])) * TICK_S
-        )
-        for tau in GRID[max(longest, GRID[0]) >= GRID]:
+        for tau in GRID[_longest_s(observations) >= GRID]:
             yield self._by_force(observations, float(tau))
             yield self._of_signal(observations, float(tau))
 
     @override
     def finer(self, observations: Observations, best: Candidate) -> Iterable[Candidate]:
         tau = best.form_parameters["time_constant"][0]
-        for factor in FINER:
+        longest = _longest_s(observations)
+        for factor in FINER[tau * FINER <= longest]:
             if best.form.startswith(_OF_SIGNAL):
                 yield self._of_signal(observations, tau * float(factor))
             elif _DIRECTION in best.form:
@@ -91,3 +88,9 @@ class Creep(Effect):
             form_parameters={"time_constant": (tau, "s")},
             weight_unit="relative",
         )
+
+
+def _longest_s(observations: Observations) -> float:
+    """The longest time constant, s: a memory that outlasts the contacts cannot be told from a gain."""
+    usual = float(np.median(np.unique(observations.segment, return_counts=True)[1])) * TICK_S
+    return min(max(OBSERVED * usual, SHORTEST_S), LONGEST_S)

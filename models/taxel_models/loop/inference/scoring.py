@@ -49,6 +49,7 @@ class Score:
         worth: (21,) share of each channel's held-out error that goes.
         t: over held-out folds, beside a constant of each channel.
         gain: fall of the held-out squared error, over the noise.
+        most_gain: likewise, of its likeliest form before a simpler one was preferred.
     """
 
     effect: Effect | None
@@ -59,6 +60,7 @@ class Score:
     worth: Floats
     t: float
     gain: float
+    most_gain: float
 
     @property
     def name(self) -> str:
@@ -229,6 +231,7 @@ class Scoring:
             return self._scored(effect, form, own, value, found, needs_constant=needs)
 
         best = tested(max(weighed, key=lambda option: option[0]))
+        most_gain = best.gain
         simpler = [
             option
             for option in weighed
@@ -237,7 +240,7 @@ class Scoring:
         total = float(logsumexp(logs) - np.log(len(logs)))
         if simpler:
             best = self.simplest(best, [tested(max(simpler, key=lambda option: option[0]))])
-        return replace(best, log_evidence=total)
+        return replace(best, log_evidence=total, most_gain=most_gain)
 
     def simplest(self, best: Score, scores: Sequence[Score]) -> Score:
         """The likeliest of those simpler than the best that carry most of what it explains, or the best."""
@@ -265,7 +268,7 @@ class Scoring:
         gain = tested.gain - self._usual_gain(form.candidate.effect, tested)
         worth = (gain * tested.noise).sum(axis=0) / (self._energy if energy is None else energy)
         t, total = over_folds(gain, weighed)
-        return Score(effect, form, weighed, log_evidence, needs_constant, worth, t, total)
+        return Score(effect, form, weighed, log_evidence, needs_constant, worth, t, total, total)
 
     def _usual_evidence(self, name: str) -> Floats | float:
         """(21,) log odds that the model's own residual gives an effect."""

@@ -68,7 +68,10 @@ class JointSelection:
                 break
             self._take(chosen)
             self._drop()
+        before = [taken.name for taken in self._taken]
         named = self._exchange(alone)
+        if [one.name for one in named] != before:
+            scores = self._scoring.scores(self._taken)
         left = self._scoring.residual(self._taken)
         return Attribution(self._scoring.observations, named, self._rejected(scores, alone, named), left)
 
@@ -206,7 +209,7 @@ class JointSelection:
             if other.name not in names
             and other.effect is not None
             and own.gain > 0
-            and other.gain >= self._constants.either * own.gain
+            and other.most_gain >= self._constants.either * own.gain
         )
 
     def _finished(self, taken: Taken, either: tuple[str, ...]) -> Named:
@@ -240,7 +243,9 @@ class JointSelection:
             Rejected(name, "", 0.0, 0.0, 0.0, 0.0, reason)
             for name, reason in self._scoring.out_of_scope.items()
         ]
-        for score in scores:
+        # Costly effects that failed by themselves were not weighed again.
+        last = {score.name: score for score in (*alone, *scores)}
+        for score in last.values():
             if score.name in {each.name for each in named}:
                 continue
             if score.name in confounded:
