@@ -13,7 +13,6 @@ from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online,
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.stuck_at import Kind, StuckChannel, stuck_channels
 
-
 CLIPPED: Final = 0.01
 """A channel at a limit of the counts for less than this share of the rows is only clipped."""
 

@@ -18,6 +18,7 @@ from taxel_models.loop.attribution import Attribution, Named, Rejected
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect
 from taxel_models.loop.effects.offset import Offset
+from taxel_models.loop.inference import contact_offset
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.forms import prepared
 from taxel_models.loop.inference.scoring import REFITS, Progress, Score, Scoring, Taken, over_folds
