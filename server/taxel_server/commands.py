@@ -91,7 +91,7 @@ def serve(
     if not engine.load_all():
         raise ArtifactError(_nothing_to_serve(repository, engine.models()))
     stop = _event_on(STOPPING)
-    service = Service(engine, settings)
+    service = Service(engine, settings).start()
     _announce(settings.listen, engine.models(), as_json)
     # The kernel may give a signal to one of zenoh's threads, which does not wake this one.
     while not stop.wait(_SIGNAL_CHECK_S):

@@ -95,7 +95,7 @@ def test_stopping_answers_every_query(
     engine, gate = gated
     service = Service(
         engine, ServerOptions(repository=Path("unused"), listen=(endpoint,), drain_seconds=drain_seconds)
-    )
+    ).start()
     gate.shut()
     windows = make_windows(5)
     with taxel.connect(endpoint) as client, ThreadPoolExecutor(9) as pool:

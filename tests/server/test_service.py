@@ -12,12 +12,12 @@ import zenoh
 from numpy.typing import NDArray
 
 import taxel
+from taxel.envelopes import RequestReader
 from taxel.errors import Internal, NotFound, TaxelError, Unavailable
 from taxel.predictor import ModelInfo
 from taxel.protocol import pack_infer_request, unpack_infer_response, unpackb
 from taxel.remote import RemoteSource
 from taxel_server.engine import Engine
-from taxel_server.envelopes import RequestReader
 from taxel_server.options import ServerOptions
 from taxel_server.service import Service
 
@@ -152,7 +152,7 @@ def test_a_damaged_artifact_is_listed_and_refused(
 def test_an_occupied_port_is_told(engine: Engine, start: ServerStarter) -> None:
     place = start(engine)
     with pytest.raises(TaxelError, match=f"cannot listen on {place}.*in use"):
-        Service(engine, ServerOptions(repository=Path("unused"), listen=(place,)))
+        Service(engine, ServerOptions(repository=Path("unused"), listen=(place,))).start()
 
 
 def test_concurrent_clients_get_their_own_rows(

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from typing_extensions import override
 
 from taxel.artifacts import is_name, is_version
+from taxel.envelopes import RequestWriter
 from taxel.errors import Internal, InvalidArgument, NotFound, Unavailable
 from taxel.manifest import Manifest
 from taxel.predictor import ModelInfo, Predictor, PredictorSource
@@ -16,7 +17,6 @@ from taxel.protocol import (
     PREFIX,
     InferResponse,
     model_key,
-    pack_infer_request,
     unpack_infer_response,
     unpackb,
 )
@@ -87,6 +87,7 @@ class RemotePredictor(Predictor):
     def __init__(self, source: RemoteSource, manifest: Manifest) -> None:
         super().__init__(manifest)
         self._source = source
+        self._writer = RequestWriter()
         self._key = model_key(source.prefix, manifest.name, manifest.version, "infer")
         self._ask = source.asker(self._key, source.timeout + _GRACE_S)
 
@@ -131,7 +132,7 @@ class RemotePredictor(Predictor):
             self.check_gives_spread()
         wait = self._source.timeout if timeout is None else checked_timeout(timeout)
         rows = self.checked(windows)
-        payload = pack_infer_request(rows, timeout_ms=wait * 1e3, spread=spread)
+        payload = self._writer.write(rows, wait * 1e3, spread=spread)
         if timeout is None:
             answer = self._ask(payload)
         else:

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from taxel.errors import Internal, RequestError, ResourceExhausted, Unavailable
 from taxel.protocol import InferResponse
+from taxel_server.core.jobs import Job, Work
+from taxel_server.core.statistics import ModelStatistics
 from taxel_server.engine import LoadedModel
-from taxel_server.jobs import Job, Work
-from taxel_server.statistics import ModelStatistics
 
 _LOG: Final = logging.getLogger(__name__)
 
@@ -52,6 +52,9 @@ class Batcher:
         self._give_up_at = inf
         self._statistics: defaultdict[LoadedModel, ModelStatistics] = defaultdict(ModelStatistics)
         self._worker = Thread(target=self._run, name="taxel-batcher", daemon=True)
+
+    def start(self) -> None:
+        """Start the worker."""
         self._worker.start()
 
     def submit(self, job: Job) -> None:
