@@ -49,7 +49,7 @@ def connected() -> Iterator[Callable[[Answer], RemoteSource]]:
         config.insert_json5("listen/endpoints", json.dumps([endpoint]))
         server = zenoh.open(config)
         server.declare_queryable("taxel/**", Callback(answer, indirect=False), complete=True)
-        client = taxel.connect(endpoint, timeout=10)
+        client = taxel.connect(endpoint, timeout=10, transport="zenoh")
         opened.extend((server, client))
         return client
 

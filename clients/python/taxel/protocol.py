@@ -131,6 +131,15 @@ def _timeout(parameters: object) -> float | None:
     timeout = _mapping(parameters, "parameters").get("timeout_ms")
     if timeout is None:
         return None
+    return checked_timeout_ms(timeout)
+
+
+def checked_timeout_ms(timeout: object) -> float:
+    """A request's `timeout_ms`.
+
+    Raises:
+        InvalidArgument: it is not a number above 0 and below 1e9.
+    """
     if isinstance(timeout, bool) or not isinstance(timeout, (int, float)) or not 0 < timeout < 1e9:
         raise InvalidArgument(f"parameters.timeout_ms: {timeout!r}: expected milliseconds above 0")
     return float(timeout)

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
+from taxel.lane.offer import LaneOffer
 from taxel.protocol import model_path
 from taxel_server.core.batcher import Batcher
 from taxel_server.core.jobs import Job
@@ -24,6 +25,8 @@ class Core:
     def __init__(self, engine: Engine, options: ServerOptions) -> None:
         self.max_request_rows = options.max_request_rows
         self.ready = False
+        self.lane: LaneOffer | None = None
+        """Where clients on this machine may ask, too."""
         self._drain_seconds = options.drain_seconds
         self._routes = _infer_routes(engine)
         self._batcher = Batcher(
@@ -31,7 +34,9 @@ class Core:
             max_queue_rows=options.max_queue_rows,
             max_queue_requests=options.max_queue_requests,
         )
-        self._metadata = ServerMetadata(engine, lambda: self.ready, self._batcher.statistics)
+        self._metadata = ServerMetadata(
+            engine, lambda: self.ready, self._batcher.statistics, lambda: self.lane
+        )
         self.model_at: Callable[[str], LoadedModel | None] = self._routes.get
         """The model of an inference request's path, such as `v2/models/xgb/infer`; None if it is none."""
         self.submit: Callable[[Job], None] = self._batcher.submit

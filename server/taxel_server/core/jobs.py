@@ -15,6 +15,17 @@ from taxel.windows.checks import check_finite
 from taxel_server.engine import LoadedModel
 
 
+def check_shape(model: LoadedModel, shape: tuple[int, ...]) -> None:
+    """Raise if a model does not take windows of a shape.
+
+    Raises:
+        InvalidArgument: another number of features, or no rows.
+    """
+    features = len(model.manifest.window.features)
+    if shape[1] != features or not shape[0]:
+        raise InvalidArgument(f"inputs[0].shape: {list(shape)}: expected [n, {features}] for {model.label}")
+
+
 class Job(ABC):
     """A request as it arrived: not decoded yet. It must be answered exactly once.
 
@@ -52,11 +63,7 @@ class Work:
         request = job.decode()
         manifest = job.model.manifest
         features = manifest.window.features
-        if request.windows.shape[1] != len(features):
-            shape = list(request.windows.shape)
-            raise InvalidArgument(
-                f"inputs[0].shape: {shape}: expected [n, {len(features)}] for {job.model.label}"
-            )
+        check_shape(job.model, request.windows.shape)
         check_finite(request.windows, features)
         if request.spread and not manifest.gives_spread:
             raise InvalidArgument(f"outputs[1]: {job.model.label} gives no spread: expected an ensemble")
