@@ -48,6 +48,7 @@ class RequestHead(NamedTuple):
         rows: windows.
         columns: numbers of a window.
         timeout_ms: how long the client waits; 0 for as long as it takes.
+        data_at: where the windows start, in bytes from the start of the frame.
     """
 
     size: int
@@ -57,11 +58,7 @@ class RequestHead(NamedTuple):
     rows: int
     columns: int
     timeout_ms: float
-
-    @property
-    def data_at(self) -> int:
-        """Where the windows start, in bytes from the start of the frame."""
-        return HEAD_BYTES + _padded(self.path_bytes)
+    data_at: int
 
 
 class ReplyHead(NamedTuple):
@@ -113,19 +110,20 @@ def read_request_head(data: bytes, at: int) -> RequestHead:
     magic, size, kind, flags, path_bytes, request_id, rows, columns, timeout_ms = _REQUEST.unpack_from(
         data, at
     )
-    head = RequestHead(size, flags == _SPREAD, path_bytes, request_id, rows, columns, timeout_ms)
+    data_at = HEAD_BYTES + (path_bytes + 3 & ~3)
     if magic != MAGIC or kind != REQUEST or flags > _SPREAD:
         raise InvalidArgument(
             f"frame: it starts with {bytes(data[at : at + 10])!r}: expected {MAGIC!r} and a request"
         )
     if path_bytes > MAX_PATH_BYTES:
         raise InvalidArgument(f"frame: a path of {path_bytes} bytes: expected at most {MAX_PATH_BYTES}")
-    if size != head.data_at + rows * columns * _FLOAT.itemsize:
+    expected = data_at + 4 * rows * columns
+    if size != expected:
         raise InvalidArgument(
-            f"frame: {size} bytes: expected {head.data_at + rows * columns * _FLOAT.itemsize} "
+            f"frame: {size} bytes: expected {expected} "
             f"for a path of {path_bytes} bytes and shape [{rows}, {columns}]"
         )
-    return head
+    return RequestHead(size, flags == _SPREAD, path_bytes, request_id, rows, columns, timeout_ms, data_at)
 
 
 def pack_reply(request_id: int, result: InferResponse | RequestError) -> bytes:
@@ -135,13 +133,14 @@ def pack_reply(request_id: int, result: InferResponse | RequestError) -> bytes:
         content = content.ljust(_padded(len(content)), b"\0")
         size = HEAD_BYTES + len(content)
         return _REPLY.pack(MAGIC, size, ERROR, 0, 0, request_id, 0, 0, 0, 0) + content
-    parts = [result.outputs] if result.spread is None else [result.outputs, result.spread]
-    buffers = [np.ascontiguousarray(part, _FLOAT).data.cast("B") for part in parts]
+    content = result.outputs.astype(_FLOAT, copy=False).tobytes()
+    if result.spread is not None:
+        content += result.spread.astype(_FLOAT, copy=False).tobytes()
     head = _REPLY.pack(
         MAGIC,
-        HEAD_BYTES + sum(map(len, buffers)),
+        HEAD_BYTES + len(content),
         PREDICTIONS,
-        len(parts) - 1,
+        result.spread is not None,
         _COLUMNS,
         request_id,
         len(result.outputs),
@@ -149,7 +148,7 @@ def pack_reply(request_id: int, result: InferResponse | RequestError) -> bytes:
         result.queue_us,
         result.compute_us,
     )
-    return b"".join((head, *buffers))
+    return head + content
 
 
 def read_reply_head(data: bytes | bytearray) -> ReplyHead:
