@@ -65,6 +65,8 @@ def serve(
     providers: Annotated[list[str] | None, _option("providers", "NAME")] = None,
     shared_memory: Annotated[bool | None, _option("shared_memory")] = None,
     lane: Annotated[str | None, _option("lane", "WHERE")] = None,
+    spin_us: Annotated[int | None, _option("spin_us", "N")] = None,
+    halt: Annotated[bool | None, _option("halt")] = None,
     drain_seconds: Annotated[float | None, _option("drain_seconds", "S")] = None,
     log_level: Annotated[LogLevel, typer.Option(help="What to log on stderr.")] = "warning",
     as_json: Json = False,
@@ -79,6 +81,7 @@ def serve(
     _exit_at_once_on(STOPPING, code=0)
 
     from taxel_server.engine import Engine
+    from taxel_server.processor import keep_cores_awake
     from taxel_server.runtimes import RuntimeOptions
     from taxel_server.service import Service
     from taxel_server.settings import read_settings
@@ -89,6 +92,7 @@ def serve(
     _log_errors_of_zenoh()
     settings = read_settings({name: value for name, value in given.items() if value is not None})
     repository = settings.repository or shipped_repository()
+    awake = None if settings.halt else keep_cores_awake()
     engine = Engine(repository, RuntimeOptions(settings.threads, settings.providers))
     if not engine.load_all():
         raise ArtifactError(_nothing_to_serve(repository, engine.models()))
@@ -98,6 +102,8 @@ def serve(
     # The kernel may give a signal to one of zenoh's threads, which does not wake this one.
     while not stop.wait(_SIGNAL_CHECK_S):
         pass
+    if awake is not None:
+        awake.close()
     _leave_within(settings.drain_seconds + _AFTER_DRAINING_S, service.abandon)
     if not service.close():
         ERR.print("a client has stopped reading: leaving without it", style="yellow")

@@ -55,6 +55,17 @@ class ServerOptions(BaseModel):
         description="Where clients on this machine may ask without zenoh: auto, unix:PATH, "
         "tcp:127.0.0.1:PORT or off. auto is a file in the user's runtime folder.",
     )
+    spin_us: int = Field(
+        default=0,
+        ge=0,
+        le=100_000,
+        description="Microseconds that the lane asks for the next request before it sleeps. Takes a core.",
+    )
+    halt: bool = Field(
+        default=True,
+        description="Whether idle cores may sleep deeply; --no-halt needs the right to write "
+        "/dev/cpu_dma_latency, and costs power.",
+    )
     drain_seconds: float = Field(
         default=1.2,
         ge=0,

@@ -11,13 +11,14 @@ import pytest
 from numpy.typing import NDArray
 
 import taxel
-from taxel.errors import DeadlineExceeded, InvalidArgument, Unavailable
+from taxel.errors import DeadlineExceeded, InvalidArgument, SettingsError, Unavailable
 from taxel.lane import lookup
 from taxel.lane.client import ConnectionLost, Lane
 from taxel.lane.offer import LaneOffer, machine_identity
 from taxel.protocol import unpackb
 from taxel_server.engine import Engine
 from taxel_server.options import ServerOptions
+from taxel_server.processor import keep_cores_awake
 from taxel_server.service import Service
 
 WindowMaker = Callable[..., NDArray[np.float32]]
@@ -109,6 +110,30 @@ def test_where_the_lane_is_lost_zenoh_is_asked(
         assert (predictor.transport, source.retries) == ("zenoh", 1)
         np.testing.assert_array_equal(predictor.predict(windows), before)
         assert source.retries == 1
+
+
+def test_spinning_ends_give_the_same_answers(
+    engine: Engine, endpoint: str, make_windows: WindowMaker
+) -> None:
+    service = Service(engine, ServerOptions(listen=(endpoint,), spin_us=200)).start()
+    with taxel.connect(endpoint, transport="lane", spin_us=200) as source:
+        predictor = source.predictor("skin")
+        for rows in (1, 1, 300):
+            windows = make_windows(rows)
+            np.testing.assert_array_equal(
+                predictor.predict(windows), engine.model("skin").evaluate(windows)
+            )
+    service.close()
+
+
+def test_cores_are_kept_awake_while_the_device_is_open(tmp_path: Path) -> None:
+    device = tmp_path / "cpu_dma_latency"
+    with pytest.raises(SettingsError, match=r"--no-halt: .*No such file"):
+        keep_cores_awake(device)
+    assert not device.exists()
+    device.touch()
+    with keep_cores_awake(device):
+        assert device.read_bytes() == bytes(4)
 
 
 def test_a_closed_source_is_unavailable(service: Service, endpoint: str, make_windows: WindowMaker) -> None:

@@ -51,6 +51,7 @@ class RemoteSource(Connection, PredictorSource):
         timeout: seconds to wait for the connection, and for an answer if a call gives no timeout.
         prefix: the server's key prefix.
         shared_memory: whether large requests go through shared memory, where the server allows it.
+        spin_us: microseconds that the lane's reply is polled for before the thread sleeps; it takes a core.
         transport: `lane` or `zenoh` for windows; if none, the lane where there is one, and else zenoh.
 
     Attributes:
@@ -69,6 +70,7 @@ class RemoteSource(Connection, PredictorSource):
         prefix: str = PREFIX,
         shared_memory: bool = False,
         transport: Transport | None = None,
+        spin_us: int = 0,
     ) -> None:
         if transport not in (None, "lane", "zenoh"):
             raise InvalidArgument(f"transport is {transport!r}: expected 'lane', 'zenoh' or None")
@@ -79,7 +81,7 @@ class RemoteSource(Connection, PredictorSource):
         self.lanes: LaneLookup | None = None
         if transport != "zenoh":
             wait = min(self.timeout, _LOOKUP_S)
-            self.lanes = LaneLookup(lambda: unpackb(self.get(f"{prefix}/v2", timeout=wait)))
+            self.lanes = LaneLookup(lambda: unpackb(self.get(f"{prefix}/v2", timeout=wait)), spin_us)
         if transport == "lane" and self.transport != "lane":
             self.close()
             raise Unavailable(f"{endpoint}: {_NO_LANE}")
@@ -237,6 +239,7 @@ def connect(
     prefix: str = PREFIX,
     shared_memory: bool = False,
     transport: Transport | None = None,
+    spin_us: int = 0,
 ) -> RemoteSource:
     """Connect to the server at an endpoint; the arguments are `RemoteSource`'s.
 
@@ -245,5 +248,10 @@ def connect(
         Unavailable: nobody listens there; or the lane is asked for, and there is none.
     """
     return RemoteSource(
-        endpoint, timeout=timeout, prefix=prefix, shared_memory=shared_memory, transport=transport
+        endpoint,
+        timeout=timeout,
+        prefix=prefix,
+        shared_memory=shared_memory,
+        transport=transport,
+        spin_us=spin_us,
     )

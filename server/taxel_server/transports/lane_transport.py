@@ -5,6 +5,7 @@ bytes, or does not read its replies, is closed after the lane's patience.
 """
 
 import logging
+import os
 import selectors
 import socket
 import time
@@ -34,6 +35,9 @@ _MOST_BYTES: Final = 256 * 2**20
 
 _FAREWELL_S: Final = 0.2
 """How long closing waits for clients that are still to read their replies."""
+
+_give_way: Final = getattr(os, "sched_yield", lambda: None)
+"""Lets a client run that shares this core."""
 
 
 class LaneTransport:
@@ -118,7 +122,9 @@ class LaneTransport:
     def _turn(self) -> None:
         """Wait for clients, and serve those that are ready."""
         idle = not self._under_way and not self._accepts_again_at and self._stop_at is None
-        events = self._selector.select(None if idle else _SWEEP_S)
+        events = self._spin() if self._options.spin_us else []
+        if not events:
+            events = self._selector.select(None if idle else _SWEEP_S)
         alone = len(events) == 1
         for key, mask in events:
             connection = key.data
@@ -130,6 +136,13 @@ class LaneTransport:
                 self._hear()
         if not idle:
             self._sweep()
+
+    def _spin(self) -> list[tuple[selectors.SelectorKey, int]]:
+        """Ask again and again for clients that are ready, for as long as the options say."""
+        ends = time.monotonic() + self._options.spin_us / 1e6
+        while not (events := self._selector.select(0)) and time.monotonic() < ends:
+            _give_way()
+        return events
 
     def _serve(self, connection: LaneConnection, mask: int, alone: bool) -> None:
         """Read from a client, or send what it takes."""

@@ -18,9 +18,11 @@ class LaneLookup:
 
     Args:
         read_metadata: the server's metadata; raises an error if they cannot be had.
+        spin_us: as in `Lane`.
     """
 
-    def __init__(self, read_metadata: Callable[[], Any]) -> None:
+    def __init__(self, read_metadata: Callable[[], Any], spin_us: int = 0) -> None:
+        self._spin_us = spin_us
         self._read_metadata = read_metadata
         self._lock = Lock()
         self._again_at = 0.0
@@ -52,7 +54,7 @@ class LaneLookup:
                 self._again_at = time.monotonic() + _PAUSE_S
                 if again:
                     with suppress(OSError):
-                        self.lane = Lane(lane.address)
+                        self.lane = Lane(lane.address, self._spin_us)
             return self.lane
 
     def close(self) -> None:
@@ -68,5 +70,5 @@ class LaneLookup:
         with suppress(Exception):
             offer = LaneOffer.read(self._read_metadata())
             if offer is not None and offer.machine == machine_identity():
-                return Lane(offer.address)
+                return Lane(offer.address, self._spin_us)
         return None
