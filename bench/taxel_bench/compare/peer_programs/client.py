@@ -56,7 +56,7 @@ def counts_of(body: bytes) -> NDArray[np.float32]:
 
 
 def client_arguments() -> argparse.ArgumentParser:
-    """Reads what a client is told: a server's `address`, `port`, and `windows`, a file of (m, f) float32."""
+    """Reads what a client is told: a server's address and port, and a file of windows (m, f) float32."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--address", required=True)
     parser.add_argument("--port", required=True, type=int)
