@@ -126,7 +126,10 @@ def test_a_timeout_must_be_above_zero(timeout: float) -> None:
 
 def test_a_query_that_nobody_answers_is_unavailable(connected: Callable[[Answer], RemoteSource]) -> None:
     client = connected(turning_away)
-    with pytest.raises(Unavailable, match="nobody answers taxel/v2/repository/index"):
+    with pytest.raises(
+        Unavailable,
+        match="nobody answers taxel/v2/repository/index: expected a `taxel serve`",
+    ):
         client.models()
     assert not client.ready()
 

@@ -97,6 +97,24 @@ def test_a_restarted_server_is_found_again_and_the_retry_is_counted(
             again.close()
 
 
+def test_over_zenoh_a_restarted_server_is_asked_again_within_the_time(
+    engine: Engine, endpoint: str, make_windows: WindowMaker
+) -> None:
+    windows = make_windows(3)
+    service = Service(engine, ServerOptions(listen=(endpoint,))).start()
+    with taxel.connect(endpoint, transport="zenoh", timeout=20) as source, ThreadPoolExecutor(1) as pool:
+        predictor = source.predictor("skin")
+        before = predictor.predict(windows)
+        service.close()
+        with pytest.raises(Unavailable, match="the connection to the server was lost"):
+            predictor.predict(windows, timeout=0.05)
+        waiting = pool.submit(predictor.predict, windows)
+        service = Service(engine, ServerOptions(listen=(endpoint,))).start()
+        np.testing.assert_array_equal(waiting.result(), before)
+        assert source.retries == 1
+    service.close()
+
+
 def test_where_the_lane_is_lost_zenoh_is_asked(
     service: Service, endpoint: str, make_windows: WindowMaker
 ) -> None:

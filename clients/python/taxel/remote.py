@@ -24,7 +24,7 @@ from taxel.protocol import (
     unpack_infer_response,
     unpackb,
 )
-from taxel.remote_connection import Connection, checked_timeout
+from taxel.remote_connection import Connection, ServerLost, checked_timeout
 
 T = TypeVar("T")
 
@@ -38,6 +38,9 @@ _NO_LANE: Final = (
     "no lane: expected a server of this user on this machine that runs without --lane off; "
     "without transport='lane', zenoh is asked"
 )
+
+_RECONNECT_S: Final = 2.0
+"""The longest that a call waits for a lost server: zenoh tries to connect again after 1 s."""
 
 _GRACE_S: Final = 0.25
 """How much longer a client waits than the server's deadline: time for the server's refusal."""
@@ -190,15 +193,25 @@ class RemotePredictor(Predictor):
         rows = self.checked(windows)
         response = self._over_lane(rows, wait, spread)
         if response is None:
-            payload = self._writer.write(rows, wait * 1e3, spread=spread)
-            if timeout is None:
-                answer = self._ask(payload)
-            else:
-                answer = self._source.get(self._key, payload, wait + _GRACE_S)
-            response = unpack_infer_response(answer)
+            response = unpack_infer_response(self._over_zenoh(rows, wait, spread))
         if len(response.outputs) != len(rows):
             raise Internal(f"the server answered {len(response.outputs)} rows to {len(rows)} windows")
         return response
+
+    def _over_zenoh(self, rows: NDArray[np.float32], wait: float, spread: bool) -> bytes:
+        """The reply over zenoh. After a lost connection the request is sent once more within its time."""
+        payload = self._writer.write(rows, wait * 1e3, spread=spread)
+        ends = time.monotonic() + wait
+        try:
+            if wait == self._source.timeout:
+                return self._ask(payload)
+            return self._source.get(self._key, payload, wait + _GRACE_S)
+        except ServerLost:
+            if not self._source.connected_again(min(ends - time.monotonic(), _RECONNECT_S)):
+                raise
+        self._source.retries += 1
+        left = max(ends - time.monotonic(), 1e-3)
+        return self._source.get(self._key, payload, left + _GRACE_S)
 
     def _over_lane(self, rows: NDArray[np.float32], wait: float, spread: bool) -> InferResponse | None:
         """The reply over the lane; None if there is no lane, so that zenoh is to be asked.
