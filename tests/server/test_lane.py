@@ -335,7 +335,7 @@ def test_a_failure_at_one_client_harms_no_other(
         with pytest.raises(Internal, match="log says more"):
             ask(failing, make_windows(1))
         patched.setattr(lane_connection, "read_request_head", fail)
-        failing.send(SKIN, make_windows(1), 10, 10, spread=False)
+        failing.send(SKIN, make_windows(2), 10, 10, spread=False)
         with pytest.raises(ConnectionLost):
             failing.receive(10)
     assert ask(connection, make_windows(1)).shape == (1, 21)
@@ -400,3 +400,20 @@ def test_without_a_folder_of_its_own_there_is_no_automatic_lane(
         taxel.connect(place, transport="lane")
     with taxel.connect(place) as source:
         assert source.predictor("skin").transport == "zenoh"
+
+
+def test_requests_like_the_last_one_and_unlike_it_are_told_apart(
+    connection: LaneConnection, engine: Engine, make_windows: WindowMaker
+) -> None:
+    for seed in range(20):
+        for path, name, features in ((SKIN, "skin", 6), (SKIN, "skin", 6), (WIDE, "wide", 12)):
+            windows = make_windows(1, features, seed)
+            np.testing.assert_array_equal(
+                ask(connection, windows, path), engine.model(name).evaluate(windows)
+            )
+    windows[0, 0] = np.inf
+    for _ in range(2):
+        with pytest.raises(InvalidArgument, match="is inf"):
+            ask(connection, windows, WIDE)
+        with pytest.raises(InvalidArgument, match="expected"):
+            ask(connection, windows, SKIN)

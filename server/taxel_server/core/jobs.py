@@ -81,7 +81,7 @@ def response_of(
     """The answer to a request, from the outputs (n, columns) of all its windows and their times."""
     manifest = job.model.manifest
     return InferResponse(
-        outputs[:, :_CHANNELS],
+        outputs if outputs.shape[1] == _CHANNELS else outputs[:, :_CHANNELS],
         manifest.name,
         manifest.version,
         request.id,

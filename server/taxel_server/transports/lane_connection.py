@@ -14,79 +14,17 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import override
 
 from taxel.errors import Internal, InvalidArgument, NotFound, RequestError, ResourceExhausted
-from taxel.lane.frames import HEAD_BYTES, RequestHead, pack_reply, read_request_head
-from taxel.protocol import InferRequest, InferResponse, checked_timeout_ms
+from taxel.lane.frames import HEAD_BYTES, ID_AT, RequestHead, pack_reply, read_request_head
 from taxel_server.core.core import Core
 from taxel_server.core.jobs import Job, check_shape
 from taxel_server.engine import LoadedModel
+from taxel_server.transports.lane_requests import Arriving, Budget, LaneJob, Last
 
 _LOG: Final = logging.getLogger(__name__)
 
 _RECEIVE_BYTES: Final = 65_536
-
-
-class Budget:
-    """Bytes that all clients together may make the lane hold. Thread-safe."""
-
-    def __init__(self, limit: int) -> None:
-        self._left = limit
-        self._lock = Lock()
-
-    def take(self, size: int) -> bool:
-        """Reserve bytes; False if there are not so many left."""
-        with self._lock:
-            if size > self._left:
-                return False
-            self._left -= size
-            return True
-
-    def give(self, size: int) -> None:
-        """Give reserved bytes back."""
-        with self._lock:
-            self._left += size
-
-
-class LaneJob(Job):
-    """A request of the lane, with its windows (n, f)."""
-
-    def __init__(
-        self,
-        connection: "LaneConnection",
-        model: LoadedModel,
-        head: RequestHead,
-        windows: NDArray[np.float32],
-    ) -> None:
-        super().__init__(model, head.rows)
-        self._connection = connection
-        self._head = head
-        self._windows = windows
-
-    @override
-    def decode(self) -> InferRequest:
-        timeout_ms = checked_timeout_ms(self._head.timeout_ms) if self._head.timeout_ms else None
-        return InferRequest(self._windows, None, timeout_ms, self._head.spread)
-
-    @override
-    def answer(self, result: InferResponse | RequestError) -> None:
-        self._connection.send(pack_reply(self._head.id, result))
-
-
-class _Arriving:
-    """A request of which a part has not arrived yet."""
-
-    def __init__(self, head: RequestHead, model: LoadedModel) -> None:
-        self.head = head
-        self.model = model
-        self.windows = np.empty((head.rows, head.columns), "<f4")
-        self.missing = self.windows.data.cast("B")
-
-    def fill(self, data: memoryview) -> None:
-        """Put bytes that arrived into their place."""
-        self.missing[: len(data)] = data
-        self.missing = self.missing[len(data) :]
 
 
 class LaneConnection:
@@ -114,7 +52,8 @@ class LaneConnection:
         self._notify = notify
         self._rest = b""
         """The start of a request whose head or path is not there yet."""
-        self._arriving: _Arriving | None = None
+        self._arriving: Arriving | None = None
+        self._last: Last | None = None
         self._to_skip = 0
         """Bytes of a refused request that are still to come."""
         self._outbox: deque[memoryview] = deque()
@@ -220,12 +159,13 @@ class LaneConnection:
             self.socket.close()
         self._forget_arriving()
 
-    def _read_into(self, arriving: _Arriving) -> bool:
+    def _read_into(self, arriving: Arriving) -> bool:
         size = self.socket.recv_into(arriving.missing)
         arriving.missing = arriving.missing[size:]
         if not arriving.missing:
             self._forget_arriving()
-            self._hand_on(arriving.model, arriving.head, arriving.windows, self._core.submit)
+            head = arriving.head
+            self._hand_on(arriving.model, head, head.id, arriving.windows, self._core.submit)
         return size > 0
 
     def _forget_arriving(self) -> None:
@@ -235,6 +175,13 @@ class LaneConnection:
 
     def _take_requests(self, data: bytes, alone: bool) -> None:
         """Pass on the requests in `data`, which starts with the head of one."""
+        last = self._last
+        if alone and last is not None and last.is_like(data):
+            head = last.head
+            windows = np.frombuffer(data, "<f4", offset=head.data_at).reshape(head.rows, head.columns)
+            request_id = int.from_bytes(data[ID_AT : ID_AT + 4], "little")
+            self._hand_on(last.model, head, request_id, windows, self._core.run)
+            return
         at, end = 0, len(data)
         while end - at >= HEAD_BYTES:
             head = read_request_head(data, at)
@@ -254,7 +201,11 @@ class LaneConnection:
                     count = head.rows * head.columns
                     windows = np.frombuffer(data, "<f4", count, start).reshape(head.rows, head.columns)
                     # A window that waits must not keep all the bytes that it came with.
-                    self._hand_on(model, head, windows if head.size == end else windows.copy(), infer)
+                    if head.size < end:
+                        windows = windows.copy()
+                    self._hand_on(model, head, head.id, windows, infer)
+                    if not at:
+                        self._last = Last(data[:ID_AT], data[ID_AT + 4 : start], head, model)
             at = stop
         self._rest = data[at:]
 
@@ -262,7 +213,7 @@ class LaneConnection:
         size = head.size - head.data_at
         if not self._budget.take(size):
             raise ResourceExhausted("too many large requests arrive at the same time; try again later")
-        self._arriving = _Arriving(head, model)
+        self._arriving = Arriving(head, model)
         self._arriving.fill(data)
 
     def _model_of(self, head: RequestHead, path: bytes) -> LoadedModel:
@@ -284,14 +235,15 @@ class LaneConnection:
         self,
         model: LoadedModel,
         head: RequestHead,
+        request_id: int,
         windows: NDArray[np.float32],
         infer: Callable[[Job], None],
     ) -> None:
         try:
-            infer(LaneJob(self, model, head, windows))
+            infer(LaneJob(self.send, model, head, request_id, windows))
         except RequestError as error:
             _LOG.debug("%s: %s: %s", model.label, error.code, error)
-            self.send(pack_reply(head.id, error))
+            self.send(pack_reply(request_id, error))
         except Exception:
             _LOG.exception("a request could not be handed on")
-            self.send(pack_reply(head.id, Internal("the request failed: the server's log says more")))
+            self.send(pack_reply(request_id, Internal("the request failed: the server's log says more")))

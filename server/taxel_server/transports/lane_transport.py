@@ -18,7 +18,8 @@ from taxel.errors import TaxelError
 from taxel.lane.offer import LaneOffer, machine_identity, of_this_user
 from taxel_server.core.core import Core
 from taxel_server.options import ServerOptions
-from taxel_server.transports.lane_connection import Budget, LaneConnection
+from taxel_server.transports.lane_connection import LaneConnection
+from taxel_server.transports.lane_requests import Budget
 from taxel_server.transports.lane_socket import LaneSocket, automatic_address
 
 _LOG: Final = logging.getLogger(__name__)

@@ -18,6 +18,9 @@ MAGIC: Final = b"TXL1"
 """The first bytes of each frame: Taxel's lane, version 1."""
 
 HEAD_BYTES: Final = 32
+ID_AT: Final = 12
+"""Where the four bytes of the id stand in a head."""
+
 MAX_PATH_BYTES: Final = 512
 """The longest path in a request."""
 
@@ -174,7 +177,10 @@ def read_error(content: bytes | bytearray) -> RequestError:
 
 def read_counts(content: bytes | bytearray, head: ReplyHead) -> list[NDArray[np.float32]]:
     """The counts (n, 21) of a reply, and its spread (n, 21) if it has it: views of its content."""
-    return list(np.frombuffer(content, _FLOAT).reshape(1 + head.spread, head.rows, _COLUMNS))
+    counts = np.frombuffer(content, _FLOAT)
+    if not head.spread:
+        return [counts.reshape(head.rows, _COLUMNS)]
+    return list(counts.reshape(2, head.rows, _COLUMNS))
 
 
 def _padded(size: int) -> int:
