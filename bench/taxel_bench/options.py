@@ -56,3 +56,18 @@ def parse_numbers(option: str, text: str, allowed: Container[int], expected: str
     if not numbers or not all(number in allowed for number in numbers):
         raise SettingsError(f"{option} {text}: expected whole numbers, {expected}, with commas between")
     return numbers
+
+
+def parse_gaps(text: str) -> list[float]:
+    """Pauses between queries from `0,1,10`, in milliseconds.
+
+    Raises:
+        SettingsError: one is not a number from 0 to 1000.
+    """
+    try:
+        gaps = [float(part) for part in text.split(",")]
+    except ValueError:
+        gaps = []
+    if not gaps or not all(0 <= gap <= 1000 for gap in gaps):
+        raise SettingsError(f"--gap-ms {text}: expected milliseconds from 0 to 1000, with commas between")
+    return gaps

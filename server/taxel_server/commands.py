@@ -18,6 +18,7 @@ import typer
 from taxel.commands.cli import ERR, OUT, Json, needs
 from taxel.dependencies import SERVING
 from taxel.errors import ArtifactError
+from taxel.lane.offer import LaneOffer
 from taxel.local import shipped_repository
 from taxel.predictor import ModelInfo
 from taxel_server.options import ServerOptions
@@ -63,6 +64,9 @@ def serve(
     threads: Annotated[int | None, _option("threads", "N")] = None,
     providers: Annotated[list[str] | None, _option("providers", "NAME")] = None,
     shared_memory: Annotated[bool | None, _option("shared_memory")] = None,
+    lane: Annotated[str | None, _option("lane", "WHERE")] = None,
+    spin_us: Annotated[int | None, _option("spin_us", "N")] = None,
+    halt: Annotated[bool | None, _option("halt")] = None,
     drain_seconds: Annotated[float | None, _option("drain_seconds", "S")] = None,
     log_level: Annotated[LogLevel, typer.Option(help="What to log on stderr.")] = "warning",
     as_json: Json = False,
@@ -77,6 +81,7 @@ def serve(
     _exit_at_once_on(STOPPING, code=0)
 
     from taxel_server.engine import Engine
+    from taxel_server.processor import keep_cores_awake
     from taxel_server.runtimes import RuntimeOptions
     from taxel_server.service import Service
     from taxel_server.settings import read_settings
@@ -87,15 +92,18 @@ def serve(
     _log_errors_of_zenoh()
     settings = read_settings({name: value for name, value in given.items() if value is not None})
     repository = settings.repository or shipped_repository()
+    awake = None if settings.halt else keep_cores_awake()
     engine = Engine(repository, RuntimeOptions(settings.threads, settings.providers))
     if not engine.load_all():
         raise ArtifactError(_nothing_to_serve(repository, engine.models()))
     stop = _event_on(STOPPING)
-    service = Service(engine, settings)
-    _announce(settings.listen, engine.models(), as_json)
+    service = Service(engine, settings).start()
+    _announce(settings.listen, service.lane, engine.models(), as_json)
     # The kernel may give a signal to one of zenoh's threads, which does not wake this one.
     while not stop.wait(_SIGNAL_CHECK_S):
         pass
+    if awake is not None:
+        awake.close()
     _leave_within(settings.drain_seconds + _AFTER_DRAINING_S, service.abandon)
     if not service.close():
         ERR.print("a client has stopped reading: leaving without it", style="yellow")
@@ -119,10 +127,16 @@ def _log_errors_of_zenoh() -> None:
     zenoh.init_log_from_env_or("error")
 
 
-def _announce(listen: tuple[str, ...], models: list[ModelInfo], as_json: bool) -> None:
+def _announce(
+    listen: tuple[str, ...], lane: LaneOffer | None, models: list[ModelInfo], as_json: bool
+) -> None:
     """Print on stdout that the server is ready; for programs, one JSON object in one line."""
     if as_json:
-        ready = {"listen": list(listen), "models": [asdict(model) for model in models]}
+        ready = {
+            "listen": list(listen),
+            "lane": lane.address if lane else None,
+            "models": [asdict(model) for model in models],
+        }
         sys.stdout.write(json.dumps(ready) + "\n")
         sys.stdout.flush()
         return

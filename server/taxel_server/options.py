@@ -5,6 +5,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, Field, field_validator, model_validator
 
+from taxel.lane.offer import parse_address
 from taxel.protocol import MAX_ROWS, PREFIX
 
 Rows = Annotated[int, Field(gt=0, le=2**24)]
@@ -49,6 +50,22 @@ class ServerOptions(BaseModel):
         description="Whether local clients may use shared memory for large requests. The memory of such a "
         "client is held until the server ends.",
     )
+    lane: str = Field(
+        default="auto",
+        description="Where clients on this machine may ask without zenoh: auto, unix:PATH, "
+        "tcp:127.0.0.1:PORT or off. auto is a file in the user's runtime folder.",
+    )
+    spin_us: int = Field(
+        default=0,
+        ge=0,
+        le=100_000,
+        description="Microseconds that the lane asks for the next request before it sleeps. Takes a core.",
+    )
+    halt: bool = Field(
+        default=True,
+        description="Whether idle cores may sleep deeply; --no-halt needs the right to write "
+        "/dev/cpu_dma_latency, and costs power.",
+    )
     drain_seconds: float = Field(
         default=1.2,
         ge=0,
@@ -72,6 +89,13 @@ class ServerOptions(BaseModel):
             if address.endswith(":0"):
                 raise ValueError(f"{endpoint!r}: expected a port that clients can be told, not 0")
         return endpoints
+
+    @field_validator("lane")
+    @classmethod
+    def _is_local(cls, lane: str) -> str:
+        if lane not in ("auto", "off"):
+            parse_address(lane)
+        return lane
 
     @model_validator(mode="after")
     def _fit_each_other(self) -> Self:

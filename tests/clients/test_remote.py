@@ -49,7 +49,7 @@ def connected() -> Iterator[Callable[[Answer], RemoteSource]]:
         config.insert_json5("listen/endpoints", json.dumps([endpoint]))
         server = zenoh.open(config)
         server.declare_queryable("taxel/**", Callback(answer, indirect=False), complete=True)
-        client = taxel.connect(endpoint, timeout=10)
+        client = taxel.connect(endpoint, timeout=10, transport="zenoh")
         opened.extend((server, client))
         return client
 
@@ -126,7 +126,10 @@ def test_a_timeout_must_be_above_zero(timeout: float) -> None:
 
 def test_a_query_that_nobody_answers_is_unavailable(connected: Callable[[Answer], RemoteSource]) -> None:
     client = connected(turning_away)
-    with pytest.raises(Unavailable, match="nobody answers taxel/v2/repository/index"):
+    with pytest.raises(
+        Unavailable,
+        match="nobody answers taxel/v2/repository/index: expected a `taxel serve`",
+    ):
         client.models()
     assert not client.ready()
 

@@ -155,7 +155,7 @@ def serving() -> Iterator[ServerStarter]:
         def serve(engine: Engine, **options: Any) -> str:
             place = f"tcp/127.0.0.1:{free_port()}"
             settings = ServerOptions(listen=(place,), **options)
-            servers.callback(Service(engine, settings).close)
+            servers.callback(Service(engine, settings).start().close)
             return place
 
         yield serve

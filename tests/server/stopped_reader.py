@@ -12,7 +12,7 @@ from taxel.protocol import model_key, pack_infer_request
 
 def main(endpoint: str) -> None:
     """Connect, wait for a line, send 200 requests of 1000 windows, stop."""
-    source = taxel.connect(endpoint)
+    source = taxel.connect(endpoint, transport="zenoh")
     windows = np.zeros((1000, 12), dtype=np.float32)
     source.predictor("wide").predict(windows)
     print("ready", flush=True)

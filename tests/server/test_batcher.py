@@ -19,9 +19,9 @@ from taxel.errors import (
     Unavailable,
 )
 from taxel.protocol import InferRequest, InferResponse
-from taxel_server.batcher import Batcher
+from taxel_server.core.batcher import Batcher
+from taxel_server.core.jobs import Job
 from taxel_server.engine import Engine, LoadedModel
-from taxel_server.jobs import Job
 
 POISON = 666.0
 
@@ -103,6 +103,7 @@ def batching(
         max_queue_rows=max_queue_rows,
         max_queue_requests=max_queue_requests,
     )
+    batcher.start()
     try:
         yield batcher
     finally:

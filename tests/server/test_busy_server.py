@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 import taxel
 from taxel.errors import DeadlineExceeded, ResourceExhausted, Unavailable
 from taxel.protocol import unpackb
+from taxel.remote import Transport
 from taxel_server import engine as engine_module
 from taxel_server.engine import Engine
 from taxel_server.options import ServerOptions
@@ -61,13 +62,14 @@ def gated(repository: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[E
     gates["10"].opened.set()
 
 
+@pytest.mark.parametrize("transport", ["zenoh", "lane"])
 def test_it_answers_refuses_and_keeps_deadlines(
-    gated: tuple[Engine, Gate], start: ServerStarter, make_windows: WindowMaker
+    gated: tuple[Engine, Gate], start: ServerStarter, make_windows: WindowMaker, transport: Transport
 ) -> None:
     engine, gate = gated
     place = start(engine, max_queue_rows=12, max_request_rows=8)
     gate.shut()
-    with taxel.connect(place) as client, ThreadPoolExecutor(1) as pool:
+    with taxel.connect(place, transport=transport) as client, ThreadPoolExecutor(1) as pool:
         predictor = client.predictor("skin")
         running = pool.submit(predictor.predict, make_windows(4))
         assert gate.entered.wait(10)
@@ -84,6 +86,7 @@ def test_it_answers_refuses_and_keeps_deadlines(
     assert errors == {"RESOURCE_EXHAUSTED": 1, "DEADLINE_EXCEEDED": 1}
 
 
+@pytest.mark.parametrize("transport", ["zenoh", "lane"])
 @pytest.mark.parametrize(("drain_seconds", "finished"), [(60.0, True), (0.0, False)])
 def test_stopping_answers_every_query(
     gated: tuple[Engine, Gate],
@@ -91,14 +94,15 @@ def test_stopping_answers_every_query(
     make_windows: WindowMaker,
     drain_seconds: float,
     finished: bool,
+    transport: Transport,
 ) -> None:
     engine, gate = gated
     service = Service(
         engine, ServerOptions(repository=Path("unused"), listen=(endpoint,), drain_seconds=drain_seconds)
-    )
+    ).start()
     gate.shut()
     windows = make_windows(5)
-    with taxel.connect(endpoint) as client, ThreadPoolExecutor(9) as pool:
+    with taxel.connect(endpoint, transport=transport) as client, ThreadPoolExecutor(9) as pool:
         predictor = client.predictor("skin")
         running = pool.submit(predictor.predict, windows)
         assert gate.entered.wait(10)

@@ -34,7 +34,7 @@ def server(repository: Path) -> Iterator[str]:
 def test_fresh_connections_lose_no_answer_that_nearly_fills_a_batch(server: str) -> None:
     # zenoh sends at most 65,535 bytes at once: the answers to 700 and 1024 windows are about as large.
     for _ in range(40):
-        with taxel.connect(server) as source:
+        with taxel.connect(server, transport="zenoh") as source:
             predictor = source.predictor("wide")
             for rows in (700, 1024) * 20:
                 assert predictor.predict(np.zeros((rows, 12), dtype=np.float32)).shape == (rows, 21)
@@ -48,20 +48,20 @@ def test_no_size_is_lost(repository: Path, shared_memory: bool) -> None:
     choice = "--shared-memory" if shared_memory else "--no-shared-memory"
     with (
         running_server(repository, choice) as endpoint,
-        taxel.connect(endpoint, shared_memory=shared_memory) as warm,
+        taxel.connect(endpoint, shared_memory=shared_memory, transport="zenoh") as warm,
     ):
         kept = warm.predictor("wide")
         for rows in sizes:
             windows = rng.normal(size=(rows, 12)).astype(np.float32)
             expected = kept.predict(windows)
             assert expected.shape == (rows, 21)
-            with taxel.connect(endpoint, shared_memory=shared_memory) as fresh:
+            with taxel.connect(endpoint, shared_memory=shared_memory, transport="zenoh") as fresh:
                 np.testing.assert_array_equal(fresh.predictor("wide").predict(windows), expected)
 
 
 @pytest.mark.parametrize("stopped", [1, 4])
 def test_clients_that_stop_reading_silence_nobody(server: str, stopped: int) -> None:
-    with ExitStack() as readers, taxel.connect(server, timeout=_WAIT_S) as source:
+    with ExitStack() as readers, taxel.connect(server, timeout=_WAIT_S, transport="zenoh") as source:
         predictor = source.predictor("wide")
         running = [readers.enter_context(_stopped_reader(server)) for _ in range(stopped)]
         for reader in running:

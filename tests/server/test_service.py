@@ -12,12 +12,12 @@ import zenoh
 from numpy.typing import NDArray
 
 import taxel
+from taxel.envelopes import RequestReader
 from taxel.errors import Internal, NotFound, TaxelError, Unavailable
 from taxel.predictor import ModelInfo
 from taxel.protocol import pack_infer_request, unpack_infer_response, unpackb
-from taxel.remote import RemoteSource
+from taxel.remote import RemoteSource, Transport
 from taxel_server.engine import Engine
-from taxel_server.envelopes import RequestReader
 from taxel_server.options import ServerOptions
 from taxel_server.service import Service
 
@@ -36,11 +36,15 @@ def unmeasured(models: list[ModelInfo]) -> list[ModelInfo]:
     return [replace(model, one_row="", many_rows="") for model in models]
 
 
-def test_remote_and_local_agree(client: RemoteSource, repository: Path, make_windows: WindowMaker) -> None:
-    with taxel.load(repository) as local:
+@pytest.mark.parametrize("transport", ["zenoh", "lane"])
+def test_remote_and_local_agree(
+    engine: Engine, start: ServerStarter, repository: Path, make_windows: WindowMaker, transport: Transport
+) -> None:
+    with taxel.load(repository) as local, taxel.connect(start(engine), transport=transport) as client:
         for name, version, features in (("skin", None, 6), ("skin", "2", 6), ("wide", None, 12)):
             remote, near = client.predictor(name, version), local.predictor(name, version)
             assert remote.manifest == near.manifest
+            assert remote.transport == transport
             for rows in (1, 7, 3000):
                 windows = make_windows(rows, features, seed=rows)
                 np.testing.assert_array_equal(remote.predict(windows), near.predict(windows))
@@ -152,7 +156,7 @@ def test_a_damaged_artifact_is_listed_and_refused(
 def test_an_occupied_port_is_told(engine: Engine, start: ServerStarter) -> None:
     place = start(engine)
     with pytest.raises(TaxelError, match=f"cannot listen on {place}.*in use"):
-        Service(engine, ServerOptions(repository=Path("unused"), listen=(place,)))
+        Service(engine, ServerOptions(repository=Path("unused"), listen=(place,))).start()
 
 
 def test_concurrent_clients_get_their_own_rows(
@@ -214,7 +218,7 @@ def test_a_query_that_cannot_be_handed_on_is_answered_and_harms_no_other(
         return rows_in(self, size, features)
 
     monkeypatch.setattr(RequestReader, "rows_in", fail_once)
-    with taxel.connect(start(engine)) as client:
+    with taxel.connect(start(engine), transport="zenoh") as client:
         predictor = client.predictor("skin")
         with pytest.raises(Internal, match="the server's log says more"):
             predictor.predict(make_windows(1))

@@ -24,9 +24,10 @@ def compare(
         bool, typer.Option("--install", help="Install peers that are not, each into its own environment.")
     ] = False,
     rounds: Annotated[int, typer.Option(min=1, help="Of Taxel and one peer in turn, for each peer.")] = 5,
-    seconds: Annotated[
-        float, typer.Option(min=0.05, help="Of each of the three measurements in a turn.")
-    ] = 1.0,
+    seconds: Annotated[float, typer.Option(min=0.05, help="Of each measurement in a turn.")] = 1.0,
+    gap_ms: Annotated[
+        str, typer.Option(help="Pauses between an answer and the next query, with commas between.")
+    ] = "0",
     seed: Annotated[int, typer.Option(min=0, help="Of the windows.")] = 0,
     pin: Annotated[
         bool, typer.Option("--pin", help="Keep every client on one core and every server on the others.")
@@ -43,11 +44,14 @@ def compare(
     from taxel_bench.compare.peers import parse_peers
     from taxel_bench.compare.printing import print_comparison
     from taxel_bench.machine import describe_machine
+    from taxel_bench.options import parse_gaps
     from taxel_models.shipped import shipped_repository
 
     given = Path(model)
     folder = given.resolve() if (given / MANIFEST).is_file() else folder_of(shipped_repository(), model)
-    settings = CompareSettings(folder, parse_peers(peers), install, rounds, seconds, seed, pin)
+    settings = CompareSettings(
+        folder, parse_peers(peers), install, rounds, seconds, seed, pin, parse_gaps(gap_ms)
+    )
     if output is not None:
         check_file_place(output)
     machine = describe_machine()

@@ -17,12 +17,20 @@ from taxel_bench.compare.figures import Figures, median_ratios
 from taxel_bench.compare.peers import PeerServer
 from taxel_bench.compare.processes import Cores
 from taxel_bench.compare.rounds import BULK_ROWS, BareRuntime, Predict, Round, measure_round
-from taxel_bench.compare.servers import CHECKED_ROWS, ServerUnderTest, Workload, peer_server, taxel_server
+from taxel_bench.compare.servers import (
+    CHECKED_ROWS,
+    LANE,
+    ZENOH,
+    ServerUnderTest,
+    Workload,
+    peer_server,
+    taxel_servers,
+)
 from taxel_bench.environments import environment
 from taxel_bench.windows import random_windows
 from taxel_server.engine import load_model
 
-OURS: Final = "taxel"
+OURS: Final = (ZENOH, LANE)
 
 Tell = Callable[[str], None]
 
@@ -39,6 +47,7 @@ class CompareSettings:
         seconds: of each measurement in a round.
         seed: of the windows.
         pin: whether servers and clients are kept on cores of their own.
+        gaps_ms: pauses between an answer and the next query.
     """
 
     folder: Path
@@ -48,6 +57,7 @@ class CompareSettings:
     seconds: float
     seed: int
     pin: bool = False
+    gaps_ms: Sequence[float] = ()
 
 
 @dataclass(frozen=True)
@@ -55,7 +65,7 @@ class Comparison:
     """What came of it.
 
     Attributes:
-        rounds: by peer, of that peer and Taxel; of Taxel alone where no peer could take part.
+        rounds: by peer, of that peer and Taxel's two; of Taxel alone where no peer could take part.
         skipped: peers that had no part in any round, each with the reason.
     """
 
@@ -63,10 +73,9 @@ class Comparison:
     skipped: dict[str, str]
 
     def figures(self) -> dict[str, Figures]:
-        """Medians over a server's rounds: Taxel's over all, then each peer's."""
-        peers = [name for name in self.rounds if name != OURS]
-        ours = [each.figures[OURS] for each in self._all()]
-        return {OURS: Figures.median(ours)} | {name: Figures.median(self._of(name, name)) for name in peers}
+        """Medians over a server's rounds: Taxel's two over all, then each peer's."""
+        ours = {name: Figures.median([each.figures[name] for each in self._all()]) for name in OURS}
+        return ours | {name: Figures.median(self._of(name, name)) for name in self._peers()}
 
     def bare(self) -> BareRuntime:
         """Medians over all rounds."""
@@ -75,19 +84,27 @@ class Comparison:
             median(each.bare.bulk_p50_ms for each in self._all()),
         )
 
-    def ratios(self) -> dict[str, dict[str, float]]:
-        """Taxel's figures as multiples of each peer's, medians over the rounds of the two."""
-        peers = [name for name in self.rounds if name != OURS]
-        return {name: median_ratios(self._of(name, OURS), self._of(name, name)) for name in peers}
+    def ratios(self) -> dict[tuple[str, str], dict[str, Any]]:
+        """Taxel's figures as multiples of each peer's, by the two names: medians over their rounds."""
+        return {
+            (ours, name): median_ratios(self._of(name, ours), self._of(name, name))
+            for name in self._peers()
+            for ours in OURS
+        }
 
     def report(self) -> dict[str, Any]:
         """As `--json` prints it."""
         return {
             "results": [{"server": name, **asdict(figures)} for name, figures in self.figures().items()],
-            "ratios": [{"peer": name, **ratio} for name, ratio in self.ratios().items()],
+            "ratios": [
+                {"server": ours, "peer": name, **ratio} for (ours, name), ratio in self.ratios().items()
+            ],
             "bare_runtime": asdict(self.bare()),
             "skipped": [{"peer": name, "reason": reason} for name, reason in self.skipped.items()],
         }
+
+    def _peers(self) -> list[str]:
+        return [name for name in self.rounds if name != ZENOH]
 
     def _all(self) -> list[Round]:
         return [each for rounds in self.rounds.values() for each in rounds]
@@ -114,13 +131,15 @@ def run_comparison(settings: CompareSettings, tell: Tell) -> Comparison:
     with _prepared(settings) as (workload, predict):
         tell("starting taxel")
         windows = np.load(workload.windows)
-        with taxel_server(workload) as ours:
+        with taxel_servers(workload) as ours:
 
             def measure_rounds(name: str, servers: Sequence[ServerUnderTest]) -> None:
                 rounds[name] = []
                 for number in range(settings.rounds):
                     tell(f"{name}: round {number + 1} of {settings.rounds}")
-                    rounds[name].append(measure_round(number, servers, predict, windows, settings.seconds))
+                    rounds[name].append(
+                        measure_round(number, servers, predict, windows, settings.seconds, settings.gaps_ms)
+                    )
 
             for peer in settings.peers:
                 tell(f"{peer.name}: {'installing and ' if settings.install else ''}starting")
@@ -130,9 +149,9 @@ def run_comparison(settings: CompareSettings, tell: Tell) -> Comparison:
                     except Unavailable as error:
                         skipped[peer.name] = str(error)
                     else:
-                        measure_rounds(peer.name, [ours, theirs])
+                        measure_rounds(peer.name, [*ours, theirs])
             if not rounds:
-                measure_rounds(OURS, [ours])
+                measure_rounds(ZENOH, ours)
     return Comparison(rounds, skipped)
 
 

@@ -1,9 +1,24 @@
-"""What one server takes for one window, for many at once and for a large query; and ratios."""
+"""What one server takes for one window, for many at once and for large queries; and ratios."""
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from statistics import median
-from typing import Self
+from typing import Any, Self
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Queries of one window, one after the other, with a pause between an answer and the next query.
+
+    Attributes:
+        p50_ms: of a query's latency.
+        p99_ms: of a query's latency.
+        cpu_us: processor time of the server for each query.
+    """
+
+    p50_ms: float
+    p99_ms: float
+    cpu_us: float
 
 
 @dataclass(frozen=True)
@@ -16,6 +31,8 @@ class Figures:
         in_flight_per_s: queries of one window, with many in flight.
         in_flight_cpu_us: processor time of the server for each of these.
         bulk_p50_ms: of a query of many windows.
+        batch_p50_ms: of a query of some windows.
+        gaps: by the pause, in milliseconds.
     """
 
     sequential_p50_ms: float
@@ -23,19 +40,38 @@ class Figures:
     in_flight_per_s: float
     in_flight_cpu_us: float
     bulk_p50_ms: float
+    batch_p50_ms: float
+    gaps: Mapping[str, Gap] = field(default_factory=dict)
 
     @classmethod
     def median(cls, several: Sequence[Self]) -> Self:
         """The median of each figure."""
-        return cls(*(median(getattr(figures, field.name) for figures in several) for field in fields(cls)))
+        medians = _medians([asdict(figures) for figures in several])
+        gaps = {gap: Gap(**figures) for gap, figures in medians.pop("gaps").items()}
+        return cls(**medians, gaps=gaps)
 
-    def over(self, other: "Figures") -> dict[str, float]:
+    def over(self, other: "Figures") -> dict[str, Any]:
         """Each figure as a multiple of another server's."""
-        others = asdict(other)
-        return {name: value / others[name] for name, value in asdict(self).items()}
+        return _ratios(asdict(self), asdict(other))
 
 
-def median_ratios(ours: Sequence[Figures], theirs: Sequence[Figures]) -> dict[str, float]:
+def median_ratios(ours: Sequence[Figures], theirs: Sequence[Figures]) -> dict[str, Any]:
     """The median over rounds of our figures as multiples of theirs in the same round."""
-    rounds = [mine.over(other) for mine, other in zip(ours, theirs, strict=True)]
-    return {field.name: median(ratios[field.name] for ratios in rounds) for field in fields(Figures)}
+    return _medians([mine.over(other) for mine, other in zip(ours, theirs, strict=True)])
+
+
+def _ratios(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        name: _ratios(value, theirs[name]) if isinstance(value, Mapping) else value / theirs[name]
+        for name, value in ours.items()
+    }
+
+
+def _medians(several: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """The median of each number in mappings of the same shape."""
+    return {
+        name: _medians([each[name] for each in several])
+        if isinstance(value, Mapping)
+        else median(each[name] for each in several)
+        for name, value in several[0].items()
+    }

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.errors import Unavailable
-from taxel_bench.compare.figures import Figures
+from taxel_bench.compare.figures import Figures, Gap
 from taxel_bench.compare.servers import ServerUnderTest
 
 AT_ONCE: Final = 64
 BULK_ROWS: Final = 1000
+BATCH_ROWS: Final = 64
 
 Predict = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
@@ -46,6 +47,7 @@ def measure_round(
     predict: Predict,
     windows: NDArray[np.float32],
     seconds: float,
+    gaps_ms: Sequence[float] = (),
 ) -> Round:
     """One round; whose turn is first changes from round to round.
 
@@ -53,7 +55,8 @@ def measure_round(
         number: of the round, from 0.
         predict: the bare runtime.
         windows: (m, f), at least `BULK_ROWS`.
-        seconds: of each of a server's three measurements.
+        seconds: of each of a server's measurements.
+        gaps_ms: pauses between queries, one after the other.
 
     Raises:
         Unavailable: a server stopped answering; the text names it.
@@ -62,13 +65,13 @@ def measure_round(
     figures = {}
     for server in [*servers[first:], *servers[:first]]:
         try:
-            figures[server.name] = measure(server, seconds)
+            figures[server.name] = measure(server, seconds, gaps_ms)
         except Unavailable as error:
             raise Unavailable(f"{server.name} stopped answering: {error}") from None
     return Round(figures, _measure_bare(predict, windows, seconds))
 
 
-def measure(server: ServerUnderTest, seconds: float) -> Figures:
+def measure(server: ServerUnderTest, seconds: float, gaps_ms: Sequence[float]) -> Figures:
     """One server's turn.
 
     Raises:
@@ -77,13 +80,23 @@ def measure(server: ServerUnderTest, seconds: float) -> Figures:
     sequential, sequential_cpu_s = _requested(server, do="sequential", rows=1, seconds=seconds)
     in_flight, in_flight_cpu_s = _requested(server, do="in_flight", at_once=AT_ONCE, seconds=seconds)
     bulk, _ = _requested(server, do="sequential", rows=BULK_ROWS, seconds=seconds)
+    batch, _ = _requested(server, do="sequential", rows=BATCH_ROWS, seconds=seconds)
+    gaps = {f"{gap_ms:g}": _measure_gap(server, seconds, gap_ms) for gap_ms in gaps_ms}
     return Figures(
         sequential_p50_ms=median(sequential["latencies"]) * 1e3,
         sequential_cpu_us=sequential_cpu_s / sequential["queries"] * 1e6,
         in_flight_per_s=in_flight["queries"] / in_flight["seconds"],
         in_flight_cpu_us=in_flight_cpu_s / in_flight["queries"] * 1e6,
         bulk_p50_ms=median(bulk["latencies"]) * 1e3,
+        batch_p50_ms=median(batch["latencies"]) * 1e3,
+        gaps=gaps,
     )
+
+
+def _measure_gap(server: ServerUnderTest, seconds: float, gap_ms: float) -> Gap:
+    queries, cpu_s = _requested(server, do="sequential", rows=1, seconds=seconds, gap_ms=gap_ms)
+    p50_ms, p99_ms = np.percentile(queries["latencies"], (50, 99)) * 1e3
+    return Gap(float(p50_ms), float(p99_ms), cpu_s / queries["queries"] * 1e6)
 
 
 def _requested(server: ServerUnderTest, **what: Any) -> tuple[dict[str, Any], float]:

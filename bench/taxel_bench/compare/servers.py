@@ -3,7 +3,7 @@
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -18,6 +18,10 @@ from taxel_bench.server_process import ADDRESS, free_port, serve_command
 
 CHECKED_ROWS: Final = 8
 """Windows whose answers are compared before anything is timed."""
+
+ZENOH: Final = "taxel"
+LANE: Final = "taxel-lane"
+"""Taxel's two transports count as two servers."""
 
 _HERE: Final = Path(__file__).resolve().parent
 _START_S: Final = 120.0
@@ -57,16 +61,21 @@ class Workload:
 
 
 @contextmanager
-def taxel_server(workload: Workload) -> Iterator[ServerUnderTest]:
-    """Taxel's server and client.
+def taxel_servers(workload: Workload) -> Iterator[list[ServerUnderTest]]:
+    """Taxel's server, once with a client over zenoh and once with a client over the lane.
 
     Raises:
         Unavailable: the server does not start, or answers something else.
     """
     port = free_port()
     serve = serve_command(workload.repository, f"tcp/{ADDRESS}:{port}")
-    with _server("taxel", serve, None, sys.executable, "taxel_client", port, workload) as server:
-        yield server
+    with _running(serve, None, workload) as process, ExitStack() as clients:
+        servers = []
+        for name, transport in ((ZENOH, "zenoh"), (LANE, "lane")):
+            ask = [*_asking(sys.executable, "taxel_client", port, workload), "--transport", transport]
+            client = clients.enter_context(_connected(ask, process, workload))
+            servers.append(ServerUnderTest(name, process, client))
+        yield servers
 
 
 @contextmanager
@@ -79,29 +88,26 @@ def peer_server(peer: PeerServer, interpreter: Path, workload: Workload) -> Iter
     port = free_port()
     serve = [*_module(str(interpreter), peer.server), "--model", str(workload.model)]
     serve += ["--address", ADDRESS, "--port", str(port)]
-    client = str(interpreter) if peer.client_needs_packages else sys.executable
-    with _server(peer.name, serve, _HERE, client, peer.client, port, workload) as server:
-        yield server
+    ask = _asking(
+        str(interpreter) if peer.client_needs_packages else sys.executable, peer.client, port, workload
+    )
+    with (
+        _running(serve, _HERE, workload) as process,
+        _connected(ask, process, workload) as program,
+    ):
+        yield ServerUnderTest(peer.name, process, program)
 
 
 @contextmanager
-def _server(
-    name: str,
-    serve: Sequence[str],
-    path: Path | None,
-    client_interpreter: str,
-    client: str,
-    port: int,
-    workload: Workload,
-) -> Iterator[ServerUnderTest]:
-    ask = [*_module(client_interpreter, client), "--address", ADDRESS, "--port", str(port)]
-    ask += ["--windows", str(workload.windows)]
+def _running(serve: Sequence[str], path: Path | None, workload: Workload) -> Iterator[Program]:
     cores = workload.cores.servers if workload.cores else None
-    with (
-        running_program(serve, path=path, cores=cores) as process,
-        _connected(ask, process, workload) as program,
-    ):
-        yield ServerUnderTest(name, process, program)
+    with running_program(serve, path=path, cores=cores) as process:
+        yield process
+
+
+def _asking(interpreter: str, client: str, port: int, workload: Workload) -> list[str]:
+    ask = [*_module(interpreter, client), "--address", ADDRESS, "--port", str(port)]
+    return [*ask, "--windows", str(workload.windows)]
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from multiprocessing.connection import Connection
 from typing import Final
 
 from taxel.errors import TaxelError
-from taxel.remote import RemoteSource
+from taxel.remote import RemoteSource, Transport
 from taxel_bench.load.records import Records
 from taxel_bench.load.settings import LoadSettings
 from taxel_bench.load.streams import Stream
@@ -50,7 +50,8 @@ def work(pipe: Connection, endpoint: str, settings: LoadSettings, client: int) -
 
 
 def _converse(pipe: Connection, endpoint: str, settings: LoadSettings, client: int) -> None:
-    with RemoteSource(endpoint, timeout=settings.timeout_s) as source:
+    transport: Transport = "lane" if settings.server == "taxel-lane" else "zenoh"
+    with RemoteSource(endpoint, timeout=settings.timeout_s, transport=transport) as source:
         stream = Stream.of(source, settings, client)
         stream.warm_up(WARM_UP)
         pipe.send(Ready())

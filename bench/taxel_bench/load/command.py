@@ -2,14 +2,14 @@
 
 import signal
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from taxel.commands.cli import ERR, OUT, Json, needs, print_json
-from taxel_bench.load.settings import TIMEOUT_S, LoadSettings, Scenario
+from taxel_bench.load.settings import TIMEOUT_S, LoadSettings, Scenario, Server
 
 
 @needs("bench", "psutil")
@@ -36,6 +36,12 @@ def load(
         float | None, typer.Option(min=0, help="INVALID where the scenario's percentile is above it, ms.")
     ] = None,
     timeout: Annotated[float, typer.Option(min=0.1, help="Seconds to wait for an answer.")] = TIMEOUT_S,
+    server: Annotated[
+        Server, typer.Option(help="Ask over zenoh, or in streams over the server's lane.")
+    ] = "taxel",
+    gap_ms: Annotated[
+        str, typer.Option(help="Pauses between an answer and the next query; several: a run for each.")
+    ] = "0",
     connect: Annotated[
         str | None, typer.Option(metavar="ENDPOINT", help="A running server; without it, one is started.")
     ] = None,
@@ -51,8 +57,10 @@ def load(
     from taxel_bench.load.printing import print_results
     from taxel_bench.load.results import Results
     from taxel_bench.machine import describe_machine
+    from taxel_bench.options import parse_gaps
     from taxel_models.shipped import shipped_repository
 
+    gaps = parse_gaps(gap_ms)
     settings = LoadSettings.of(
         scenario,
         model,
@@ -64,17 +72,28 @@ def load(
         latency_bound_ms=latency_bound,
         timeout_s=timeout,
         seed=seed,
+        server=server,
+        gap_ms=max(gaps),
     )
     # Told to stop, it still stops its server and clients.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     with ERR.status("measuring"), server_at(connect, repository or shipped_repository()) as endpoint:
-        outcome = drive(settings, endpoint)
-    results = Results.of(settings, outcome)
-    manifest = outcome.manifest
+        runs = [replace(settings, gap_ms=gap) for gap in gaps]
+        outcomes = [drive(run, endpoint) for run in runs]
+    several = [Results.of(run, outcome) for run, outcome in zip(runs, outcomes, strict=True)]
+    results, manifest = several[0], outcomes[0].manifest
     machine = describe_machine()
     if as_json:
         served = {"version": manifest.version, "inputs": manifest.window.combination}
-        print_json({"machine": machine, "scenario": asdict(settings) | served, "results": asdict(results)})
+        print_json(
+            {
+                "machine": machine,
+                "scenario": asdict(runs[0]) | served,
+                "results": asdict(results),
+                "gaps": {f"{gap:g}": each.of_gap() for gap, each in zip(gaps, several, strict=True)},
+            }
+        )
         return
-    print_results(OUT, settings, f"{manifest.name}/{manifest.version}", results)
+    for run, each in zip(runs, several, strict=True):
+        print_results(OUT, run, f"{manifest.name}/{manifest.version}", each)
     OUT.print(f"on {machine['cpu']}, {machine['cores']} cores, load {machine['load']}", soft_wrap=True)

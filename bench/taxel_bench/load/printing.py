@@ -33,6 +33,10 @@ def print_results(out: Console, settings: LoadSettings, label: str, results: Res
 def _described(settings: LoadSettings) -> str:
     parts = [f"{settings.clients} client{'s' * (settings.clients > 1)}"]
     parts.append(f"{settings.samples_per_query} sample{'s' * (settings.samples_per_query > 1)} a query")
+    if settings.server != "taxel":
+        parts.append(settings.server)
+    if settings.gap_ms:
+        parts.append(f"pauses of {settings.gap_ms:g} ms")
     if settings.rate_qps is not None:
         parts.append(f"{settings.rate_qps:g} queries/s")
     return ", ".join(parts)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.errors import Internal, RequestError
-from taxel.protocol import unpack_infer_response
+from taxel.protocol import InferResponse, unpack_infer_response
 
 RECORD: Final = np.dtype(
     [
@@ -28,13 +28,17 @@ Record = tuple[float, float, float, int, int, str]
 
 
 def record(
-    scheduled: float, sent: float, answered: float, result: bytes | RequestError, samples: int
+    scheduled: float,
+    sent: float,
+    answered: float,
+    result: bytes | InferResponse | RequestError,
+    samples: int,
 ) -> Record:
     """The record of one query from its answer, or from the error that came instead."""
     try:
         if isinstance(result, RequestError):
             raise result
-        response = unpack_infer_response(result)
+        response = unpack_infer_response(result) if isinstance(result, bytes) else result
         if len(response.outputs) != samples:
             raise Internal(f"the server answered {len(response.outputs)} rows to {samples} windows")
     except RequestError as error:

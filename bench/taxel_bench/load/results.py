@@ -67,6 +67,14 @@ class Results:
     server_cpu_us: float | None
     clients_cpu_us: float
 
+    def of_gap(self) -> dict[str, float | None]:
+        """The figures that `bench compare` tells for a pause, too."""
+        return {
+            "p50_ms": self.latency_ms["p50"],
+            "p99_ms": self.latency_ms["p99"],
+            "cpu_us": self.server_cpu_us,
+        }
+
     @classmethod
     def of(cls, settings: LoadSettings, outcome: Outcome) -> Self:
         """The figures of the settings' outcome."""

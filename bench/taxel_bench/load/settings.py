@@ -6,6 +6,11 @@ from typing import Final, Literal, Self
 from taxel.errors import SettingsError
 
 Scenario = Literal["single-stream", "multi-stream", "server", "offline"]
+Server = Literal["taxel", "taxel-lane"]
+"""Taxel asked over zenoh, or over its lane."""
+
+STREAMS: Final[tuple[Scenario, ...]] = ("single-stream", "multi-stream")
+"""Scenarios in which a client sends each query after the answer to the last."""
 
 DURATION_S: Final = 10.0
 RATE_QPS: Final = 500.0
@@ -51,6 +56,8 @@ class LoadSettings:
         latency_bound_ms: what the scenario's percentile may not exceed.
         timeout_s: how long an answer is waited for.
         seed: of the arrivals and the windows.
+        server: which of Taxel's two is asked.
+        gap_ms: pause between an answer and the next query, in streams.
     """
 
     scenario: Scenario
@@ -63,6 +70,8 @@ class LoadSettings:
     latency_bound_ms: float | None
     timeout_s: float
     seed: int
+    server: Server = "taxel"
+    gap_ms: float = 0
 
     @classmethod
     def of(
@@ -78,6 +87,8 @@ class LoadSettings:
         latency_bound_ms: float | None = None,
         timeout_s: float = TIMEOUT_S,
         seed: int = 0,
+        server: Server = "taxel",
+        gap_ms: float = 0,
     ) -> Self:
         """Settings with the scenario's own defaults where nothing is said.
 
@@ -90,6 +101,11 @@ class LoadSettings:
             raise SettingsError(f"--samples-per-query {samples}: single-stream sends 1; see multi-stream")
         if scenario != "server" and rate_qps is not None:
             raise SettingsError(f"--rate {rate_qps:g}: only the server scenario has a rate")
+        if scenario not in STREAMS and (server != "taxel" or gap_ms):
+            raise SettingsError(
+                f"--server {server}, --gap-ms {gap_ms:g}: {scenario} has many queries in flight: "
+                f"expected {' or '.join(STREAMS)}"
+            )
         if rules.percentile is None and latency_bound_ms is not None:
             raise SettingsError(f"--latency-bound {latency_bound_ms:g}: {scenario} is judged by throughput")
         if scenario == "server" and rate_qps is None:
@@ -108,6 +124,8 @@ class LoadSettings:
             latency_bound_ms=latency_bound_ms,
             timeout_s=timeout_s,
             seed=seed,
+            server=server,
+            gap_ms=gap_ms,
         )
 
     def share(self, client: int) -> int | None:

@@ -1,7 +1,9 @@
 """How one client sends its queries: each after the answer to the last, or each when it is due."""
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from math import inf
 from typing import Final, Self
 
@@ -9,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.errors import RequestError, Unavailable
-from taxel.protocol import model_key
+from taxel.protocol import InferResponse, model_key
 from taxel.remote import RemoteSource
 from taxel_bench.load.arrivals import poisson_arrivals
 from taxel_bench.load.in_flight import QueriesInFlight
-from taxel_bench.load.queries import encoded_queries
+from taxel_bench.load.queries import drawn_queries, encoded_queries
 from taxel_bench.load.records import RECORD, Record, Records, record
-from taxel_bench.load.settings import LoadSettings
+from taxel_bench.load.settings import STREAMS, LoadSettings
 
 _PATIENCE_S: Final = 1.0
 """How much longer than its timeout a query in flight is waited for."""
@@ -23,11 +25,21 @@ _PATIENCE_S: Final = 1.0
 
 @dataclass(frozen=True)
 class Stream:
-    """One client's connection, and the queries that it sends over it."""
+    """One client's connection, and the queries that it sends over it.
+
+    Attributes:
+        source: the connection.
+        key: of the queries.
+        payloads: the encoded queries that are sent again and again.
+        asks: for each of them, sends it and waits for the answer.
+        settings: of the run.
+        client: this client's number.
+    """
 
     source: RemoteSource
     key: str
     payloads: list[bytes]
+    asks: list[Callable[[], bytes | InferResponse]]
     settings: LoadSettings
     client: int
 
@@ -38,10 +50,17 @@ class Stream:
         Raises:
             NotFound: the server has no such model.
         """
-        manifest = source.predictor(settings.model).manifest
+        predictor = source.predictor(settings.model)
+        manifest = predictor.manifest
         payloads = encoded_queries(manifest, settings.samples_per_query, settings.seed, client)
         key = model_key(source.prefix, manifest.name, manifest.version, "infer")
-        return cls(source, key, payloads, settings, client)
+        asks: list[Callable[[], bytes | InferResponse]]
+        if settings.server == "taxel":
+            asks = [partial(source.get, key, payload) for payload in payloads]
+        else:
+            drawn = drawn_queries(manifest, settings.samples_per_query, settings.seed, client)
+            asks = [partial(predictor.infer, windows) for windows in drawn]
+        return cls(source, key, payloads, asks, settings, client)
 
     def warm_up(self, queries: int) -> None:
         """Send queries that do not count, one after the other.
@@ -50,7 +69,7 @@ class Stream:
             RequestError: one is not answered with predictions.
         """
         for number in range(queries):
-            self.source.get(self.key, self._payload(number))
+            self.asks[number % len(self.asks)]()
 
     def run(self, start: float) -> Records:
         """Send this client's part of the queries from `start` on, on the clock `time.perf_counter`.
@@ -58,7 +77,7 @@ class Stream:
         Ends early when the server has gone.
         """
         _sleep_until(start)
-        if self.settings.scenario in ("single-stream", "multi-stream"):
+        if self.settings.scenario in STREAMS:
             return self._one_after_the_other(start)
         return self._when_due(start)
 
@@ -67,16 +86,18 @@ class Stream:
         most = inf if share is None else share
         ends = start + (self.settings.duration_s or inf)
         kept: list[Record] = []
-        result: bytes | RequestError = b""
+        result: bytes | InferResponse | RequestError = b""
         while len(kept) < most and time.perf_counter() < ends and not isinstance(result, Unavailable):
-            payload = self._payload(len(kept))
+            ask = self.asks[len(kept) % len(self.asks)]
             sent = time.perf_counter() - start
             try:
-                result = self.source.get(self.key, payload)
+                result = ask()
             except RequestError as error:
                 result = error
             answered = time.perf_counter() - start
             kept.append(record(sent, sent, answered, result, self.settings.samples_per_query))
+            if self.settings.gap_ms:
+                time.sleep(self.settings.gap_ms / 1e3)
         return np.array(kept, RECORD)
 
     def _when_due(self, start: float) -> Records:

@@ -12,8 +12,6 @@ An error is a zenoh error reply, `{"error": text, "code": one of taxel.errors.Co
 Everything below is the hot path: it checks by hand and copies nothing.
 """
 
-from functools import lru_cache
-from math import prod
 from typing import Any, Final, NamedTuple, TypeGuard
 
 import msgpack
@@ -33,14 +31,16 @@ _MAX_PARTS: Final = 64
 
 _FLOAT: Final = np.dtype("<f4")
 
-SMALL: Final = 4096
-"""The most bytes of data in a request whose envelope is kept, by clients and servers."""
+
+def model_path(name: str, version: str | None, action: str = "") -> str:
+    """The path of a model, or of an `action` on it such as `infer`: its key without the prefix."""
+    where = f"/versions/{version}" if version else ""
+    return f"v2/models/{name}{where}{'/' + action if action else ''}"
 
 
 def model_key(prefix: str, name: str, version: str | None, action: str = "") -> str:
     """The key of a model, or of an `action` on it such as `infer`."""
-    where = f"/versions/{version}" if version else ""
-    return f"{prefix}/v2/models/{name}{where}{'/' + action if action else ''}"
+    return f"{prefix}/{model_path(name, version, action)}"
 
 
 class InferRequest(NamedTuple):
@@ -77,28 +77,7 @@ def pack_infer_request(
 ) -> bytes:
     """Encode windows, (n, f) float32 C-contiguous, as an infer request."""
     data = windows.astype(_FLOAT, copy=False).data
-    if request_id is None and 0 < data.nbytes <= SMALL:
-        before, after = _envelope(windows.shape, timeout_ms, spread)
-        return b"".join((before, data, after))
-    return _pack_infer_request(windows.shape, data, request_id, timeout_ms, spread)
-
-
-@lru_cache(64)
-def _envelope(shape: tuple[int, ...], timeout_ms: float | None, spread: bool) -> tuple[bytes, bytes]:
-    """The bytes before and after the data of a request. A client's requests differ only in their data."""
-    data = b"\xff" * (prod(shape) * _FLOAT.itemsize)
-    before, _, after = _pack_infer_request(shape, data, None, timeout_ms, spread).partition(data)
-    return before, after
-
-
-def _pack_infer_request(
-    shape: tuple[int, ...],
-    data: bytes | memoryview,
-    request_id: str | None,
-    timeout_ms: float | None,
-    spread: bool,
-) -> bytes:
-    tensor = {"name": INPUT_NAME, "datatype": "FP32", "shape": shape, "data": data}
+    tensor = {"name": INPUT_NAME, "datatype": "FP32", "shape": windows.shape, "data": data}
     request: dict[str, Any] = {"inputs": [tensor]}
     if spread:
         request["outputs"] = [{"name": OUTPUT_NAME}, {"name": SPREAD_NAME}]
@@ -152,6 +131,15 @@ def _timeout(parameters: object) -> float | None:
     timeout = _mapping(parameters, "parameters").get("timeout_ms")
     if timeout is None:
         return None
+    return checked_timeout_ms(timeout)
+
+
+def checked_timeout_ms(timeout: object) -> float:
+    """A request's `timeout_ms`.
+
+    Raises:
+        InvalidArgument: it is not a number above 0 and below 1e9.
+    """
     if isinstance(timeout, bool) or not isinstance(timeout, (int, float)) or not 0 < timeout < 1e9:
         raise InvalidArgument(f"parameters.timeout_ms: {timeout!r}: expected milliseconds above 0")
     return float(timeout)

@@ -19,6 +19,14 @@ _AS_THEY_COME: Final = zenoh.ConsolidationMode.NONE
 """There is one answer, so it can be read before zenoh reports the end of answers."""
 
 
+_LOOK_AGAIN_S: Final = 0.01
+_DECLARED_S: Final = 0.05
+
+
+class ServerLost(Unavailable):
+    """The connection to the server was lost before the answer was there."""
+
+
 class Connection:
     """Queries the keys of a server; each query has one answer. Thread-safe.
 
@@ -139,7 +147,33 @@ class Connection:
         """The error of a query that ended without a reply."""
         if time.monotonic() - started >= wait:
             return self._late(key, wait)
-        return Unavailable(f"{self.endpoint}: nobody answers {key}")
+        if not self._connected():
+            return ServerLost(
+                f"{self.endpoint}: nobody answers {key}: the connection to the server was lost; "
+                "zenoh connects again by itself once a `taxel serve` listens there"
+            )
+        return Unavailable(
+            f"{self.endpoint}: nobody answers {key}: expected a `taxel serve` with this prefix "
+            "that lets this client ask"
+        )
+
+    def connected_again(self, within: float) -> bool:
+        """Wait until zenoh has connected again after `ServerLost`; whether it has.
+
+        Args:
+            within: the most seconds to wait.
+        """
+        ends = time.monotonic() + within
+        while not self._connected():
+            if time.monotonic() + _LOOK_AGAIN_S > ends:
+                return False
+            time.sleep(_LOOK_AGAIN_S)
+        # The server's key becomes known just after the connection.
+        time.sleep(min(_DECLARED_S, max(ends - time.monotonic(), 0)))
+        return True
+
+    def _connected(self) -> bool:
+        return bool(self._session.info.routers_zid())
 
     def _late(self, key: str, wait: float) -> DeadlineExceeded:
         return DeadlineExceeded(f"{self.endpoint}: no answer to {key} within {wait:g} s")

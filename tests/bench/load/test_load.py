@@ -40,12 +40,24 @@ def run(*arguments: str) -> Any:
     return CliRunner().invoke(app, list(arguments))
 
 
+def test_the_lane_is_driven_with_pauses(endpoint: str) -> None:
+    arguments = ("--scenario", "single-stream", "--model", "xgb", "--connect", endpoint, "--queries", "70")
+    done = run(*arguments, "--server", "taxel-lane", "--gap-ms", "0,1.5", "--json")
+    assert done.exit_code == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert (told["scenario"]["server"], told["results"]["answered"]) == ("taxel-lane", 70)
+    assert told["gaps"]["0"]["p50_ms"] == told["results"]["latency_ms"]["p50"]
+    assert told["gaps"]["1.5"]["p50_ms"] > 0
+    done = run("--scenario", "offline", "--model", "xgb", "--connect", endpoint, "--gap-ms", "0,1")
+    assert "expected single-stream or multi-stream" in done.stderr
+
+
 @pytest.mark.parametrize("scenario", SENT)
 def test_each_scenario_accounts_for_every_query(endpoint: str, scenario: Scenario) -> None:
     done = run("--scenario", scenario, "--model", "xgb", "--connect", endpoint, "--json", *SENT[scenario])
     assert done.exit_code == 0, done.stderr
     told = json.loads(done.stdout)
-    assert set(told) == {"machine", "scenario", "results"}
+    assert set(told) == {"machine", "scenario", "results", "gaps"}
     asked, results = told["scenario"], told["results"]
     assert set(results) == set(Results.__annotations__)
     assert (asked["scenario"], asked["model"], asked["version"]) == (scenario, "xgb", "1")

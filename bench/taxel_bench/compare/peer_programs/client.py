@@ -1,10 +1,12 @@
 """What every client program does: obeys one line of JSON after another on stdin, answers on stdout.
 
     {"do": "answer", "rows": n}                          -> {"counts": n x 21 numbers}
-    {"do": "sequential", "rows": n, "seconds": s}        -> {"queries": q, "latencies": q times, seconds}
+    {"do": "sequential", "rows": n, "seconds": s, "gap_ms": g}
+                                                         -> {"queries": q, "latencies": q times, seconds}
     {"do": "in_flight", "at_once": n, "seconds": s}      -> {"queries": q, "seconds": from first to last}
 
-Encoding windows and decoding counts is part of what is timed.
+A gap, 0 unless given, is the pause between an answer and the next query. Encoding windows and decoding
+counts is part of what is timed.
 """
 
 import argparse
@@ -53,13 +55,13 @@ def counts_of(body: bytes) -> NDArray[np.float32]:
     return np.frombuffer(body, "<f4").reshape(-1, _CHANNELS)
 
 
-def client_arguments() -> argparse.Namespace:
-    """What a client is told: `address` and `port` of the server, `windows`, a file of (m, f) float32."""
+def client_arguments() -> argparse.ArgumentParser:
+    """Reads what a client is told: a server's address and port, and a file of windows (m, f) float32."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--address", required=True)
     parser.add_argument("--port", required=True, type=int)
     parser.add_argument("--windows", required=True)
-    return parser.parse_args()
+    return parser
 
 
 def obey(client: Client, windows_file: str) -> None:
@@ -84,7 +86,9 @@ def _answer(client: Client, windows: NDArray[np.float32], rows: int) -> dict[str
     return {"counts": client.ask(windows[:rows]).tolist()}
 
 
-def _sequential(client: Client, windows: NDArray[np.float32], rows: int, seconds: float) -> dict[str, Any]:
+def _sequential(
+    client: Client, windows: NDArray[np.float32], rows: int, seconds: float, gap_ms: float = 0
+) -> dict[str, Any]:
     queries = _queries(windows, rows)
     client.connect(1)
     for query in islice(queries, _WARM_UP):
@@ -94,6 +98,8 @@ def _sequential(client: Client, windows: NDArray[np.float32], rows: int, seconds
     while (start := time.perf_counter()) < until:
         client.ask(next(queries))
         latencies.append(time.perf_counter() - start)
+        if gap_ms:
+            time.sleep(gap_ms / 1e3)
     return {"queries": len(latencies), "latencies": latencies}
 
 

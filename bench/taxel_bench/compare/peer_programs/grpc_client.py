@@ -40,7 +40,7 @@ class GrpcClient(Client):
 
 def main() -> None:
     """Obey until stdin ends."""
-    arguments = client_arguments()
+    arguments = client_arguments().parse_args()
     obey(GrpcClient(arguments.address, arguments.port), arguments.windows)
 
 

@@ -107,7 +107,7 @@ class HttpClient(Client):
 
 def main() -> None:
     """Obey until stdin ends."""
-    arguments = client_arguments()
+    arguments = client_arguments().parse_args()
     obey(HttpClient(arguments.address, arguments.port), arguments.windows)
 
 

@@ -1,4 +1,4 @@
-"""Asks a Taxel server over zenoh, one query at a time by the predictor that a user would hold."""
+"""Asks a Taxel server over zenoh or its lane; one query at a time by a user's predictor."""
 
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from taxel.protocol import model_key, pack_infer_request, unpack_infer_response
+from taxel.lane.client import LaneConnection
+from taxel.lane.frames import read_counts
+from taxel.protocol import model_key, model_path, pack_infer_request, unpack_infer_response
 from taxel.remote import RemoteSource
 
 from .client import Client, client_arguments, obey
@@ -46,11 +48,46 @@ class TaxelClient(Client):
         return answered + len(on_their_way)
 
 
+class LaneClient(TaxelClient):
+    """The same over the server's lane."""
+
+    def __init__(self, source: RemoteSource) -> None:
+        super().__init__(source)
+        manifest = self._predictor.manifest
+        self._path = model_path(manifest.name, manifest.version, "infer")
+        self._timeout_s = source.timeout
+        lane = source.lanes.find() if source.lanes else None
+        assert lane is not None
+        self._connection = LaneConnection(lane.address)
+
+    @override
+    def ask_many(self, queries: Iterator[NDArray[np.float32]], at_once: int) -> int:
+        answered = on_their_way = 0
+        for query in queries:
+            if on_their_way == at_once:
+                self._take_answer()
+                answered += 1
+            else:
+                on_their_way += 1
+            self._connection.send(self._path, query, self._timeout_s, self._timeout_s, spread=False)
+        for _ in range(on_their_way):
+            self._take_answer()
+        return answered + on_their_way
+
+    def _take_answer(self) -> None:
+        head, content = self._connection.receive(self._timeout_s)
+        read_counts(content, head)
+
+
 def main() -> None:
     """Obey until stdin ends."""
-    arguments = client_arguments()
-    with RemoteSource(f"tcp/{arguments.address}:{arguments.port}") as source:
-        obey(TaxelClient(source), arguments.windows)
+    parser = client_arguments()
+    parser.add_argument("--transport", required=True, choices=("zenoh", "lane"))
+    arguments = parser.parse_args()
+    endpoint = f"tcp/{arguments.address}:{arguments.port}"
+    with RemoteSource(endpoint, transport=arguments.transport) as source:
+        client = (LaneClient if arguments.transport == "lane" else TaxelClient)(source)
+        obey(client, arguments.windows)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 from taxel import __version__
 from taxel.errors import NotFound, Unavailable
+from taxel.lane.offer import LaneOffer
 from taxel_server.engine import Engine, LoadedModel
 
 EXTENSIONS: Final = ("repository_index", "model_stats")
@@ -18,6 +19,7 @@ class ServerMetadata:
         engine: whose models these are.
         ready: whether the server takes requests.
         statistics: what a model has done.
+        lane: where clients on this machine may ask, too.
     """
 
     def __init__(
@@ -25,10 +27,12 @@ class ServerMetadata:
         engine: Engine,
         ready: Callable[[], bool],
         statistics: Callable[[LoadedModel], dict[str, Any]],
+        lane: Callable[[], LaneOffer | None],
     ) -> None:
         self._engine = engine
         self._ready = ready
         self._statistics = statistics
+        self._lane = lane
 
     def answer(self, path: str) -> dict[str, Any]:
         """The answer to a path such as `v2/health/ready`.
@@ -39,7 +43,7 @@ class ServerMetadata:
         """
         match path.split("/"):
             case ["v2"]:
-                return {"name": "taxel", "version": __version__, "extensions": list(EXTENSIONS)}
+                return self._describe()
             case ["v2", "health", "live"]:
                 return {"live": True}
             case ["v2", "health", "ready"]:
@@ -51,6 +55,11 @@ class ServerMetadata:
             case ["v2", "models", name, *action] if len(action) <= 1:
                 return self._answer_model(path, name, None, action)
         raise NotFound(f"no key {path!r} below the server's prefix")
+
+    def _describe(self) -> dict[str, Any]:
+        described = {"name": "taxel", "version": __version__, "extensions": list(EXTENSIONS)}
+        lane = self._lane()
+        return described if lane is None else {**described, "lane": lane._asdict()}
 
     def _answer_model(self, path: str, name: str, version: str | None, action: list[str]) -> dict[str, Any]:
         match action:

@@ -40,6 +40,9 @@ class MetadataThread:
         self._answer = answer
         self._queue: SimpleQueue[tuple[zenoh.Query, RequestError | None] | None] = SimpleQueue()
         self._thread = Thread(target=self._run, name="taxel-metadata", daemon=True)
+
+    def start(self) -> None:
+        """Start answering."""
         self._thread.start()
 
     def take(self, query: zenoh.Query, refusal: RequestError | None = None) -> None:

@@ -17,11 +17,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.errors import Internal, RequestError, ResourceExhausted, Unavailable
+from taxel.errors import DeadlineExceeded, Internal, RequestError, ResourceExhausted, Unavailable
 from taxel.protocol import InferResponse
+from taxel_server.core.jobs import Job, Work, checked_request, response_of
+from taxel_server.core.statistics import ModelStatistics
 from taxel_server.engine import LoadedModel
-from taxel_server.jobs import Job, Work
-from taxel_server.statistics import ModelStatistics
 
 _LOG: Final = logging.getLogger(__name__)
 
@@ -52,6 +52,9 @@ class Batcher:
         self._give_up_at = inf
         self._statistics: defaultdict[LoadedModel, ModelStatistics] = defaultdict(ModelStatistics)
         self._worker = Thread(target=self._run, name="taxel-batcher", daemon=True)
+
+    def start(self) -> None:
+        """Start the worker."""
         self._worker.start()
 
     def submit(self, job: Job) -> None:
@@ -76,8 +79,26 @@ class Batcher:
             if busy or job.rows > 1:
                 self._queue.put(job)
                 return
-        if (work := self._admit(job)) is not None:
-            self._evaluate(job.model, [(work, work.left)])
+        try:
+            response = self._answer_at_once(job)
+        except Exception:
+            # The way of a batch takes longer, and knows what to say of each failure.
+            if (work := self._admit(job)) is not None:
+                self._evaluate(job.model, [(work, work.left)])
+        else:
+            self._settle(job, response, batch_rows=1)
+
+    def _answer_at_once(self, job: Job) -> InferResponse:
+        """The answer to a single window, without a batch."""
+        request = checked_request(job)
+        started = time.monotonic()
+        timeout_ms = inf if request.timeout_ms is None else request.timeout_ms
+        if started >= self._give_up_at or (started - job.arrived) * 1e3 > timeout_ms:
+            raise DeadlineExceeded
+        outputs = job.model.evaluate(request.windows)
+        if outputs.shape != (1, job.model.columns):
+            raise ValueError
+        return response_of(job, request, outputs, started, time.monotonic() - started, 1)
 
     def _enter(self, job: Job) -> None:
         """Accept a job, if there is room; call it under the lock."""
@@ -201,13 +222,21 @@ class Batcher:
             else:
                 self._settle(work.job, work.response())
 
-    def _settle(self, job: Job, result: InferResponse | RequestError) -> None:
-        """Answer a job and remove it from the open jobs, unless `abandon` has done so."""
+    def _settle(self, job: Job, result: InferResponse | RequestError, batch_rows: int = 0) -> None:
+        """Answer a job and remove it from the open jobs, unless `abandon` has done so.
+
+        Args:
+            job: to answer.
+            result: its answer.
+            batch_rows: of an evaluation that was not counted yet.
+        """
         with self._lock:
             if job not in self._open:
                 return
             self._open.remove(job)
             self._rows -= job.rows
+            if batch_rows:
+                self._statistics[job.model].add_batch(batch_rows)
             if isinstance(result, RequestError):
                 self._statistics[job.model].add_error(result.code)
             else:

@@ -15,6 +15,20 @@ from taxel.windows.checks import check_finite
 from taxel_server.engine import LoadedModel
 
 
+def check_shape(model: LoadedModel, shape: tuple[int, ...]) -> None:
+    """Raise if a model does not take windows of a shape.
+
+    Raises:
+        InvalidArgument: another number of features, or no rows.
+    """
+    features = len(model.manifest.window.features)
+    if shape[1] != features or not shape[0]:
+        raise InvalidArgument(f"inputs[0].shape: {list(shape)}: expected [n, {features}] for {model.label}")
+
+
+_CHANNELS: Final = len(CHANNELS)
+
+
 class Job(ABC):
     """A request as it arrived: not decoded yet. It must be answered exactly once.
 
@@ -41,6 +55,43 @@ class Job(ABC):
         """Give the one answer."""
 
 
+def checked_request(job: Job) -> InferRequest:
+    """The decoded request of a job.
+
+    Raises:
+        RequestError: the request is wrong, or wrong for its model.
+    """
+    request = job.decode()
+    manifest = job.model.manifest
+    check_shape(job.model, request.windows.shape)
+    check_finite(request.windows, manifest.window.features)
+    if request.spread and not manifest.gives_spread:
+        raise InvalidArgument(f"outputs[1]: {job.model.label} gives no spread: expected an ensemble")
+    return request
+
+
+def response_of(
+    job: Job,
+    request: InferRequest,
+    outputs: NDArray[np.float32],
+    started: float,
+    compute_s: float,
+    batch_rows: int,
+) -> InferResponse:
+    """The answer to a request, from the outputs (n, columns) of all its windows and their times."""
+    manifest = job.model.manifest
+    return InferResponse(
+        outputs if outputs.shape[1] == _CHANNELS else outputs[:, :_CHANNELS],
+        manifest.name,
+        manifest.version,
+        request.id,
+        round((started - job.arrived) * 1e6),
+        round(compute_s * 1e6),
+        batch_rows,
+        outputs[:, _CHANNELS:] if request.spread else None,
+    )
+
+
 class Work:
     """A decoded request, evaluated at once or, if it is large, piece by piece.
 
@@ -49,19 +100,9 @@ class Work:
     """
 
     def __init__(self, job: Job) -> None:
-        request = job.decode()
-        manifest = job.model.manifest
-        features = manifest.window.features
-        if request.windows.shape[1] != len(features):
-            shape = list(request.windows.shape)
-            raise InvalidArgument(
-                f"inputs[0].shape: {shape}: expected [n, {len(features)}] for {job.model.label}"
-            )
-        check_finite(request.windows, features)
-        if request.spread and not manifest.gives_spread:
-            raise InvalidArgument(f"outputs[1]: {job.model.label} gives no spread: expected an ensemble")
         self.job: Final = job
-        self._request: Final = request
+        self._request: Final = checked_request(job)
+        request = self._request
         self._timeout_s: Final = inf if request.timeout_ms is None else request.timeout_ms / 1e3
         self._outputs: NDArray[np.float32] | None = None
         self._done = 0
@@ -107,14 +148,6 @@ class Work:
         """The answer, once nothing is left."""
         assert self._outputs is not None
         assert self._started is not None
-        manifest = self.job.model.manifest
-        return InferResponse(
-            outputs=self._outputs[:, : len(CHANNELS)],
-            spread=self._outputs[:, len(CHANNELS) :] if self._request.spread else None,
-            model_name=manifest.name,
-            model_version=manifest.version,
-            id=self._request.id,
-            queue_us=round((self._started - self.job.arrived) * 1e6),
-            compute_us=round(self._compute_s * 1e6),
-            batch_rows=self._batch_rows,
+        return response_of(
+            self.job, self._request, self._outputs, self._started, self._compute_s, self._batch_rows
         )

@@ -13,18 +13,20 @@ class Histogram:
         self._count = 0
         self._sum = 0
         self._max = 0
-        self._buckets: Counter[int] = Counter()
+        self._buckets = [0] * 65
+        """Counts by the power of two that ends the bucket."""
 
     def add(self, value: int) -> None:
         """Count one value, 0 or above; 0 goes into the first bucket."""
         self._count += 1
         self._sum += value
-        self._max = max(self._max, value)
-        self._buckets[1 << max(value - 1, 0).bit_length()] += 1
+        if value > self._max:
+            self._max = value
+        self._buckets[(value - 1).bit_length() if value else 0] += 1
 
     def as_dict(self) -> dict[str, Any]:
         """As on the wire: buckets by their upper end, ascending."""
-        buckets = {str(end): count for end, count in sorted(self._buckets.copy().items())}
+        buckets = {str(1 << power): count for power, count in enumerate(self._buckets) if count}
         return {"count": self._count, "sum": self._sum, "max": self._max, "buckets": buckets}
 
 

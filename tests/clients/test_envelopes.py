@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
+from taxel import envelopes
+from taxel.envelopes import RequestReader, RequestWriter
 from taxel.errors import InvalidArgument, RequestError, ResourceExhausted
 from taxel.protocol import InferRequest, pack_infer_request, unpack_infer_request
-from taxel_server import envelopes
-from taxel_server.envelopes import RequestReader
 
 MAX_ROWS = 40
 
@@ -47,6 +47,16 @@ def read(reader: RequestReader, payload: bytes) -> tuple[Any, ...] | str:
         return outcome(reader.read(payload))
     except RequestError as error:
         return str(error)
+
+
+@given(st.lists(st.tuples(floats32, st.sampled_from([5.0, 5000.0]), st.booleans()), max_size=30))
+def test_a_writer_writes_what_encoding_gives(
+    asked: list[tuple[NDArray[np.float32], float, bool]],
+) -> None:
+    writer = RequestWriter()
+    for windows, timeout_ms, spread in asked * 2:
+        written = writer.write(windows, timeout_ms, spread=spread)
+        assert written == pack_infer_request(windows, timeout_ms=timeout_ms, spread=spread)
 
 
 @given(st.lists(requests, min_size=1, max_size=30))

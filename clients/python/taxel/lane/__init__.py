@@ -1,0 +1,1 @@
+"""The lane: plain frames over a local socket, for clients on the server's machine."""

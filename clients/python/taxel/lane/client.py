@@ -1,0 +1,283 @@
+"""The client's end of a lane: a pool of connections, so that each call has one to itself."""
+
+import math
+import os
+import select
+import socket
+import sys
+import time
+from struct import Struct
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.errors import DeadlineExceeded, Internal
+from taxel.lane.frames import (
+    ERROR,
+    HEAD_BYTES,
+    ID_AT,
+    ReplyHead,
+    pack_request_head,
+    read_counts,
+    read_error,
+    read_reply_head,
+)
+from taxel.lane.offer import connect_to
+
+_MOST_IDLE: Final = 64
+"""Connections that are kept for later calls."""
+
+_KEPT_HEADS: Final = 64
+_RECEIVE_BYTES: Final = 65_536
+_SMALL: Final = 65_536
+"""A request with so many bytes of windows is put together before it is sent."""
+
+_TIMEVAL: Final = Struct("ll") if sys.platform == "linux" else None
+"""How the kernel is told a timeout; elsewhere Python keeps it, which takes a system call more."""
+
+
+_DONT_WAIT: Final = getattr(socket, "MSG_DONTWAIT", None)
+"""Windows has no such flag: a client that sends much before it reads may be closed there."""
+
+
+class ConnectionLost(Exception):
+    """The server closed the connection, or broke the lane's rules, before the answer was there.
+
+    Attributes:
+        new: whether nothing was ever answered on this connection, so that another one may do no better.
+    """
+
+    new = False
+
+
+class Lane:
+    """Connections to one server's lane. Thread-safe.
+
+    Args:
+        address: `unix:PATH` or `tcp:HOST:PORT`.
+        spin_us: microseconds that a reply is asked for again and again before the thread sleeps.
+
+    Raises:
+        ValueError: that is no address of a lane.
+        OSError: nobody listens there.
+    """
+
+    def __init__(self, address: str, spin_us: int = 0) -> None:
+        self.address = address
+        self.spin_us = spin_us
+        self._idle = [LaneConnection(address, spin_us)]
+        self._closed = False
+
+    def infer(
+        self, path: str, windows: NDArray[np.float32], timeout_s: float, wait_s: float, *, spread: bool
+    ) -> tuple[ReplyHead, list[NDArray[np.float32]]]:
+        """Ask for predictions.
+
+        Args:
+            path: of the request, such as `v2/models/xgb/infer`.
+            windows: (n, f) float32, C-contiguous.
+            timeout_s: the deadline that the server is told.
+            wait_s: how long an answer is waited for.
+            spread: ask for the spread, too.
+
+        Returns:
+            The head of the reply, and the counts (n, 21), followed by the spread if it was asked for.
+
+        Raises:
+            RequestError: the server's typed error, or `DeadlineExceeded`.
+            ConnectionLost: the connection ended; a new one may do better.
+            OSError: nobody listens any more.
+        """
+        try:
+            connection = self._idle.pop()
+        except IndexError:
+            connection = LaneConnection(self.address, self.spin_us)
+        try:
+            connection.send(path, windows, timeout_s, wait_s, spread=spread)
+            head, content = connection.receive(wait_s)
+        except ConnectionLost as lost:
+            lost.new = not connection.has_answered
+            connection.close()
+            raise
+        except BaseException:
+            connection.close()
+            raise
+        if len(self._idle) < _MOST_IDLE and not self._closed:
+            self._idle.append(connection)
+        else:
+            connection.close()
+        if head.kind == ERROR:
+            raise read_error(content)
+        return head, read_counts(content, head)
+
+    def close(self) -> None:
+        """Close all connections; those in use are closed after their calls."""
+        self._closed = True
+        while self._idle:
+            self._idle.pop().close()
+
+
+class LaneConnection:
+    """One connection; `receive` gives the replies to what was sent, in any order.
+
+    Args:
+        address: `unix:PATH` or `tcp:HOST:PORT`.
+        spin_us: microseconds that a reply is asked for again and again before the thread sleeps.
+
+    Raises:
+        ValueError: that is no address of a lane.
+        OSError: nobody listens there.
+    """
+
+    def __init__(self, address: str, spin_us: int = 0) -> None:
+        self.address = address
+        self.socket = connect_to(address)
+        self._spin_s = 0.0 if _DONT_WAIT is None else spin_us / 1e6
+        self._wait_s = math.inf
+        self._heads: dict[tuple[str, tuple[int, ...], float, bool], tuple[bytes, bytes]] = {}
+        self._last_id = 0
+        self._in_flight = 0
+        self.has_answered = False
+        self._received = b""
+        """What came behind the last reply."""
+
+    def send(
+        self, path: str, windows: NDArray[np.float32], timeout_s: float, wait_s: float, *, spread: bool
+    ) -> int:
+        """Send a request; the arguments are those of `Lane.infer`. The reply repeats the id returned.
+
+        Raises:
+            DeadlineExceeded: the server does not read.
+            ConnectionLost: it has gone.
+        """
+        self._last_id = number = self._last_id % 0xFFFFFFFF + 1
+        before, after = self._head(path, windows.shape, timeout_s, spread)
+        if sys.byteorder == "big":
+            windows = windows.astype("<f4")
+        if wait_s != self._wait_s:
+            self._set_wait(wait_s)
+        try:
+            if windows.nbytes <= _SMALL:
+                self._send_all(b"".join((before, number.to_bytes(4, "little"), after, windows.data)))
+            else:
+                self._send_all(b"".join((before, number.to_bytes(4, "little"), after)))
+                self._send_all(windows.data.cast("B"))
+        except (BlockingIOError, TimeoutError):
+            raise self._late(wait_s) from None
+        except OSError as error:
+            raise ConnectionLost(str(error)) from None
+        self._in_flight += 1
+        return number
+
+    def receive(self, wait_s: float) -> tuple[ReplyHead, bytes | bytearray]:
+        """The next reply, and its content.
+
+        Raises:
+            DeadlineExceeded: it does not come in time.
+            ConnectionLost: the server has gone.
+        """
+        received: bytes | bytearray = self._received or self._some(wait_s)
+        if len(received) < HEAD_BYTES:
+            received = self._up_to(HEAD_BYTES, received, wait_s)
+        try:
+            head = read_reply_head(received)
+        except Internal as error:
+            raise ConnectionLost(str(error)) from None
+        if len(received) < head.size:
+            received = self._up_to(head.size, received, wait_s)
+        self._received = bytes(received[head.size :]) if len(received) > head.size else b""
+        self._in_flight -= 1
+        self.has_answered = True
+        return head, received[HEAD_BYTES : head.size]
+
+    def close(self) -> None:
+        """Close the connection."""
+        self.socket.close()
+
+    def _head(
+        self, path: str, shape: tuple[int, ...], timeout_s: float, spread: bool
+    ) -> tuple[bytes, bytes]:
+        """The bytes before and after the id: a control loop sends the same ones each time."""
+        what = (path, shape, timeout_s, spread)
+        known = self._heads.get(what)
+        if known is None:
+            head = pack_request_head(path, 0, shape, timeout_s * 1e3, spread=spread)
+            known = head[:ID_AT], head[ID_AT + 4 :]
+            if len(self._heads) < _KEPT_HEADS:
+                self._heads[what] = known
+        return known
+
+    def _send_all(self, data: bytes | memoryview) -> None:
+        """Send, and meanwhile take replies: the server reads nothing from a client that does not."""
+        if not self._in_flight or _DONT_WAIT is None:
+            self.socket.sendall(data)
+            return
+        unsent = memoryview(data)
+        while unsent:
+            try:
+                unsent = unsent[self.socket.send(unsent, _DONT_WAIT) :]
+            except BlockingIOError:
+                wait = None if self._wait_s == math.inf else self._wait_s
+                ready, writable, _ = select.select([self.socket], [self.socket], [], wait)
+                if ready:
+                    self._received += self.socket.recv(_RECEIVE_BYTES)
+                elif not writable:
+                    raise
+
+    def _some(self, wait_s: float) -> bytes:
+        try:
+            received = self._spun() if self._spin_s else None
+            if received is None:
+                received = self.socket.recv(_RECEIVE_BYTES)
+        except (BlockingIOError, TimeoutError):
+            raise self._late(wait_s) from None
+        except OSError as error:
+            raise ConnectionLost(str(error)) from None
+        if not received:
+            raise ConnectionLost("the server closed the connection")
+        return received
+
+    def _spun(self) -> bytes | None:
+        """What arrives while this asks again and again; None if nothing does."""
+        assert _DONT_WAIT is not None
+        ends = time.monotonic() + self._spin_s
+        while time.monotonic() < ends:
+            try:
+                return self.socket.recv(_RECEIVE_BYTES, _DONT_WAIT)
+            except BlockingIOError:
+                os.sched_yield()
+        return None
+
+    def _up_to(self, size: int, received: bytes | bytearray, wait_s: float) -> bytearray:
+        """At least `size` bytes, of which the first were received already."""
+        whole = bytearray(size)
+        whole[: len(received)] = received
+        missing = memoryview(whole)[len(received) :]
+        ends = time.monotonic() + wait_s
+        while missing:
+            try:
+                count = self.socket.recv_into(missing)
+            except (BlockingIOError, TimeoutError):
+                raise self._late(wait_s) from None
+            except OSError as error:
+                raise ConnectionLost(str(error)) from None
+            if not count:
+                raise ConnectionLost("the server closed the connection")
+            if time.monotonic() > ends:
+                raise self._late(wait_s)
+            missing = missing[count:]
+        return whole
+
+    def _set_wait(self, wait_s: float) -> None:
+        self._wait_s = wait_s
+        if _TIMEVAL is None:
+            self.socket.settimeout(wait_s)
+            return
+        fraction, whole = math.modf(max(wait_s, 1e-6))
+        value = _TIMEVAL.pack(int(whole), int(fraction * 1e6))
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, value)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, value)
+
+    def _late(self, wait_s: float) -> DeadlineExceeded:
+        return DeadlineExceeded(f"{self.address}: no answer within {wait_s:g} s")

@@ -1,0 +1,188 @@
+"""The lane's frames, as both ends write and read them. docs/wire.md shows every byte.
+
+A frame is a head of 32 bytes, then its content; every number is little-endian, every frame a multiple of 4
+bytes long, so that windows and counts can be read in place.
+"""
+
+from struct import Struct
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.channels import CHANNELS
+from taxel.errors import Internal, InvalidArgument, RequestError
+from taxel.protocol import InferResponse, pack_error, unpack_error
+
+MAGIC: Final = b"TXL1"
+"""The first bytes of each frame: Taxel's lane, version 1."""
+
+HEAD_BYTES: Final = 32
+ID_AT: Final = 12
+"""Where the four bytes of the id stand in a head."""
+
+MAX_PATH_BYTES: Final = 512
+"""The longest path in a request."""
+
+MAX_ERROR_BYTES: Final = 65_536
+"""The longest error in a reply."""
+
+REQUEST: Final = 1
+PREDICTIONS: Final = 2
+ERROR: Final = 3
+
+_SPREAD: Final = 1
+"""The flag of a request for the spread, and of a reply that has it."""
+
+_REQUEST: Final = Struct("<4sIBBHIIId")
+_REPLY: Final = Struct("<4sIBBHIIIII")
+_FLOAT: Final = np.dtype("<f4")
+_COLUMNS: Final = len(CHANNELS)
+
+
+class RequestHead(NamedTuple):
+    """What the head of a request says.
+
+    Attributes:
+        size: bytes of the whole frame.
+        spread: whether it asks for the spread.
+        path_bytes: length of the path, such as `v2/models/xgb/infer`, without its padding.
+        id: chosen by the client; the reply repeats it.
+        rows: windows.
+        columns: numbers of a window.
+        timeout_ms: how long the client waits; 0 for as long as it takes.
+        data_at: where the windows start, in bytes from the start of the frame.
+    """
+
+    size: int
+    spread: bool
+    path_bytes: int
+    id: int
+    rows: int
+    columns: int
+    timeout_ms: float
+    data_at: int
+
+
+class ReplyHead(NamedTuple):
+    """What the head of a reply says.
+
+    Attributes:
+        size: bytes of the whole frame.
+        kind: `PREDICTIONS` or `ERROR`.
+        spread: whether the spread follows the counts.
+        id: of the request.
+        rows: windows that were evaluated; 0 in an error.
+        batch_rows, queue_us, compute_us: as in `InferResponse`.
+    """
+
+    size: int
+    kind: int
+    spread: bool
+    id: int
+    rows: int
+    batch_rows: int
+    queue_us: int
+    compute_us: int
+
+
+def padded_path(path: str) -> bytes:
+    """A path as it stands in a request: with zero bytes up to a multiple of 4."""
+    encoded = path.encode()
+    return encoded.ljust(_padded(len(encoded)), b"\0")
+
+
+def pack_request_head(
+    path: str, request_id: int, shape: tuple[int, ...], timeout_ms: float, *, spread: bool
+) -> bytes:
+    """The bytes of a request before its windows, (n, f) float32 of the shape given."""
+    encoded = padded_path(path)
+    rows, columns = shape
+    size = HEAD_BYTES + len(encoded) + rows * columns * _FLOAT.itemsize
+    length = len(path.encode())
+    head = _REQUEST.pack(MAGIC, size, REQUEST, spread, length, request_id, rows, columns, timeout_ms)
+    return head + encoded
+
+
+def read_request_head(data: bytes, at: int) -> RequestHead:
+    """The head of the request whose frame starts at a place of `data`; 32 bytes must be there.
+
+    Raises:
+        InvalidArgument: no frame of a request starts there, so that none behind it can be found either.
+    """
+    magic, size, kind, flags, path_bytes, request_id, rows, columns, timeout_ms = _REQUEST.unpack_from(
+        data, at
+    )
+    data_at = HEAD_BYTES + (path_bytes + 3 & ~3)
+    if magic != MAGIC or kind != REQUEST or flags > _SPREAD:
+        raise InvalidArgument(
+            f"frame: it starts with {bytes(data[at : at + 10])!r}: expected {MAGIC!r} and a request"
+        )
+    if path_bytes > MAX_PATH_BYTES:
+        raise InvalidArgument(f"frame: a path of {path_bytes} bytes: expected at most {MAX_PATH_BYTES}")
+    expected = data_at + 4 * rows * columns
+    if size != expected:
+        raise InvalidArgument(
+            f"frame: {size} bytes: expected {expected} "
+            f"for a path of {path_bytes} bytes and shape [{rows}, {columns}]"
+        )
+    return RequestHead(size, flags == _SPREAD, path_bytes, request_id, rows, columns, timeout_ms, data_at)
+
+
+def pack_reply(request_id: int, result: InferResponse | RequestError) -> bytes:
+    """The frame of a reply."""
+    if isinstance(result, RequestError):
+        content = pack_error(result)
+        content = content.ljust(_padded(len(content)), b"\0")
+        size = HEAD_BYTES + len(content)
+        return _REPLY.pack(MAGIC, size, ERROR, 0, 0, request_id, 0, 0, 0, 0) + content
+    content = result.outputs.astype(_FLOAT, copy=False).tobytes()
+    if result.spread is not None:
+        content += result.spread.astype(_FLOAT, copy=False).tobytes()
+    head = _REPLY.pack(
+        MAGIC,
+        HEAD_BYTES + len(content),
+        PREDICTIONS,
+        result.spread is not None,
+        _COLUMNS,
+        request_id,
+        len(result.outputs),
+        result.batch_rows,
+        result.queue_us,
+        result.compute_us,
+    )
+    return head + content
+
+
+def read_reply_head(data: bytes | bytearray) -> ReplyHead:
+    """The head of a reply, its first 32 bytes.
+
+    Raises:
+        Internal: that is no reply of the lane.
+    """
+    magic, size, kind, flags, columns, request_id, rows, *times = _REPLY.unpack_from(data)
+    if magic == MAGIC and kind == PREDICTIONS and columns == _COLUMNS and flags <= _SPREAD:
+        expected = HEAD_BYTES + rows * columns * _FLOAT.itemsize * (1 + flags)
+        if size == expected:
+            return ReplyHead(size, kind, flags == _SPREAD, request_id, rows, *times)
+    if magic == MAGIC and kind == ERROR and HEAD_BYTES < size <= HEAD_BYTES + MAX_ERROR_BYTES:
+        return ReplyHead(size, kind, False, request_id, 0, 0, 0, 0)
+    raise Internal(f"the server's reply starts with {bytes(data[:HEAD_BYTES])!r}: expected the lane's")
+
+
+def read_error(content: bytes | bytearray) -> RequestError:
+    """The error of a reply, from its content."""
+    return unpack_error(bytes(content).rstrip(b"\0"))
+
+
+def read_counts(content: bytes | bytearray, head: ReplyHead) -> list[NDArray[np.float32]]:
+    """The counts (n, 21) of a reply, and its spread (n, 21) if it has it: views of its content."""
+    counts = np.frombuffer(content, _FLOAT)
+    if not head.spread:
+        return [counts.reshape(head.rows, _COLUMNS)]
+    return list(counts.reshape(2, head.rows, _COLUMNS))
+
+
+def _padded(size: int) -> int:
+    """The next multiple of 4."""
+    return (size + 3) & ~3

@@ -1,0 +1,74 @@
+"""Whether a client can take its server's lane: looked up once, and again after a connection was lost."""
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from threading import Lock
+from typing import Any, Final
+
+from taxel.lane.client import Lane
+from taxel.lane.offer import LaneOffer, machine_identity
+
+_PAUSE_S: Final = 1.0
+"""Between two attempts to find a lane that was lost."""
+
+
+class LaneLookup:
+    """Finds the lane of one server. Thread-safe.
+
+    Args:
+        read_metadata: the server's metadata; raises an error if they cannot be had.
+        spin_us: as in `Lane`.
+    """
+
+    def __init__(self, read_metadata: Callable[[], Any], spin_us: int = 0) -> None:
+        self._spin_us = spin_us
+        self._read_metadata = read_metadata
+        self._lock = Lock()
+        self._again_at = 0.0
+        self.lane: Lane | None = None
+        """The lane, as far as it is known."""
+
+    def find(self) -> Lane | None:
+        """The lane; None if the server has none, or is on another machine, or cannot be reached so."""
+        with self._lock:
+            if self.lane is None and time.monotonic() >= self._again_at:
+                self._again_at = time.monotonic() + _PAUSE_S
+                self.lane = self._looked_up()
+            return self.lane
+
+    def lost(self, lane: Lane, *, again: bool) -> Lane | None:
+        """Give up a lane whose connection was lost.
+
+        Args:
+            lane: that was lost.
+            again: connect again at once.
+
+        Returns:
+            The new lane; None if there is none now.
+        """
+        with self._lock:
+            if self.lane is lane:
+                lane.close()
+                self.lane = None
+                self._again_at = time.monotonic() + _PAUSE_S
+                if again:
+                    with suppress(OSError):
+                        self.lane = Lane(lane.address, self._spin_us)
+            return self.lane
+
+    def close(self) -> None:
+        """Close the lane; there is none from now on."""
+        with self._lock:
+            self._again_at = float("inf")
+            if self.lane is not None:
+                self.lane.close()
+                self.lane = None
+
+    def _looked_up(self) -> Lane | None:
+        # Whatever is wrong with the lane, zenoh remains.
+        with suppress(Exception):
+            offer = LaneOffer.read(self._read_metadata())
+            if offer is not None and offer.machine == machine_identity():
+                return Lane(offer.address, self._spin_us)
+        return None

@@ -1,0 +1,1 @@
+"""The server without a transport: what admits, batches and answers requests."""

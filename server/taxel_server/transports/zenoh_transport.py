@@ -1,0 +1,158 @@
+"""The zenoh transport: inference goes to the core's batcher, and every other query to the metadata thread.
+
+zenoh's network threads put queries into a channel, so they never wait for Python. One thread, the
+receiver, takes each query out. It gives an inference query to the core, whose worker decodes,
+evaluates and answers it. It gives every other query to the metadata thread, so that a busy server
+still tells its health and refuses at once. The receiver itself answers a single window that finds
+the server idle.
+"""
+
+import logging
+from collections.abc import Callable
+from threading import Thread
+from typing import Final
+
+import zenoh
+from typing_extensions import override
+from zenoh.handlers import FifoChannel, Handler
+
+from taxel.envelopes import RequestReader
+from taxel.errors import Internal, RequestError
+from taxel.protocol import InferRequest, InferResponse, pack_infer_response
+from taxel_server.core.core import Core
+from taxel_server.core.jobs import Job
+from taxel_server.engine import LoadedModel
+from taxel_server.options import ServerOptions
+from taxel_server.transports.metadata_thread import MetadataThread, reply
+from taxel_server.transports.zenoh_session import open_session
+
+_LOG: Final = logging.getLogger(__name__)
+
+_NOTHING: Final = zenoh.ZBytes(b"")
+
+_CHANNEL: Final = 16384
+"""The most queries in the channel; if it is full, clients wait to send."""
+
+_FAREWELL_S: Final = 0.2
+"""How long closing waits for clients that have stopped reading."""
+
+
+class QueryJob(Job):
+    """An inference query."""
+
+    def __init__(
+        self,
+        query: zenoh.Query,
+        payload: zenoh.ZBytes,
+        model: LoadedModel,
+        rows: int,
+        reader: RequestReader,
+    ) -> None:
+        super().__init__(model, rows)
+        self._query = query
+        self._payload = payload
+        self._reader = reader
+
+    @override
+    def decode(self) -> InferRequest:
+        return self._reader.read(self._payload.to_bytes())
+
+    @override
+    def answer(self, result: InferResponse | RequestError) -> None:
+        reply(self._query, result if isinstance(result, RequestError) else pack_infer_response(result))
+
+
+class ZenohTransport:
+    """Listens from `listen`, and answers from `start` until `close`.
+
+    Args:
+        core: what answers.
+        options: where to listen, and the prefix of all keys.
+    """
+
+    def __init__(self, core: Core, options: ServerOptions) -> None:
+        self._core = core
+        self._options = options
+        self._reader = RequestReader(core.max_request_rows)
+        self._below_prefix = len(options.prefix) + 1
+        self._metadata_thread = MetadataThread(lambda key: core.answer(key[self._below_prefix :]))
+
+    def listen(self) -> None:
+        """Open the session.
+
+        Raises:
+            SettingsError: an endpoint is malformed.
+            TaxelError: an endpoint is occupied.
+        """
+        self._session = open_session(self._options.listen, shared_memory=self._options.shared_memory)
+
+    def start(self) -> None:
+        """Take queries."""
+        self._metadata_thread.start()
+        # One queryable for all keys: two that overlap would both answer a query.
+        # With `complete`, one replica answers each query; by default all would.
+        self._queryable = self._session.declare_queryable(
+            f"{self._options.prefix}/**", FifoChannel(_CHANNEL), complete=True
+        )
+        self._receiver = Thread(
+            target=self._receive, args=(self._queryable.handler,), name="taxel-receiver", daemon=True
+        )
+        self._receiver.start()
+
+    def close(self) -> bool:
+        """Answer what has arrived, and close the session; call it after the core was drained.
+
+        Returns:
+            False if a client that has stopped reading kept the session open.
+        """
+        self._queryable.undeclare()  # type: ignore[no-untyped-call]
+        self._receiver.join()
+        self._metadata_thread.close()
+        return self.hang_up()
+
+    def hang_up(self) -> bool:
+        """Close the session; enough where `start` was not called. Returns as `close` does."""
+        # zenoh waits ten seconds and more for a client that has stopped reading.
+        farewell = Thread(target=self._session.close, name="taxel-farewell", daemon=True)
+        farewell.start()
+        farewell.join(_FAREWELL_S)
+        return not farewell.is_alive()
+
+    def _receive(self, channel: Handler[zenoh.Query]) -> None:
+        """Pass queries on until the channel is closed and empty."""
+        while (query := _taken(channel.recv)) is not None:
+            following = _taken(channel.try_recv)
+            self._hand_on(query, self._core.run if following is None else self._core.submit)
+            while following is not None:
+                self._hand_on(following, self._core.submit)
+                following = _taken(channel.try_recv)
+
+    def _hand_on(self, query: zenoh.Query, infer: Callable[[Job], None]) -> None:
+        """Give a query to the core or to the metadata thread."""
+        try:
+            self._route(query, infer)
+        except Exception:
+            # The receiver must survive a query that cannot be passed on.
+            _LOG.exception("a query could not be handed on")
+            self._metadata_thread.take(query, Internal("the query failed: the server's log says more"))
+
+    def _route(self, query: zenoh.Query, infer: Callable[[Job], None]) -> None:
+        model = self._core.model_at(str(query.key_expr)[self._below_prefix :])
+        if model is None:
+            self._metadata_thread.take(query)
+            return
+        payload = query.payload or _NOTHING
+        try:
+            rows = self._reader.rows_in(len(payload), len(model.manifest.window.features))
+            infer(QueryJob(query, payload, model, rows, self._reader))
+        except RequestError as error:
+            _LOG.debug("%s: %s: %s", model.label, error.code, error)
+            self._metadata_thread.take(query, error)
+
+
+def _taken(take: Callable[[], zenoh.Query | None]) -> zenoh.Query | None:
+    """The next query of a channel; None if there is none, or if the channel is closed."""
+    try:
+        return take()
+    except zenoh.ZError:
+        return None

@@ -1,0 +1,217 @@
+"""The client on a lane: which transport it takes, and what it does when the lane is lost."""
+
+import socket
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from threading import Thread
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import taxel
+from taxel.errors import DeadlineExceeded, InvalidArgument, SettingsError, Unavailable
+from taxel.lane import lookup
+from taxel.lane.client import ConnectionLost, Lane
+from taxel.lane.offer import LaneOffer, machine_identity
+from taxel.protocol import unpackb
+from taxel_server.engine import Engine
+from taxel_server.options import ServerOptions
+from taxel_server.processor import keep_cores_awake
+from taxel_server.service import Service
+
+WindowMaker = Callable[..., NDArray[np.float32]]
+ServerStarter = Callable[..., str]
+
+
+@pytest.fixture
+def service(engine: Engine, endpoint: str) -> Iterator[Service]:
+    started = Service(engine, ServerOptions(listen=(endpoint,))).start()
+    yield started
+    started.close()
+
+
+def test_metadata_tell_where_the_lane_is(service: Service, endpoint: str) -> None:
+    with taxel.connect(endpoint) as source:
+        told = unpackb(source.get("taxel/v2"))
+    assert LaneOffer.read(told) == service.lane
+    assert service.lane is not None
+    assert service.lane.machine == machine_identity()
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        None,
+        [],
+        {},
+        {"lane": None},
+        {"lane": {"address": "unix:/x"}},
+        {"lane": {"address": 1, "machine": 2}},
+    ],
+)
+def test_an_offer_that_cannot_be_understood_is_none(told: object) -> None:
+    assert LaneOffer.read(told) is None
+
+
+def test_another_machines_lane_is_left_alone(
+    service: Service, endpoint: str, monkeypatch: pytest.MonkeyPatch, make_windows: WindowMaker
+) -> None:
+    monkeypatch.setattr(lookup, "machine_identity", lambda: "another")
+    with taxel.connect(endpoint) as source:
+        predictor = source.predictor("skin")
+        assert (predictor.transport, predictor.predict(make_windows(1)).shape) == ("zenoh", (1, 21))
+    with pytest.raises(Unavailable, match="no lane"):
+        taxel.connect(endpoint, transport="lane")
+
+
+def test_a_transport_that_there_is_none_of_is_told(endpoint: str) -> None:
+    with pytest.raises(InvalidArgument, match="expected 'lane', 'zenoh' or None"):
+        taxel.connect(endpoint, transport="carrier pigeon")  # type: ignore[arg-type]
+
+
+def test_a_restarted_server_is_found_again_and_the_retry_is_counted(
+    engine: Engine, endpoint: str, make_windows: WindowMaker
+) -> None:
+    windows = make_windows(3)
+    service = Service(engine, ServerOptions(listen=(endpoint,))).start()
+    with taxel.connect(endpoint, transport="lane") as source:
+        predictor = source.predictor("skin")
+        before = predictor.predict(windows)
+        service.close()
+        with pytest.raises(Unavailable, match=r"lane was lost|no lane"):
+            predictor.predict(windows)
+        again = Service(engine, ServerOptions(listen=(endpoint,))).start()
+        source.retries = 0
+        try:
+            while source.transport != "lane":
+                pass
+            np.testing.assert_array_equal(predictor.predict(windows), before)
+            assert source.retries == 0
+            again.close()
+            again = Service(engine, ServerOptions(listen=(endpoint,))).start()
+            np.testing.assert_array_equal(predictor.predict(windows), before)
+            assert source.retries == 1
+        finally:
+            again.close()
+
+
+def test_over_zenoh_a_restarted_server_is_asked_again_within_the_time(
+    engine: Engine, endpoint: str, make_windows: WindowMaker
+) -> None:
+    windows = make_windows(3)
+    service = Service(engine, ServerOptions(listen=(endpoint,))).start()
+    with taxel.connect(endpoint, transport="zenoh", timeout=20) as source, ThreadPoolExecutor(1) as pool:
+        predictor = source.predictor("skin")
+        before = predictor.predict(windows)
+        service.close()
+        with pytest.raises(Unavailable, match="the connection to the server was lost"):
+            predictor.predict(windows, timeout=0.05)
+        waiting = pool.submit(predictor.predict, windows)
+        service = Service(engine, ServerOptions(listen=(endpoint,))).start()
+        np.testing.assert_array_equal(waiting.result(), before)
+        assert source.retries == 1
+    service.close()
+
+
+def test_where_the_lane_is_lost_zenoh_is_asked(
+    service: Service, endpoint: str, make_windows: WindowMaker
+) -> None:
+    windows = make_windows(3)
+    with taxel.connect(endpoint) as source:
+        predictor = source.predictor("skin")
+        before = predictor.predict(windows)
+        assert predictor.transport == "lane"
+        service._lane.close()
+        np.testing.assert_array_equal(predictor.predict(windows), before)
+        assert (predictor.transport, source.retries) == ("zenoh", 1)
+        np.testing.assert_array_equal(predictor.predict(windows), before)
+        assert source.retries == 1
+
+
+def test_spinning_ends_give_the_same_answers(
+    engine: Engine, endpoint: str, make_windows: WindowMaker
+) -> None:
+    service = Service(engine, ServerOptions(listen=(endpoint,), spin_us=200)).start()
+    with taxel.connect(endpoint, transport="lane", spin_us=200) as source:
+        predictor = source.predictor("skin")
+        for rows in (1, 1, 300):
+            windows = make_windows(rows)
+            np.testing.assert_array_equal(
+                predictor.predict(windows), engine.model("skin").evaluate(windows)
+            )
+    service.close()
+
+
+def test_cores_are_kept_awake_while_the_device_is_open(tmp_path: Path) -> None:
+    device = tmp_path / "cpu_dma_latency"
+    with pytest.raises(SettingsError, match=r"--no-halt: .*No such file"):
+        keep_cores_awake(device)
+    assert not device.exists()
+    device.touch()
+    with keep_cores_awake(device):
+        assert device.read_bytes() == bytes(4)
+
+
+def test_a_closed_source_is_unavailable(service: Service, endpoint: str, make_windows: WindowMaker) -> None:
+    source = taxel.connect(endpoint)
+    predictor = source.predictor("skin")
+    predictor.predict(make_windows(1))
+    source.close()
+    with pytest.raises(Unavailable):
+        predictor.predict(make_windows(1))
+
+
+def test_threads_share_a_predictor(
+    service: Service, engine: Engine, endpoint: str, make_windows: WindowMaker
+) -> None:
+    evaluate = engine.model("skin").evaluate
+    with taxel.connect(endpoint, transport="lane") as source, ThreadPoolExecutor(8) as pool:
+        predictor = source.predictor("skin")
+
+        def ask(seed: int) -> None:
+            windows = make_windows(1 + seed % 40, seed=seed)
+            np.testing.assert_array_equal(predictor.predict(windows), evaluate(windows))
+
+        assert len(list(pool.map(ask, range(400)))) == 400
+
+
+@pytest.fixture
+def imposter(tmp_path: Path) -> Iterator[Callable[[bytes], Lane]]:
+    """A lane to a server that sends some bytes after each request, and then nothing more."""
+    listener = socket.socket(socket.AF_UNIX)
+    listener.bind(str(tmp_path / "lane"))
+    listener.listen()
+    opened: list[socket.socket | Lane] = []
+
+    def make(reply: bytes) -> Lane:
+        def serve() -> None:
+            client, _ = listener.accept()
+            opened.append(client)
+            client.recv(10_000)
+            client.sendall(reply)
+
+        thread = Thread(target=serve)
+        thread.start()
+        lane = Lane(f"unix:{tmp_path / 'lane'}")
+        opened.append(lane)
+        return lane
+
+    yield make
+    for each in (*opened, listener):
+        each.close()
+
+
+@pytest.mark.parametrize("reply", [b"", b"TXL1", b"TXL1\x20\0\0\0"])
+def test_a_silent_lane_exceeds_the_deadline(imposter: Callable[[bytes], Lane], reply: bytes) -> None:
+    with pytest.raises(DeadlineExceeded, match=r"no answer within 0\.1 s"):
+        imposter(reply).infer("v2/models/skin/infer", np.zeros((1, 6), np.float32), 0.1, 0.1, spread=False)
+
+
+def test_nonsense_on_a_lane_counts_as_lost(imposter: Callable[[bytes], Lane]) -> None:
+    with pytest.raises(ConnectionLost, match="expected the lane's") as lost:
+        imposter(b"HTTP/1.1 400 Bad Request\r\n\r\n" * 2).infer(
+            "v2/models/skin/infer", np.zeros((1, 6), np.float32), 1, 1, spread=False
+        )
+    assert lost.value.new
