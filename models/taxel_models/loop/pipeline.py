@@ -135,6 +135,11 @@ def _findings(
     noise = NoiseFloor.of(observations)
     energy = (observations.residual[rows] ** 2).mean(axis=0)
     measured = observations.measured[rows]
+    served = {effect.name for effect in new.effects}
+    left = observations.measured - after
+    for named in attribution.named:
+        # It is explained, although it cannot be served.
+        left = left if named.name in served else left - named.contribution
     return Findings(
         model=f"{manifest.name}/{manifest.version}",
         data=tuple(
@@ -175,7 +180,7 @@ def _findings(
         before=ErrorMetrics.of(measured, observations.predicted[rows], output_std).report(),
         after=ErrorMetrics.of(measured, after[rows], output_std).report(),
         test=_paired(observations, blocks, after, output_std),
-        unexplained=diagnose_residual(observations, observations.measured - after, noise, rows),
+        unexplained=diagnose_residual(observations, left, noise, rows),
     )
 
 

@@ -118,6 +118,15 @@ def test_each_segment_has_its_own_phase(smooth: Any, recording: Recording) -> No
     assert found.form == "6.3 Hz in e6"
 
 
+def test_it_is_found_in_segments_that_are_cut_into_short_blocks(smooth: Any, recording: Recording) -> None:
+    ticks = recording.ticks()
+    parts = ticks.rows(np.arange(len(ticks)) % 500 >= 20)
+    observations = gather(smooth, [parts], measured_temperature=True)
+    assert np.diff(np.flatnonzero(np.diff(cut(observations, seed=0).of_row))).max() < 256
+    (found,) = forms(smooth, with_wave(parts, 6.3, [7], 8.0))
+    assert found.form == "6.3 Hz in e6"
+
+
 def test_a_wave_is_fitted_by_the_rows_that_are_given(observations: Observations) -> None:
     wave = np.cos(2 * np.pi * 5.0 * observations.time_s + 1.0)[:, None] * np.arange(21.0)
     rows = np.arange(len(observations)) % 1000 < 400
@@ -137,6 +146,7 @@ def test_it_is_named_but_not_served(smooth: Any, make: Make) -> None:
     assert [(one.name, one.unit) for one in effect.parameters] == [("frequency", "Hz")]
     assert effect.parameters[0].value == pytest.approx(7.3, abs=0.01)
     np.testing.assert_array_equal(result.after, result.observations.predicted)
+    assert not result.findings.unexplained.structured
     (named,) = result.attribution.named
     left = result.attribution.residual[result.blocks.evaluation][:, [4, 6, 11]]
     assert left.std() == pytest.approx(4.0, rel=0.1)
@@ -178,6 +188,14 @@ def test_the_sharpest_wave_is_between_the_ends() -> None:
     assert sharpest(wave, segment, rows, 4.0, 4.8) == pytest.approx(4.37, abs=0.005)
     assert sharpest(wave, segment, rows, 4.4, 4.8) is None
     assert segments(segment) == [slice(0, 800), slice(800, 1600), slice(1600, 2400)]
+
+
+@pytest.mark.measured
+def test_lasa_recordings_have_none(data_folder: Path) -> None:
+    ground = RealGround.lasa(data_folder, seed=1, jobs=2)
+    for number in range(3):
+        clean = ground.clean(number)
+        assert forms(clean.model, clean.recording) == []
 
 
 @pytest.mark.measured

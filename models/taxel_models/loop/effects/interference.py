@@ -10,6 +10,7 @@ from typing_extensions import override
 from taxel.channels import CHANNELS
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats, Own
+from taxel_models.loop.blocks import GUARD_ROWS
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.spectral_lines import LineTest, find_lines, segments, sharpest
@@ -49,7 +50,7 @@ class Interference(Effect):
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
-        wanted = stretches(observations, remaining.fit)
+        wanted = _bridged(stretches(observations, remaining.fit), observations.segment)
         test = find_lines(remaining.residual, wanted)
         if test is None:
             return
@@ -97,6 +98,22 @@ class Interference(Effect):
             )
 
         return candidate()
+
+
+def _bridged(parts: Sequence[slice], segment: NDArray[np.int64]) -> list[slice]:
+    """Stretches of the fit part with the guard rows between them; no block is as short as these gaps."""
+    joined: list[slice] = []
+    for part in parts:
+        before = joined[-1] if joined else None
+        if (
+            before is not None
+            and segment[before.start] == segment[part.start]
+            and part.start - before.stop <= 2 * GUARD_ROWS
+        ):
+            joined[-1] = slice(before.start, part.stop)
+        else:
+            joined.append(part)
+    return joined
 
 
 def fitted_wave(
