@@ -30,7 +30,7 @@ class NewEffects:
 
     @classmethod
     def of(cls, attribution: Attribution, parameters: dict[str, list[Parameter]]) -> "NewEffects":
-        """Online forms of the effects that can be served; a fault that comes and goes cannot.
+        """Online forms of the effects that can be served.
 
         Args:
             parameters: of each effect, for people.

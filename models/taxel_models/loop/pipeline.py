@@ -143,6 +143,11 @@ def _findings(
     noise = NoiseFloor.of(observations)
     energy = (observations.residual[rows] ** 2).mean(axis=0)
     measured = observations.measured[rows]
+    served = {effect.name for effect in new.effects}
+    left = observations.measured - after
+    for named in attribution.named:
+        # It is explained, although it cannot be served.
+        left = left if named.name in served else left - named.contribution
     return Findings(
         model=f"{manifest.name}/{manifest.version}",
         data=tuple(
@@ -184,7 +189,7 @@ def _findings(
         after=ErrorMetrics.of(measured, after[rows], output_std).report(),
         test=_paired(observations, blocks, after, output_std),
         changes=tuple(change.sentence() for change in changes),
-        unexplained=diagnose_residual(observations, observations.measured - after, noise, rows),
+        unexplained=diagnose_residual(observations, left, noise, rows),
     )
 
 

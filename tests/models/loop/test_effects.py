@@ -26,6 +26,8 @@ STRENGTH: Final = 12.0
 FIGURES: Final = {"creep": "time_constant", "hysteresis": "width", "lag": "lag", "frame": "angle"}
 CLOCKS: Final = {"drift": "temperature", "temperature": "drift"}
 
+SERVED: Final = [name for name in NAMES if name != "interference"]
+
 LONG: Final = {"location": 30_000}
 """Rows of recordings for effects that need more: bumps all over the skin are many figures."""
 
@@ -75,7 +77,7 @@ def figures(case: Case) -> dict[str, float]:
     return {figure.name: figure.value for figure in case.result.findings.effects[0].parameters}
 
 
-@pytest.fixture(scope="module", params=[*NAMES, "covariate:material"])
+@pytest.fixture(scope="module", params=[*SERVED, "covariate:material"])
 def case(request: pytest.FixtureRequest, smooth: Any, make: Make) -> tuple[str, Case]:
     name = request.param
     recording = make(LONG.get(name, 12_000), noise=4.0)

@@ -24,7 +24,7 @@ def injected(recording: Recording, name: str, strength: float, seed: int = 3) ->
     return injection
 
 
-@pytest.mark.parametrize("name", [*SCALED, "covariate:material", "unknown:hum", "unknown:bursts"])
+@pytest.mark.parametrize("name", [*SCALED, "covariate:material", "unknown:telegraph", "unknown:bursts"])
 @pytest.mark.parametrize("strength", [0.5, 2.0])
 def test_strength_is_the_change_over_the_residual(recording: Recording, name: str, strength: float) -> None:
     injection = injected(recording, name, strength)

@@ -39,8 +39,8 @@ ROUNDS = [
     made("none", "unexplained"),
     made("none", "gain"),
     made("none", "none"),
-    made("unknown:hum", "unexplained"),
-    made("unknown:hum", "drift"),
+    made("unknown:telegraph", "unexplained"),
+    made("unknown:telegraph", "drift"),
     made("unknown:bursts", "none"),
 ]
 
@@ -53,7 +53,7 @@ def test_rounds_are_counted() -> None:
         "lag": {"none": 1},
         "none": {"none": 2, "unexplained": 1, "gain": 1},
         "unknown:bursts": {"none": 1},
-        "unknown:hum": {"unexplained": 1, "drift": 1},
+        "unknown:telegraph": {"unexplained": 1, "drift": 1},
     }
     assert summary.right_first == pytest.approx(2 / 4)
     assert summary.right_or_confounded == pytest.approx(3 / 4)

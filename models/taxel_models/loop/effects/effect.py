@@ -54,7 +54,7 @@ class Online:
 
     @property
     def changes_something(self) -> bool:
-        """Whether a model can be served with it. A fault that comes and goes cannot be served."""
+        """Whether a model can be served with it. A fault that comes and goes cannot, nor interference."""
         return bool(self.terms or self.frame or self.shift_ticks)
 
 
