@@ -93,7 +93,8 @@ class JointSelection:
             # No model can foretell them, so they must explain more to be named.
             enough = score.worth.mean() >= contact_offset.LEAST_SHARE
         else:
-            enough |= score.worth[changes].max() >= constants.least_channel_share
+            least = max(constants.least_share, constants.least_channel_share)
+            enough |= score.worth[changes].max() >= least
         return bool(enough and score.t >= constants.least_t) and not self._scoring.contradicts(
             score, self._taken
         )
