@@ -1,7 +1,11 @@
 """Export: a trained model becomes a new version in a repository, or nothing is written."""
 
 import hashlib
+from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from taxel import __version__
 from taxel.errors import ArtifactError
@@ -12,6 +16,7 @@ from taxel_exporters.parity import check_parity
 from taxel_exporters.publish import Check, free_version, publish
 from taxel_exporters.rounding import check_rounding
 from taxel_exporters.weights import Weights
+from taxel_models.loop.inference.reference import held_out_residual
 from taxel_models.training import trained as trained_models
 from taxel_models.training.dataset import Examples, concatenate, examples
 from taxel_models.training.trained import TrainedModel
@@ -77,7 +82,26 @@ def export(
         ),
         taxel_version=__version__,
     )
+    residual = held_out_residual(_Source(trained, manifest), trained_models.held_out(folder))
+    manifest = manifest.model_copy(update={"held_out_residual": residual})
     return publish(repository, manifest, model.content, _check(name, trained, held_out, model))
+
+
+@dataclass(frozen=True)
+class _Source:
+    """A trained model as the loop takes one, with the served extras as the last columns of windows."""
+
+    trained: TrainedModel
+    manifest: Manifest
+
+    def predict(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(n, 21) counts of windows (n, f)."""
+        count = len(self.trained.spec.features)
+        names = [extra.name for extra in self.trained.served_extras]
+        extras = dict(zip(names, windows[:, count:].T, strict=True))
+        return self.trained.predict(windows[:, :count], extras)
+
+    predict_base = predict
 
 
 def _check(name: str, trained: TrainedModel, held_out: Examples, model: ExportedModel) -> Check:

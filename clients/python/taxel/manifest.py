@@ -7,7 +7,7 @@ from pydantic import Field, FiniteFloat, StringConstraints, model_validator
 from taxel.channels import CHANNELS
 from taxel.corrections import AppliedEffect
 from taxel.errors import InvalidArgument
-from taxel.schema import Positive, Schema
+from taxel.schema import NotNegative, Positive, Schema
 from taxel.windows import PERIOD_NS, ExtraFeature, WindowSpec
 
 SCHEMA: Final = 1
@@ -175,6 +175,37 @@ class RoundedWeights(Schema):
         return self.norm_mae / self.float32_norm_mae - 1
 
 
+class OwnStructure(Schema):
+    """What one effect explains of a model's own held-out residual.
+
+    Attributes:
+        log_evidence: logarithm of each channel's odds with the effect to those without it, for each bin of
+            rows.
+        gain: what it takes off each channel's squared error, counts².
+    """
+
+    log_evidence: tuple[NotNegative, ...]
+    gain: tuple[NotNegative, ...]
+
+
+class HeldOutResidual(Schema):
+    """A model's residual on the recordings that its training held out: what it gets wrong anyway.
+
+    Attributes:
+        rows: how many rows it is from.
+        std: standard deviation of each channel's residual, counts.
+        shared: the part of each channel's variance that a whole contact shares.
+        fading: the part that fades within seconds.
+        structure: what each effect explains of it.
+    """
+
+    rows: Annotated[int, Field(gt=0)]
+    std: tuple[NotNegative, ...]
+    shared: tuple[NotNegative, ...]
+    fading: tuple[NotNegative, ...]
+    structure: dict[str, OwnStructure] = Field(default_factory=dict)
+
+
 class ModelFile(Schema):
     """The model's bytes."""
 
@@ -208,6 +239,7 @@ class Manifest(Schema):
     imported: Imported | None = None
     parity: Parity | None = None
     rounded_weights: RoundedWeights | None = None
+    held_out_residual: HeldOutResidual | None = None
     model_file: ModelFile
     taxel_version: str
 

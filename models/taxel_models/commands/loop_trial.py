@@ -1,7 +1,7 @@
-"""`taxel loop-trial`: effects are injected, the loop has to find them without knowing, and is marked."""
+"""`taxel loop-trial`: causes are injected, the loop has to find them without knowing, and is marked."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import typer
 from rich.progress import Progress
@@ -10,79 +10,176 @@ from rich.table import Table
 from taxel.atomic import check_file_place, whole_file
 from taxel.commands.cli import ERR, OUT, Json, needs, print_json
 from taxel.commands.models import Repository
-from taxel.dependencies import SERVING
+from taxel.dependencies import SERVING, require
+from taxel.errors import SettingsError
 
 if TYPE_CHECKING:
-    from taxel_models.recovery.benchmark import Round, Summary
+    from taxel_models.ground.ground import Ground
+    from taxel_models.recovery.rounds import Round, Summary
+
+GroundName = Literal["twin", "slide", "lasa"]
 
 
 @needs("loop", *SERVING, "scipy", "threadpoolctl")
 def loop_trial(
     trials: Annotated[int, typer.Option(min=1, help="Rounds.")] = 200,
     seed: Annotated[int, typer.Option(min=0, help="Of recordings, effects and strengths.")] = 0,
-    model: Annotated[str, typer.Option(help="A model of the twin.")] = "network-b",
+    model: Annotated[
+        str, typer.Option(help="A model of the twin; slide and lasa train their own.")
+    ] = "network-b",
     repository: Repository = None,
-    rows: Annotated[int, typer.Option(min=20_000, help="Of each recording; 100 are a second.")] = 60_000,
+    rows: Annotated[int, typer.Option(min=5_000, help="Of each twin; 100 are a second.")] = 60_000,
+    ground: Annotated[
+        GroundName,
+        typer.Option(help="Where causes are injected. Real ones first train a model on other trials."),
+    ] = "twin",
+    injector: Annotated[
+        Literal["own", "foreign"],
+        typer.Option(help="`own`: the loop's effects; `foreign`: causes of other forms."),
+    ] = "own",
+    data: Annotated[
+        Path | None,
+        typer.Option(envvar="TAXEL_DATA", metavar="FOLDER", help="Holds biotac_slide and lasa_contact."),
+    ] = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME", help="A cause that may be injected. Repeatable; all if none is given."
+        ),
+    ] = None,
+    strength: Annotated[
+        tuple[float, float], typer.Option(help="Least and greatest strength over the residual.")
+    ] = (0.5, 2.0),
+    pairs: Annotated[bool, typer.Option("--pairs", help="Inject two causes at a time.")] = False,
+    clean: Annotated[float, typer.Option(min=0.0, max=1.0, help="Share of rounds without a cause.")] = 0.2,
+    unknown: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="Share of rounds with a cause that no effect describes.")
+    ] = 0.1,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes; they change no result.")] = 1,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="tcp://HOST:PORT", help="Play on a Dask cluster; --jobs then only trains."),
+    ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="JSON file for every round; written as it goes.")
     ] = None,
+    plots: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Draw the confusion matrix and the power curves there."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Inject effects into the twin, let the loop find them without knowing, and count.
+    """Inject causes into recordings, let the loop find them without knowing, and count.
 
-    A fifth of the rounds have none, a tenth a cause that no effect describes; strengths are half to
-    twice the residual that was there before. Prints the confusion matrix, false alarms, parameter
-    errors, and the share of the removable error that was removed.
+    By default a fifth of the rounds have none, a tenth a cause that no effect describes; strengths are
+    half to twice the residual that was there before. Prints the confusion matrix, false alarms with 95 %
+    intervals, parameter errors, and the share of the removable error that was removed.
     """
-    import taxel
-    from taxel_models.recovery.benchmark import RecoverySettings, run_rounds, summarise
+    from taxel_models.recovery.benchmark import RecoveryBenchmark
+    from taxel_models.recovery.planted import Draw
+    from taxel_models.recovery.rounds import summarise
+    from taxel_models.recovery.workers import run_rounds_on
 
+    if scheduler is not None:
+        require("--scheduler", "study", "dask", "distributed")
+    if plots is not None:
+        require("--plots", "plot", "matplotlib")
+        plots.mkdir(parents=True, exist_ok=True)
     if output is not None:
         check_file_place(output)
+    draw = Draw(injector, tuple(only or ()), strength, pairs, clean, unknown)
     rounds: list[Round] = []
-    with (
-        taxel.load(repository) as source,
-        Progress(console=ERR, disable=not ERR.is_terminal) as progress,
-    ):
-        predictor = source.predictor(model)
-        task = progress.add_task("rounds", total=trials)
-        for finished in run_rounds(predictor, RecoverySettings(trials, seed, rows)):
-            rounds.append(finished)
-            progress.update(task, advance=1, description=f"{finished.truth} found as {finished.found}")
+    with Progress(console=ERR, disable=not ERR.is_terminal) as progress:
+        task = progress.add_task("preparing the ground", total=trials)
+        place = _ground(ground, injector, repository, model, data, rows, seed, jobs)
+        benchmark = RecoveryBenchmark(place, ground, seed, draw)
+        for one in run_rounds_on(benchmark, trials, jobs, scheduler):
+            rounds.append(one)
+            progress.update(task, advance=1, description=f"{one.truth} found as {one.found}")
             if output is not None:
-                _write(output, _content(rounds, summarise(rounds)))
+                _write(output, rounds, summarise(rounds))
     summary = summarise(rounds)
+    if plots is not None:
+        from taxel_models.recovery.pictures import write_pictures
+
+        write_pictures(summary, plots)
     if as_json:
         print_json(_content(rounds, summary))
     else:
         _show(summary)
 
 
-def _content(rounds: list["Round"], summary: "Summary") -> dict[str, Any]:
+def _ground(
+    name: GroundName,
+    injector: str,
+    repository: Path | None,
+    model: str,
+    data: Path | None,
+    rows: int,
+    seed: int,
+    jobs: int,
+) -> "Ground":
+    from taxel_models.shipped import shipped_repository
+
+    if name != "twin":
+        require(f"--ground {name}", "train", "xgboost")
+        from taxel_models.ground.real import RealGround
+
+        if data is None:
+            raise SettingsError(f"--ground {name}: expected --data, the folder of the real recordings")
+        # TAXEL_DATA may name the folder or the one above.
+        folder = data if not (data / "data").is_dir() else data / "data"
+        return (
+            RealGround.slide(folder, seed, jobs) if name == "slide" else RealGround.lasa(folder, seed, jobs)
+        )
+    from taxel_models.ground.twins import StoredModel, TwinGround
+    from taxel_models.recovery.own_ground import CleanTwins
+
+    stored = StoredModel(repository or shipped_repository(), model)
+    if injector == "own":
+        return CleanTwins(stored, seed, rows)
+    return TwinGround(stored, seed, rows)
+
+
+def _content(rounds: list["Round"], summary: "Summary") -> dict[str, object]:
     return {
         "summary": summary.model_dump(mode="json"),
-        "rounds": [each.model_dump(mode="json", by_alias=True) for each in rounds],
+        "rounds": [played.model_dump(mode="json") for played in rounds],
     }
 
 
-def _write(path: Path, content: dict[str, Any]) -> None:
+def _write(path: Path, rounds: list["Round"], summary: "Summary") -> None:
     import json
 
     with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(_content(rounds, summary), indent=1) + "\n", encoding="utf-8")
+
+
+_RATES: Final = {
+    "right_first": "right effect first",
+    "right_or_confounded": "right effect first, or reported as not to be told apart",
+    "all_named": "every injected cause named",
+    "false_alarms": "false alarms on clean recordings",
+    "unknown_left": "causes of no class left unexplained",
+}
 
 
 def _show(summary: "Summary") -> None:
-    found = sorted({name for counts in summary.confusion.values() for name in counts})
-    table = Table("injected", *found, title="Found first, by what was injected")
+    table = Table("injected", "rounds", "found first", title="Found first, by what was injected")
     for truth, counts in summary.confusion.items():
-        table.add_row(truth, *(str(counts.get(name, "")) for name in found))
+        most = sorted(counts.items(), key=lambda one: (-one[1], one[0]))
+        table.add_row(
+            truth, str(sum(counts.values())), ", ".join(f"{name} {times}" for name, times in most)
+        )
     OUT.print(table)
+    for name, text in _RATES.items():
+        rate = summary.rates.get(name)
+        if rate is None:
+            OUT.print(f"{text}: -")
+        else:
+            counted = f"{rate.hits} of {rate.rounds}, 95 % interval {rate.low:.1%} to {rate.high:.1%}"
+            OUT.print(f"{text}: {rate.share:.1%} ({counted})")
     for text, value in (
-        ("right effect first", summary.right_first),
-        ("right effect first, or reported as not to be told apart", summary.right_or_confounded),
-        ("false alarms on clean recordings", summary.false_alarms),
-        ("unknown causes left unexplained", summary.unknown_left),
         ("of the removable error removed, where right (median)", summary.removed),
         ("of the removable error removed, where right (all together)", summary.removed_mean),
         ("time constants, delays and angles within 20 %", summary.parameters_within),

@@ -106,3 +106,40 @@ class Joined:
 def broadcast(weights: Floats, size: int) -> Floats:
     """(21, k) of weights (k,) that all channels have in common."""
     return np.broadcast_to(weights, (len(CHANNELS), size)).copy()
+
+
+@dataclass(frozen=True)
+class AboutMean:
+    """Another basis, less the mean of each regressor.
+
+    A trained model has absorbed what an effect adds on average, so what is left of it has the mean 0.
+
+    Attributes:
+        basis: the other one.
+        means: (1 or 21, k).
+    """
+
+    basis: Basis
+    means: Floats
+
+    @property
+    def size(self) -> int:
+        """k."""
+        return self.basis.size
+
+    @property
+    def rows(self) -> Rows | None:
+        """The rows that it is known for."""
+        return self.basis.rows
+
+    def at(self, rows: Rows) -> Floats:
+        """(1 or 21, m, k) regressors."""
+        return np.asarray(self.basis.at(rows) - self.means[:, None, :])
+
+    def times(self, weights: Floats) -> Floats:
+        """(n, 21) of weights (21, k)."""
+        return np.asarray(self.basis.times(weights) - self.constants(weights))
+
+    def constants(self, weights: Floats) -> Floats:
+        """(21,) what is taken from each channel for weights (21, k)."""
+        return np.asarray((self.means * weights).sum(axis=1))

@@ -30,14 +30,14 @@ class NewEffects:
 
     @classmethod
     def of(cls, attribution: Attribution, parameters: dict[str, list[Parameter]]) -> "NewEffects":
-        """Online forms of the effects that can be served; a fault that comes and goes cannot.
+        """Online forms of the effects that can be served.
 
         Args:
             parameters: of each effect, for people.
         """
         effects, extras = [], {}
         for named in attribution.named:
-            online = named.score.candidate.online(named.weights)
+            online = named.candidate.online(named.weights)
             if not online.changes_something:
                 continue
             effects.append(_applied(named, online, parameters.get(named.name, [])))
@@ -48,7 +48,7 @@ class NewEffects:
 def _applied(named: Named, online: Online, parameters: Iterable[Parameter]) -> AppliedEffect:
     return AppliedEffect(
         name=named.name,
-        about=f"{named.effect.equation}; {named.score.candidate.form}",
+        about=f"{named.equation}; {named.candidate.form}",
         channels=named.channels,
         parameters=tuple(parameters),
         frame=online.frame,

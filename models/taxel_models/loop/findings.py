@@ -19,13 +19,13 @@ class FoundEffect(Schema):
         explained: share of the residual's energy on the evaluation part that goes when it is added to
             those before it, mean over the channels, noise included.
         conditional: share of the fit part's that comes back when it alone is taken out again.
-        p_value: how often chance lets any of all candidates stand out as much, by random
-            signs of whole blocks.
-        t_test: one-sided p of the corrected resampled t-test over the cross-validation's folds, over all
-            channels or those where the effect shows; see `Score.repeats`.
+        p_value: one-sided p of the corrected resampled t-test over the held-out folds, beside a constant of
+            each channel.
+        t_test: the same.
+        log_evidence: natural logarithm of the odds with the effect to those without it, over all its forms,
+            less what the model's own held-out residual gives it.
         parameters: what was fitted.
-        confounded_with: effects that explain at least 80 % as much in its place, or half as much if they
-            are much simpler.
+        confounded_with: effects that explain at least 80 % as much in its place on held-out folds.
         needs: features that it takes while serving, beside the window.
         served: whether the corrected model adds it; a fault that comes and goes is only reported.
     """
@@ -38,6 +38,7 @@ class FoundEffect(Schema):
     conditional: float
     p_value: float
     t_test: float
+    log_evidence: float = 0.0
     parameters: tuple[Parameter, ...]
     confounded_with: tuple[str, ...]
     needs: tuple[str, ...]
@@ -48,10 +49,11 @@ class RejectedEffect(Schema):
     """A candidate that was not named.
 
     Attributes:
-        alone: share of the first residual that its best form explains by itself in cross-validation,
-            rows that the model predicts well counting more.
-        left: likewise of what the named effects leave.
-        p_value: as of a named one, for what is left.
+        alone: share of the first residual's energy that its likeliest form explains by itself on held-out
+            folds, less what it explains of the model's own held-out residual.
+        left: likewise, when all others were named.
+        p_value: as of a named one, when all others were named.
+        log_evidence: likewise.
         reason: why it was not named, in words.
     """
 
@@ -60,6 +62,7 @@ class RejectedEffect(Schema):
     alone: float
     left: float
     p_value: float
+    log_evidence: float = 0.0
     reason: str
 
 
@@ -108,9 +111,10 @@ class Findings(Schema):
         data: one entry a recording: name, format, rows, sha256.
         split: how blocks were cut and held out.
         noise_floor: the error that no effect could take away.
-        effects: in the order of what they explain.
+        effects: in the order in which they were named, the likeliest first.
         before: errors of the model on the evaluation part, as `taxel predict` reports them.
         after: errors of the corrected model there, by the forms that are served.
+        changes: a sentence for each channel whose sensitivity changed over the session.
         exported: the version that was written, or None.
     """
 
@@ -125,4 +129,5 @@ class Findings(Schema):
     after: dict[str, Any]
     test: PairedTest
     unexplained: Unexplained
+    changes: tuple[str, ...] = ()
     exported: str | None = None

@@ -1,34 +1,28 @@
 """The figures of a named effect with their intervals, by leaving out one fold after another."""
 
-from typing import Final
-
 import numpy as np
+from scipy import stats
 
 from taxel.channels import CHANNELS
 from taxel.corrections import Parameter
 from taxel_models.loop.attribution import Named
-from taxel_models.loop.basis import Floats
-
-NORMAL_95: Final = 1.96
 
 
-def parameters(named: Named, scale: Floats) -> list[Parameter]:
-    """The form's parameters and the fitted weights; weights that all channels have in common once.
+def parameters(named: Named) -> list[Parameter]:
+    """The parameters of a form and its weights; weights that all channels have in common once.
 
-    Intervals are 95 % of the jackknife over the cross-validation's folds (Efron and Tibshirani 1993).
-
-    Args:
-        scale: (21,) what an error of each channel counted.
+    Intervals are 95 % of the jackknife over the cross-validation's folds (Efron and Tibshirani 1993), with
+    the quantile of t for so many folds.
     """
-    candidate, statistics = named.score.candidate, named.score.statistics
+    candidate, folds = named.candidate, named.fold_weights
     found = [
         Parameter(name=name, value=value, unit=unit)
         for name, (value, unit) in candidate.form_parameters.items()
     ]
     if candidate.fitting.fixed:
         return found
-    folds = np.stack([statistics.weights(scale, left_out=fold) for fold in range(statistics.folds)])
-    half_widths = np.sqrt((len(folds) - 1) * folds.var(axis=0)) * NORMAL_95
+    quantile = float(stats.t.ppf(0.975, len(folds) - 1))
+    half_widths = np.sqrt((len(folds) - 1) * folds.var(axis=0)) * quantile
     for place, name in enumerate(candidate.weight_names):
         channels = [("", 2)] if candidate.fitting.pooled else _changed(named)
         for channel, column in channels:

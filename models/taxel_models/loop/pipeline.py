@@ -8,12 +8,15 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from taxel.corrections import Parameter
+from taxel.manifest import HeldOutResidual
 from taxel_models.evaluation.metrics import ErrorMetrics
 from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import FOLDS, Blocks, cut
+from taxel_models.loop.channel_history import sensitivity_changes
 from taxel_models.loop.correction import NewEffects, corrected, served_windows
-from taxel_models.loop.cross_validation import scale_of
+from taxel_models.loop.effects.fault import Fault
+from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.findings import (
     Findings,
@@ -21,12 +24,12 @@ from taxel_models.loop.findings import (
     PairedTest,
     RejectedEffect,
 )
+from taxel_models.loop.inference.constants import DECLARED
+from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.intervals import parameters
-from taxel_models.loop.model_selection import LEAST_SHARE
 from taxel_models.loop.noise import NoiseFloor
 from taxel_models.loop.observations import Model, Observations, gather
 from taxel_models.loop.residual_diagnostics import diagnose_residual
-from taxel_models.loop.stepwise import StepwiseSelection
 from taxel_models.recordings import Recording
 
 
@@ -35,7 +38,7 @@ class LoopSettings:
     """Settings of the loop.
 
     Attributes:
-        seed: the seed of the split and of the blocks' random signs.
+        seed: the seed of the split.
         held_out: the share of the blocks in the evaluation part.
         hold_out_by: a covariate whose values are held out whole, such as `material`.
         measured_temperature: whether a model that takes the temperature is given the recording's.
@@ -49,7 +52,7 @@ class LoopSettings:
     hold_out_by: str | None = None
     measured_temperature: bool = True
     calibration_s: float = 0.0
-    least_share: float = LEAST_SHARE
+    least_share: float = DECLARED.least_share
     exclude: tuple[str, ...] = ()
 
 
@@ -87,8 +90,13 @@ def run_loop(
     recordings: Sequence[Recording],
     settings: LoopSettings,
     progress: Callable[[str], None] | None = None,
+    reference: HeldOutResidual | None = None,
 ) -> LoopResult:
     """Names effects, and measures the corrected model on blocks that nothing was fitted to.
+
+    Args:
+        progress: is told what the loop looks at.
+        reference: the model's own held-out residual, in place of that of its manifest.
 
     Raises:
         RecordingError: the recordings are too short to hold anything out, or lack a column.
@@ -100,16 +108,15 @@ def run_loop(
         observations = observations.calibrated(settings.calibration_s)
     blocks = cut(observations, seed=settings.seed, held_out=settings.held_out, group=settings.hold_out_by)
     effects = [effect for effect in candidates(observations) if effect.label not in settings.exclude]
-    attribution = StepwiseSelection(
+    attribution = JointSelection(
         observations,
         blocks,
         effects,
-        seed=settings.seed + 1,
-        least_share=settings.least_share,
+        reference=reference or model.manifest.held_out_residual,
+        constants=replace(DECLARED, least_share=settings.least_share),
         progress=progress,
     ).run()
-    scale = scale_of(observations.residual[blocks.fit])
-    figures = {named.name: parameters(named, scale) for named in attribution.named}
+    figures = {named.name: parameters(named) for named in attribution.named}
     new = NewEffects.of(attribution, figures)
     after = corrected(observations, attribution, new)
     findings = _findings(observations, recordings, blocks, settings, attribution, figures, new, after)
@@ -127,10 +134,20 @@ def _findings(
     after: Floats,
 ) -> Findings:
     manifest = observations.manifest
+    others = [
+        named.contribution for named in attribution.named if named.name not in (Gain.name, Fault.name)
+    ]
+    explained = np.sum(others, axis=0) if others else np.zeros_like(observations.residual)
+    changes = sensitivity_changes(observations, blocks, explained)
     rows, output_std = blocks.evaluation, np.array(manifest.normalisation.output_std)
     noise = NoiseFloor.of(observations)
     energy = (observations.residual[rows] ** 2).mean(axis=0)
     measured = observations.measured[rows]
+    served = {effect.name for effect in new.effects}
+    left = observations.measured - after
+    for named in attribution.named:
+        # It is explained, although it cannot be served.
+        left = left if named.name in served else left - named.contribution
     return Findings(
         model=f"{manifest.name}/{manifest.version}",
         data=tuple(
@@ -163,6 +180,7 @@ def _findings(
                 alone=rejected.alone,
                 left=rejected.share,
                 p_value=rejected.p_value,
+                log_evidence=rejected.log_evidence,
                 reason=rejected.reason,
             )
             for rejected in attribution.rejected
@@ -170,7 +188,8 @@ def _findings(
         before=ErrorMetrics.of(measured, observations.predicted[rows], output_std).report(),
         after=ErrorMetrics.of(measured, after[rows], output_std).report(),
         test=_paired(observations, blocks, after, output_std),
-        unexplained=diagnose_residual(observations, observations.measured - after, noise, rows),
+        changes=tuple(change.sentence() for change in changes),
+        unexplained=diagnose_residual(observations, left, noise, rows),
     )
 
 
@@ -181,7 +200,7 @@ def _found(
     new: NewEffects,
     rows: NDArray[np.bool_],
 ) -> tuple[FoundEffect, ...]:
-    """Named effects by what each adds to those before it on the evaluation part."""
+    """Named effects in their order, with what each adds to those before it on the evaluation part."""
     left = observations.residual[rows]
     first = np.maximum((left**2).mean(axis=0), 1e-9)
     served = {effect.name: effect for effect in new.effects}
@@ -195,7 +214,7 @@ def _found(
             [] if applied is None else [extra.name for extra in new.extras if extra.name in applied.takes]
         )
         found.append(_found_effect(named, explained, figures[named.name], needs, applied is not None))
-    return tuple(sorted(found, key=lambda effect: -effect.explained))
+    return tuple(found)
 
 
 def _found_effect(
@@ -203,13 +222,14 @@ def _found_effect(
 ) -> FoundEffect:
     return FoundEffect(
         name=named.name,
-        form=named.score.candidate.form,
-        equation=named.effect.equation,
+        form=named.candidate.form,
+        equation=named.equation,
         channels=named.channels,
         explained=explained,
         conditional=named.conditional,
         p_value=named.p_value,
-        t_test=named.score.repeats,
+        t_test=named.p_value,
+        log_evidence=named.log_evidence,
         parameters=tuple(figures),
         confounded_with=named.confounded_with,
         needs=tuple(needs),

@@ -1,38 +1,21 @@
-"""The recovery benchmark: injects effects; the loop must find them without knowing which they are."""
+"""The recovery benchmark: injects causes; the loop must find them without knowing which they are."""
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Annotated, Any, Final
+from dataclasses import dataclass, field
+from itertools import product
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field
+from threadpoolctl import threadpool_limits
 
-from taxel.channels import COUNTS_MAX
-from taxel.schema import Schema
-from taxel_models.loop.basis import Floats
-from taxel_models.loop.blocks import cut
-from taxel_models.loop.effects.registry import NAMES, candidates
-from taxel_models.loop.model_selection import LEAST_SHARE
-from taxel_models.loop.observations import Model, Observations, gather
-from taxel_models.loop.pipeline import LoopResult, LoopSettings, run_loop
-from taxel_models.loop.stepwise import StepwiseSelection
-from taxel_models.recordings import Recording
-from taxel_models.recovery.injection import Injection
-from taxel_models.recovery.injectors import inject
-from taxel_models.recovery.unknown import UNKNOWN
-from taxel_models.twin import simulate
+from taxel.manifest import HeldOutResidual
+from taxel_models.ground.ground import Clean, Floats, Ground, predicted
+from taxel_models.loop.inference.reference import held_out_residual
+from taxel_models.recovery.naming import Naming, name_causes
+from taxel_models.recovery.planted import Draw, Planted, planted
+from taxel_models.recovery.rounds import NONE, UNEXPLAINED, Round
 
-NONE: Final = "none"
-UNEXPLAINED: Final = "unexplained"
-
-CLEAN_SHARE: Final = 0.2
-UNKNOWN_SHARE: Final = 0.1
-STRENGTHS: Final = (0.5, 2.0)
-"""The least and greatest strength over the residual; strengths are drawn evenly in the logarithm."""
-
-CLEANINGS: Final = 5
 WORTH_REMOVING: Final = 0.02
 """The least share of the error that the truth itself must remove for the round to be scored."""
 
@@ -40,250 +23,105 @@ FIGURES: Final = {"creep": "time_constant", "lag": "lag", "frame": "angle"}
 """Parameters that are scored: time constants, delays, angles."""
 
 
-class Round(Schema):
-    """One round.
-
-    Attributes:
-        truth: the injected effect, `none`, or `unknown:NAME`.
-        strength: over the residual before.
-        injected: the effect's parameters; `planted` in JSON.
-        found: the effect that explains most, `none` where nothing was named, `unexplained` where
-            nothing was named and what is left is structured.
-        named: all that were named.
-        right: whether the first is the truth, nothing was named where there was nothing, or what no
-            effect describes was left unexplained.
-        clean: normalised MAE on the evaluation blocks without the injected effect.
-        before: with it.
-        after: with the correction.
-        removed: share of the removable error that was removed; None where there was none to speak of.
-        parameter_error: of the figure that is marked, relative; None where there is none.
-    """
-
-    model_config = ConfigDict(populate_by_name=True)
-
-    number: int
-    truth: str
-    strength: float
-    injected: Annotated[dict[str, Any], Field(alias="planted")]
-    found: str
-    named: tuple[str, ...]
-    right: bool
-    confounded: bool
-    clean: float
-    before: float
-    after: float
-    removed: float | None
-    parameter_error: float | None
-
-
-class Summary(Schema):
-    """What the rounds come to.
-
-    Attributes:
-        confusion: for each truth, how often each effect was found first.
-        right_first: share of the rounds with an injected effect in which it was found first.
-        right_or_confounded: likewise, or was reported as one that cannot be told from it.
-        false_alarms: share of the clean rounds in which anything was named.
-        unknown_left: share of the rounds with an unknown cause in which nothing was named.
-        removed: median share of the removable error that was removed where the effect was right.
-        removed_mean: its mean, weighed by what there was to remove.
-        parameters_within: share of the marked parameters within 20 %.
-    """
-
-    rounds: int
-    confusion: dict[str, dict[str, int]]
-    right_first: float | None
-    right_or_confounded: float | None
-    false_alarms: float | None
-    unknown_left: float | None
-    removed: float | None
-    removed_mean: float | None
-    parameters_within: float | None
-
-
 @dataclass(frozen=True)
-class RecoverySettings:
-    """What is injected, and how often.
+class RecoveryBenchmark:
+    """Rounds on a ground. Each follows from its number alone, so they can be played anywhere.
 
     Attributes:
-        rounds: how many.
-        seed: of recordings, effects and strengths.
-        rows: of each recording.
-        recordings: different ones, taken in turn.
-        effects: that may be injected.
-        strengths: least and greatest.
+        ground: gives the clean recordings.
+        ground_name: `twin`, `slide` or `lasa`.
+        seed: of causes, strengths and parameters.
+        draw: what may be injected.
     """
 
-    rounds: int
+    ground: Ground
+    ground_name: str = "twin"
     seed: int = 0
-    rows: int = 60_000
-    recordings: int = 5
-    effects: tuple[str, ...] = NAMES
-    strengths: tuple[float, float] = STRENGTHS
+    draw: Draw = field(default_factory=Draw)
+    _references: dict[str, HeldOutResidual | None] = field(default_factory=dict, repr=False)
+
+    def play(self, number: int, note: Callable[[str], None] | None = None) -> Round:
+        """One round."""
+        random = np.random.default_rng([self.seed, number])
+        # More threads could change the last digits of a sum.
+        with threadpool_limits(1):
+            clean = self.ground.clean(number)
+            played = run_round(clean, self.draw, number, random, note, self._reference(clean))
+        return played.model_copy(update={"ground": self.ground_name, "injector": self.draw.injector})
+
+    def _reference(self, clean: Clean) -> HeldOutResidual | None:
+        """The held-out residual of the round's model, found once for each recording of it."""
+        if clean.reference is None:
+            return None
+        name = clean.reference.fingerprint
+        if name not in self._references:
+            self._references[name] = held_out_residual(clean.model, [clean.reference])
+        return self._references[name]
 
 
-def run_rounds(
-    model: Model, settings: RecoverySettings, note: Callable[[str], None] | None = None
-) -> Iterator[Round]:
+def run_rounds(benchmark: RecoveryBenchmark, rounds: int) -> Iterator[Round]:
     """Round after round: the loop sees a recording and nothing else."""
-    clean: dict[int, Recording] = {}
-    for number in range(settings.rounds):
-        random = np.random.default_rng([settings.seed, number])
-        which = number % settings.recordings
-        if which not in clean:
-            simulated = simulate(settings.rows, 1000 * (settings.seed + 1) + which)
-            clean[which] = without_effects(model, simulated, which)
-        yield run_round(model, clean[which], _draw(random, settings), number, random, note)
-
-
-def without_effects(model: Model, recording: Recording, seed: int) -> Recording:
-    """A recording without the effects that the loop finds before any injection.
-
-    Effects of a quarter of the naming threshold are taken out, too, so that another split names none.
-    """
-    recording = recording.ticks()
-    for _ in range(CLEANINGS):
-        observations = gather(model, [recording], measured_temperature=True)
-        blocks = cut(observations, seed=seed)
-        selection = StepwiseSelection(
-            observations, blocks, candidates(observations), seed=seed, least_share=LEAST_SHARE / 4
-        )
-        named = selection.run().named
-        if not named:
-            break
-        channels = recording.channels.copy()
-        channels[observations.rows[0]] -= sum(effect.contribution for effect in named)
-        recording = replace(recording, channels=np.clip(np.rint(channels), 0, COUNTS_MAX))
-    return recording
+    return map(benchmark.play, range(rounds))
 
 
 def run_round(
-    model: Model,
-    recording: Recording,
-    drawn: tuple[str, float],
+    clean: Clean,
+    draw: Draw,
     number: int,
     random: np.random.Generator,
     note: Callable[[str], None] | None = None,
+    reference: HeldOutResidual | None = None,
 ) -> Round:
-    """Injects an effect, runs the loop and scores the result."""
-    truth, strength = drawn
-    base = gather(model, [recording], measured_temperature=True)
-    residual = np.sqrt((base.residual**2).mean(axis=0))
-    injection = Injection.into(recording, int(random.integers(1 << 30)), residual)
-    injection.respond = _responding(model, recording)
-    inject_truth(injection, truth, strength)
-    result = run_loop(model, [injection.recording], LoopSettings(seed=number), note)
-    return _marked(number, truth, strength, injection, base, result)
+    """Injects causes, runs the loop and scores the result."""
+    counts, rows = predicted(clean.model, clean.recording)
+    measured = clean.recording.channels[rows]
+    injected = planted(clean, measured - counts, draw, random)
+    naming = name_causes(clean.model, injected.recording, number, reference, note)
+    output_std = np.array(clean.model.manifest.normalisation.output_std)
+    error = _norm_mae(measured, counts, naming.evaluation, output_std)
+    return _marked(number, injected, error, naming)
 
 
-def _responding(model: Model, recording: Recording) -> Callable[[Floats, Floats], Floats]:
-    """What the model gives for other inputs, at every tick; 0 where a tick has no whole window."""
-
-    def respond(position: Floats, force: Floats) -> Floats:
-        samples = replace(recording.samples, position=position, force=force)
-        moved = gather(model, [replace(recording, samples=samples)], measured_temperature=True)
-        counts = np.zeros((len(recording), moved.predicted.shape[1]))
-        counts[moved.rows[0]] = moved.predicted
-        return counts
-
-    return respond
-
-
-def inject_truth(injection: Injection, truth: str, strength: float) -> None:
-    """Put an effect, or a cause that no effect describes, into a recording."""
-    kind, _, name = truth.partition(":")
-    if kind == "unknown":
-        injection.begin(truth, strength)
-        UNKNOWN[name](injection)
-    elif truth != NONE:
-        inject(injection, truth, strength)
-
-
-def summarise(rounds: Sequence[Round]) -> Summary:
-    """Counts the rounds' outcomes."""
-    confusion: dict[str, Counter[str]] = {}
-    for finished in rounds:
-        confusion.setdefault(finished.truth, Counter())[finished.found] += 1
-    injected = [finished for finished in rounds if finished.truth in NAMES]
-    right = [finished for finished in injected if finished.right]
-    marked = [finished for finished in right if finished.removed is not None]
-    weight = sum(finished.before - finished.clean for finished in marked)
-    return Summary(
-        rounds=len(rounds),
-        confusion={truth: dict(counts) for truth, counts in sorted(confusion.items())},
-        right_first=_share([finished.right for finished in injected]),
-        right_or_confounded=_share([finished.right or finished.confounded for finished in injected]),
-        false_alarms=_share([bool(finished.named) for finished in rounds if finished.truth == NONE]),
-        unknown_left=_share(
-            [finished.right for finished in rounds if finished.truth.startswith("unknown:")]
-        ),
-        removed=float(np.median([finished.removed for finished in marked])) if marked else None,
-        removed_mean=sum(finished.before - finished.after for finished in marked) / weight
-        if weight
-        else None,
-        parameters_within=_share(
-            [finished.parameter_error <= 0.2 for finished in right if finished.parameter_error is not None]
-        ),
-    )
-
-
-def _draw(random: np.random.Generator, settings: RecoverySettings) -> tuple[str, float]:
-    least, greatest = np.log(settings.strengths)
-    strength = float(np.exp(random.uniform(least, greatest)))
-    dice = float(random.random())
-    if dice < CLEAN_SHARE:
-        return NONE, 0.0
-    if dice < CLEAN_SHARE + UNKNOWN_SHARE:
-        return f"unknown:{random.choice(sorted(UNKNOWN))}", strength
-    return str(random.choice(settings.effects)), strength
-
-
-def _marked(
-    number: int, truth: str, strength: float, injection: Injection, base: Observations, result: LoopResult
-) -> Round:
-    findings = result.findings
-    named = tuple(effect.name for effect in findings.effects)
-    left = UNEXPLAINED if findings.unexplained.structured else NONE
-    found = named[0] if named else left
-    output_std = np.array(base.manifest.normalisation.output_std)
-    rows = result.blocks.evaluation
-    clean = _norm_mae(base.measured, base.predicted, rows, output_std)
-    before, after = findings.before["norm_mae"], findings.after["norm_mae"]
-    removable = before - clean
-    unknown = truth.startswith("unknown:")
-    served = all(effect.served for effect in findings.effects)
+def _marked(number: int, injected: Planted, clean: float, naming: Naming) -> Round:
+    left = UNEXPLAINED if naming.structured else NONE
+    found = naming.names[0] if naming.names else left
+    accepted = set().union(*injected.accepted)
+    removable = naming.before - clean
+    scored = removable > WORTH_REMOVING * naming.before and naming.served
     return Round(
         number=number,
-        truth=truth,
-        strength=strength,
-        injected=injection.truth[0].get("parameters", {}) if injection.truth else {},
+        truth=injected.truth,
+        strength=injected.strength,
+        planted=injected.parameters,
         found=found,
-        named=named,
-        right=not named if truth == NONE or unknown else found == truth,
-        confounded=any(truth in effect.confounded_with for effect in findings.effects),
+        named=naming.names,
+        right=found in accepted if accepted else not naming.names,
+        confounded=bool(accepted & set(naming.instead)),
         clean=clean,
-        before=before,
-        after=after,
-        removed=(before - after) / removable if removable > WORTH_REMOVING * before and served else None,
-        parameter_error=_parameter_error(truth, injection, result),
+        before=naming.before,
+        after=naming.after,
+        removed=(naming.before - naming.after) / removable if scored else None,
+        parameter_error=_parameter_error(injected, naming),
+        accepted=injected.accepted,
+        all_named=bool(accepted) and all_named(injected.accepted, naming.names),
     )
 
 
-def _norm_mae(measured: Floats, predicted: Floats, rows: NDArray[np.bool_], output_std: Floats) -> float:
-    return float((np.abs(measured - predicted)[rows].mean(axis=0) / output_std).mean())
+def all_named(accepted: Sequence[Sequence[str]], named: Sequence[str]) -> bool:
+    """Whether each cause has a right name among those named, and no two share one."""
+    choices = product(*([name for name in right if name in named] for right in accepted))
+    return any(len(set(choice)) == len(choice) for choice in choices)
 
 
-def _parameter_error(truth: str, injection: Injection, result: LoopResult) -> float | None:
-    if truth not in FIGURES:
+def _norm_mae(measured: Floats, counts: Floats, rows: NDArray[np.bool_], output_std: Floats) -> float:
+    return float((np.abs(measured - counts)[rows].mean(axis=0) / output_std).mean())
+
+
+def _parameter_error(injected: Planted, naming: Naming) -> float | None:
+    """For a single effect of the own injectors, which have the loop's parameters."""
+    figure = FIGURES.get(injected.truth)
+    if figure is None or figure not in injected.parameters:
         return None
-    injected = float(injection.truth[0]["parameters"][FIGURES[truth]])
-    for effect in result.findings.effects:
-        if effect.name == truth:
-            for figure in effect.parameters:
-                if figure.name == FIGURES[truth]:
-                    return abs(figure.value - injected) / abs(injected)
-    return None
-
-
-def _share(marks: Sequence[bool]) -> float | None:
-    return sum(marks) / len(marks) if marks else None
+    true = float(injected.parameters[figure])
+    found = naming.parameters.get(f"{injected.truth}.{figure}")
+    return None if found is None else abs(found - true) / abs(true)

@@ -196,6 +196,22 @@ def _fault(injection: Injection) -> None:
     injection.replace_channels(changed, channel=CHANNELS[channel], kind=kind)
 
 
+def _interference(injection: Injection) -> None:
+    """A wave with its second harmonic, of an amplitude of its own in each of 3 to 8 channels."""
+    random = injection.random
+    frequency = float(random.uniform(3.0, 20.0))
+    chosen = np.sort(random.permutation(len(CHANNELS))[: int(random.integers(3, 9))])
+    first, second = random.uniform(0.0, 2 * np.pi, 2)
+    phase = 2 * np.pi * frequency * injection.time_s
+    wave = np.sin(phase + first) + 0.3 * np.sin(2 * phase + second)
+    amplitudes = np.zeros(len(CHANNELS))
+    amplitudes[chosen] = random.uniform(0.7, 1.3, len(chosen)) * injection.residual[chosen]
+    names = ", ".join(CHANNELS[channel] for channel in chosen)
+    injection.add(
+        wave[:, None] * amplitudes, {"amplitude": amplitudes}, frequency=frequency, channels=names
+    )
+
+
 def _covariate(injection: Injection, column: str) -> None:
     covariates = injection.recording.covariates
     if column not in covariates:
@@ -225,5 +241,6 @@ INJECTORS: Final[Mapping[str, Callable[[Injection], None]]] = {
     "crosstalk": _crosstalk,
     "saturation": _saturation,
     "fault": _fault,
+    "interference": _interference,
 }
 """By the effect's name."""

@@ -9,15 +9,6 @@ from taxel.channels import CHANNELS
 from taxel_models.recovery.injection import Injection
 
 
-def hum(injection: Injection) -> None:
-    """A periodic disturbance of 0.3 to 3 Hz, of its own amplitude in each channel."""
-    frequency = float(injection.random.uniform(0.3, 3.0))
-    phase = injection.random.uniform(0.0, 2 * np.pi)
-    wave = np.sin(2 * np.pi * frequency * injection.time_s + phase)
-    weights = injection.random.normal(size=len(CHANNELS)) * injection.residual
-    injection.add(wave[:, None] * weights, {"amplitude": weights}, frequency=frequency)
-
-
 def telegraph(injection: Injection) -> None:
     """All channels jump between two levels at random times, some seconds apart."""
     jumps = injection.random.random(len(injection.recording)) < 0.01 / float(injection.random.uniform(1, 4))
@@ -38,7 +29,6 @@ def bursts(injection: Injection) -> None:
 
 
 UNKNOWN: Final[dict[str, Callable[[Injection], None]]] = {
-    "hum": hum,
     "telegraph": telegraph,
     "bursts": bursts,
 }

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from taxel.channels import ELECTRODES
 from taxel.errors import SettingsError
 from taxel_models.recordings.recording import Recording
+from taxel_models.twin.constants import JITTER_MM, Constants
 from taxel_models.twin.contacts import Contacts, contacts
 from taxel_models.twin.converter import NOISE, convert, electrode_noise, one_after_another
 from taxel_models.twin.fluid import (
-    POCKET_SPREAD,
     counts_of,
     film_log_ratio,
     log_impedance,
@@ -19,8 +19,7 @@ from taxel_models.twin.fluid import (
     thickness,
 )
 from taxel_models.twin.lag import PERIOD_S, lagged
-from taxel_models.twin.pressure import CARRIED_SPREAD, static_counts, vibration_counts
-from taxel_models.twin.sensor import Sensor
+from taxel_models.twin.pressure import static_counts, vibration_counts
 from taxel_models.twin.skin import STROKE, Skin, dent, fluid_force, sunk_share
 from taxel_models.twin.temperature import (
     LOG_IMPEDANCE_PER_KELVIN,
@@ -36,19 +35,8 @@ PERIOD_NS: Final = round(PERIOD_S * 1e9)
 POSITION_EVERY: Final = 10
 """Rows that hold one tracked position: positions come at 10 Hz (the paper's data set)."""
 
-TRACKING_MM: Final = 0.556
-"""SD of a contact's tracking error in each axis. The mean distance of light touches from the skin is then
-0.444 mm, as in the paper's data set after calibration."""
 
-JITTER_MM: Final = 0.05
-FORCE_NOISE_N: Final = 0.01
-"""SDs of one position and of one force. Assumptions."""
-
-FLUID_LAG_S: Final = 0.02
-"""The fluid flows out from under the indenter within 2 to 3 rows (LASA recordings)."""
-
-
-def simulate(rows: int, seed: int) -> Recording:
+def simulate(rows: int, seed: int, constants: Constants | None = None) -> Recording:
     """A recording of one finger that is touched many times; the same for the same arguments.
 
     Time is real: 100 rows are a second, and the finger warms up over an hour. The force acts on the finger.
@@ -56,6 +44,7 @@ def simulate(rows: int, seed: int) -> Recording:
     Args:
         rows: how many, 10 ms apart.
         seed: seed of every random choice; each part has its own generator.
+        constants: of the finger and its rig; those of the paper's data set if none are given.
 
     Raises:
         SettingsError: `rows` is not positive or `seed` is negative.
@@ -63,23 +52,23 @@ def simulate(rows: int, seed: int) -> Recording:
     if rows < 1 or seed < 0:
         raise SettingsError(f"rows is {rows} and seed {seed}: expected at least 1 row and a seed from 0")
     paths, tracking, cell, texture, noise_levels, noise, grip, pocket = np.random.default_rng(seed).spawn(8)
-    sensor = Sensor.biotac_2p()
+    finger = constants or Constants()
+    sensor = finger.sensor
     skin = Skin.of(sensor)
     touch = contacts(rows + 1, sensor.skin_radius, paths)
     squared = skin.squared_distances(touch.places.point)
     sunk = sunk_share(touch.press)
     indented = STROKE * sunk * skin.fluid_near(squared)
 
-    core = core_celsius(rows + 1, np.minimum(touch.press, 1.0))
+    core = core_celsius(rows + 1, np.minimum(touch.press, 1.0), finger.on_for_s, finger.cooling_k)
     warmer = core - REFERENCE_C
-    film = thickness(
-        sensor, skin, squared, touch.places.normal, lagged(dent(sunk, indented), FLUID_LAG_S), touch.shear
-    )
-    film = pocketed(film, touch.uneven(POCKET_SPREAD, pocket))
+    sunken = lagged(dent(sunk, indented), finger.fluid_lag_s)
+    film = thickness(sensor, skin, squared, touch.places.normal, sunken, touch.shear)
+    film = pocketed(film, touch.uneven(finger.pocket_spread, pocket))
     impedance = log_impedance(sensor.electrode_rest) + film_log_ratio(film)
     electrodes = one_after_another(counts_of(impedance + LOG_IMPEDANCE_PER_KELVIN * warmer[:, None]))
 
-    load = fluid_force(touch.press) * touch.uneven(CARRIED_SPREAD, grip)
+    load = fluid_force(touch.press) * touch.uneven(finger.carried_spread, grip)
     static = static_counts(load, warmer)
     pac0, pac1 = vibration_counts(static, touch.rubbing, touch.press, texture)
     tdc = tdc_counts(core)
@@ -96,8 +85,8 @@ def simulate(rows: int, seed: int) -> Recording:
     )
     return Recording.of(
         EPOCH_NS + PERIOD_NS * np.arange(rows, dtype=np.int64),
-        _tracked(touch, indented, tracking)[:rows] / 1000.0,
-        _force(touch, cell)[:rows],
+        _tracked(touch, indented, finger.tracking_mm, tracking)[:rows] / 1000.0,
+        _force(touch, finger.force_noise_n, cell)[:rows],
         channels,
         {
             "pac1": read("pac1", sensor.rest["pac1"] + pac1),
@@ -110,18 +99,18 @@ def simulate(rows: int, seed: int) -> Recording:
 
 
 def _tracked(
-    touch: Contacts, indented: NDArray[np.float64], tracking: np.random.Generator
+    touch: Contacts, indented: NDArray[np.float64], error_mm: float, tracking: np.random.Generator
 ) -> NDArray[np.float64]:
     """The tip of the indenter as the tracker reports it, mm: a new position every tenth row."""
     above = (touch.clearance - indented)[:, None]
-    offset = TRACKING_MM * tracking.standard_normal((int(touch.cycle.max()) + 1, 3))
+    offset = error_mm * tracking.standard_normal((int(touch.cycle.max()) + 1, 3))
     true = touch.places.point + above * touch.places.normal
     seen = true + offset[touch.cycle] + JITTER_MM * tracking.standard_normal(true.shape)
     rows = np.arange(len(seen))
     return np.asarray(seen[rows - rows % POSITION_EVERY])
 
 
-def _force(touch: Contacts, cell: np.random.Generator) -> NDArray[np.float64]:
+def _force(touch: Contacts, noise_n: float, cell: np.random.Generator) -> NDArray[np.float64]:
     """The force on the finger as the force sensor reports it, N."""
     true = touch.shear - touch.press[:, None] * touch.places.normal
-    return np.asarray(true + FORCE_NOISE_N * cell.standard_normal(true.shape))
+    return np.asarray(true + noise_n * cell.standard_normal(true.shape))

@@ -47,18 +47,22 @@ REFERENCE_C: Final = float(celsius(np.array([MEAN_COUNTS]))[0])
 """The temperature of the resting counts: the recording's mean. Assumption."""
 
 
-def core_celsius(rows: int, touched: NDArray[np.float64]) -> NDArray[np.float64]:
+def core_celsius(
+    rows: int, touched: NDArray[np.float64], on_for_s: float = 0.0, cooling_k: float = COOLING_K
+) -> NDArray[np.float64]:
     """The core's temperature (rows,), °C, warming in real time from the paper's first value.
 
     Args:
         rows: how many, 10 ms apart.
         touched: (rows,), 0 in free air to 1 in full contact with the colder indenter.
+        on_for_s: how long the finger is switched on before the first row.
+        cooling_k: how far a long contact cools the core.
     """
     first, last = celsius(np.array([START_COUNTS, END_COUNTS]))
     reached = 1.0 - np.exp(-RECORDED_S / WARM_UP_S)
-    elapsed = np.arange(rows) * PERIOD_S
+    elapsed = on_for_s + np.arange(rows) * PERIOD_S
     warming = first + (last - first) / reached * (1.0 - np.exp(-elapsed / WARM_UP_S))
-    return np.asarray(warming - COOLING_K * lagged(touched, COOLING_S))
+    return np.asarray(warming - cooling_k * lagged(touched, COOLING_S))
 
 
 def flow_counts(tdc: NDArray[np.float64]) -> NDArray[np.float64]:

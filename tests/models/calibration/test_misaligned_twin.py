@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from taxel_models.calibration.calibration import in_sensor_frame
 from taxel_models.calibration.limits import TOUCH_N
 from taxel_models.calibration.misaligned_twin import MisalignedTwin, main
-from taxel_models.twin.simulation import JITTER_MM, TRACKING_MM
+from taxel_models.twin.constants import JITTER_MM, TRACKING_MM
 
 HARD = (1, 3, 6)
 """Seeds of the first twelve whose light touches alone are off by more than 0.2 mm."""

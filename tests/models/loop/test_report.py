@@ -12,10 +12,12 @@ import pytest
 from taxel.channels import CHANNELS
 from taxel.errors import SettingsError
 from taxel_models.loop.attribution import Named
-from taxel_models.loop.cross_validation import cross_validate
 from taxel_models.loop.effects.effect import Effect, Remaining
 from taxel_models.loop.effects.registry import NAMES, candidates
 from taxel_models.loop.findings import Findings
+from taxel_models.loop.inference.constants import DECLARED
+from taxel_models.loop.inference.forms import prepared
+from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Model
 from taxel_models.loop.pipeline import LoopResult, LoopSettings, run_loop
 from taxel_models.loop.report.drivers import axis_of
@@ -23,7 +25,6 @@ from taxel_models.loop.report.effect_pictures import draw_effect
 from taxel_models.loop.report.error_pictures import bars
 from taxel_models.loop.report.partial import Partial
 from taxel_models.loop.report.report import REPORT, write_report
-from taxel_models.loop.statistics import SufficientStatistics
 from taxel_models.recordings import Recording
 
 ROWS = 7000
@@ -162,10 +163,20 @@ def test_every_effect_can_be_drawn(result: LoopResult, name: str, tmp_path: Path
 def _named(result: LoopResult, effect: Effect) -> Named:
     """The first form of an effect, fitted to the first residual."""
     observations, blocks = result.observations, result.blocks
-    residual, row_weights = observations.measured - observations.predicted, np.ones(len(observations))
+    residual, row_weights = observations.residual, np.ones(len(observations))
     candidate = next(iter(effect.forms(observations, Remaining(residual, blocks.fit, row_weights))))
-    statistics = SufficientStatistics.of(candidate.basis, residual, row_weights, blocks, candidate.fitting)
-    scale = np.ones(len(CHANNELS))
-    weights = statistics.weights(scale)
-    fitted = cross_validate(candidate, statistics, scale)
-    return Named(effect, fitted, weights, candidate.basis.times(weights), 0.005)
+    whitening = Whitening(Bins.of(blocks, DECLARED.bin_s), NoiseShape.usual(), residual, DECLARED)
+    form = next(prepared(candidate, whitening))
+    values, target = form.design.values, whitening(whitening.bins.means(residual.T[:, :, None]))
+    gram = values.transpose(0, 2, 1) @ values + np.eye(form.size)
+    weights = form.weights(np.linalg.solve(gram, values.transpose(0, 2, 1) @ target)[:, :, 0])
+    return Named(
+        candidate=candidate,
+        equation=effect.equation,
+        weights=weights,
+        fold_weights=np.repeat(weights[None], 8, axis=0),
+        contribution=candidate.basis.times(weights),
+        log_evidence=1.0,
+        included=np.ones(len(CHANNELS)),
+        t=3.0,
+    )

@@ -7,7 +7,7 @@ import numpy as np
 from typing_extensions import override
 
 from taxel.windows import Relaxation, RelaxationShare
-from taxel.windows.history import Followed
+from taxel.windows.history import TICK_S, Followed
 from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past, weighted
 from taxel_models.loop.observations import Observations
 
@@ -15,8 +15,13 @@ SHORTEST_S: Final = 0.08
 LONGEST_S: Final = 40.0
 """The load changes often, so a longer time constant looks like a gain."""
 
+OBSERVED: Final = 0.5
+"""The longest time constant over the usual length of a segment."""
+
 GRID: Final = np.geomspace(SHORTEST_S, LONGEST_S, 11)
 _OF_SIGNAL: Final = "of the channel's signal"
+_DIRECTION: Final = "and its direction"
+_EVERY: Final[tuple[Followed, ...]] = ("force", "fx", "fy", "fz")
 FINER: Final = np.array([0.72, 0.85, 1.18, 1.39])
 """Factors of finer time constants; neighbours on the grid differ by a factor of 1.9."""
 
@@ -31,17 +36,23 @@ class Creep(Effect):
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
-        for tau in GRID:
+        for tau in GRID[_longest_s(observations) >= GRID]:
             yield self._by_force(observations, float(tau))
             yield self._of_signal(observations, float(tau))
 
     @override
     def finer(self, observations: Observations, best: Candidate) -> Iterable[Candidate]:
         tau = best.form_parameters["time_constant"][0]
-        make = self._of_signal if best.form.startswith(_OF_SIGNAL) else self._by_force
-        for factor in FINER:
-            yield make(observations, tau * float(factor))
-        yield self._by_force(observations, tau, ("force", "fx", "fy", "fz"))
+        longest = _longest_s(observations)
+        for factor in FINER[tau * FINER <= longest]:
+            if best.form.startswith(_OF_SIGNAL):
+                yield self._of_signal(observations, tau * float(factor))
+            elif _DIRECTION in best.form:
+                yield self._by_force(observations, tau * float(factor), _EVERY)
+            else:
+                yield self._by_force(observations, tau * float(factor))
+        if _DIRECTION not in best.form:
+            yield self._by_force(observations, tau, _EVERY)
 
     def _by_force(
         self, observations: Observations, tau: float, of: tuple[Followed, ...] = ("force",)
@@ -58,7 +69,7 @@ class Creep(Effect):
         return weighted(
             observations,
             self.name,
-            f"by force{' and its direction' if len(of) > 1 else ''}, {tau:.3g} s",
+            f"by force{f' {_DIRECTION}' if len(of) > 1 else ''}, {tau:.3g} s",
             "unit",
             drivers,
             form_parameters={"time_constant": (tau, "s")},
@@ -77,3 +88,9 @@ class Creep(Effect):
             form_parameters={"time_constant": (tau, "s")},
             weight_unit="relative",
         )
+
+
+def _longest_s(observations: Observations) -> float:
+    """The longest time constant, s: a memory that outlasts the contacts cannot be told from a gain."""
+    usual = float(np.median(np.unique(observations.segment, return_counts=True)[1])) * TICK_S
+    return min(max(OBSERVED * usual, SHORTEST_S), LONGEST_S)

@@ -11,7 +11,7 @@ from taxel.channels import CHANNELS
 from taxel.corrections import Crosstalk as CrosstalkTerm
 from taxel.corrections import Leak
 from taxel_models.loop.basis import Floats, Own
-from taxel_models.loop.effects.effect import Candidate, Effect, Online, Remaining
+from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.observations import Observations
 
 
@@ -45,6 +45,7 @@ class Crosstalk(Effect):
             self.name,
             "one source a channel",
             Own(observations.signal[:, sources, None].astype(np.float32)),
+            fitting=Fitting(choices=len(CHANNELS) - 1),
             weight_names=("leak",),
             weight_unit="relative",
             online=online,

@@ -2,18 +2,38 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.corrections import Frame, Shape, Term, Weighted, weighted_shape
+from taxel.corrections import ONE, Frame, Shape, Term, Weighted, weighted_shape
 from taxel.windows import Elapsed, ExtraFeature, HistoryFeature
-from taxel_models.loop.basis import Basis, Floats, Shared
+from taxel_models.loop.basis import AboutMean, Basis, Floats, Shared
 from taxel_models.loop.observations import Observations
-from taxel_models.loop.statistics import Fitting
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """How weights are fitted.
+
+    Attributes:
+        pooled: whether all channels share their weights, as they share the cause.
+        fixed: whether the weights are 1 and nothing is fitted.
+        allowed: (21,), which channels may change; None for all.
+        prior: (k,) each regressor's prior size over the usual one, for many collinear regressors.
+        choices: how many regressors each channel's one was chosen from.
+        motion: how many parameters of the inputs were fitted beforehand.
+    """
+
+    pooled: bool = False
+    fixed: bool = False
+    allowed: NDArray[np.bool_] | None = None
+    prior: Floats | None = None
+    choices: int = 1
+    motion: int = 0
 
 
 @dataclass(frozen=True)
@@ -34,7 +54,7 @@ class Online:
 
     @property
     def changes_something(self) -> bool:
-        """Whether a model can be served with it. A fault that comes and goes cannot be served."""
+        """Whether a model can be served with it. A fault that comes and goes cannot, nor interference."""
         return bool(self.terms or self.frame or self.shift_ticks)
 
 
@@ -53,6 +73,7 @@ class Candidate:
         online: gives the online form for weights (21, k).
         alike: the largest SD over mean of the electrodes' weights; None if they may differ freely.
         certain: whether chance cannot cause its signature. Then it needs no test.
+        mean_absorbed: whether a trained model may have absorbed its mean.
         moved: gives the observations with corrected inputs and new predictions; None for forms that add to
             the prediction.
         again: gives the same form for other predictions; None for forms that move inputs.
@@ -68,6 +89,7 @@ class Candidate:
     online: Callable[[Floats], Online] = lambda _: Online()
     alike: float | None = None
     certain: bool = False
+    mean_absorbed: bool = True
     moved: Callable[[Observations], Observations] | None = None
     again: "Callable[[Observations], Candidate] | None" = None
 
@@ -77,6 +99,29 @@ class Candidate:
         return self.moved is not None
 
 
+def about_mean(candidate: Candidate, means: Floats) -> Candidate:
+    """The same form less its mean, which the model has absorbed.
+
+    Args:
+        means: (1 or 21, k) of its regressors.
+    """
+    basis = AboutMean(candidate.basis, means)
+
+    def online(weights: Floats) -> Online:
+        served, constants = candidate.online(weights), basis.constants(weights)
+        term = Weighted(
+            shape="unit", features=(ONE,), references=(0.0,), weights=(tuple((-constants).tolist()),)
+        )
+        return replace(served, terms=(*served.terms, term))
+
+    def again(observations: Observations) -> Candidate:
+        assert candidate.again is not None
+        return about_mean(candidate.again(observations), means)
+
+    form = f"{candidate.form}, about its mean"
+    return replace(candidate, form=form, basis=basis, online=online, again=again)
+
+
 @dataclass(frozen=True)
 class Remaining:
     """The part of the residual that no named effect explains.
@@ -84,7 +129,7 @@ class Remaining:
     Attributes:
         residual: (n, 21) measured less predicted, less the named effects, counts.
         fit: (n,) the rows of the fit part. A form may be chosen only by these.
-        row_weights: (n,) the weight of each row.
+        row_weights: (n,) how much each row counts.
     """
 
     residual: Floats
@@ -98,6 +143,7 @@ class Effect(ABC):
     Attributes:
         name: one word, as in reports.
         looks_at_residual: whether its forms depend on the residual. Then each step makes them again.
+        is_costly: whether its forms take many predictions. Then it is not tried again after it failed.
         equation: what it adds to a channel.
         source: the source of the equation.
         signature: how it differs from other effects.
@@ -105,6 +151,7 @@ class Effect(ABC):
 
     name: ClassVar[str]
     looks_at_residual: ClassVar[bool] = False
+    is_costly: ClassVar[bool] = False
     equation: ClassVar[str]
     source: ClassVar[str]
     signature: ClassVar[str]
@@ -117,6 +164,11 @@ class Effect(ABC):
     @abstractmethod
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
         """Its forms for these observations. There are none if they lack what the effect depends on."""
+
+    def out_of_scope(self, observations: Observations) -> str | None:
+        """Why these observations cannot show the effect, although they have the columns; else None."""
+        del observations
+        return None
 
     def finer(self, observations: Observations, best: Candidate) -> Iterable[Candidate]:
         """Forms around the best one, if forms are points of a grid."""

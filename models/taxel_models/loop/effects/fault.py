@@ -1,17 +1,24 @@
 """Fault: a channel is dead, stuck or intermittent."""
 
 from collections.abc import Iterable, Sequence
+from typing import Final
 
 import numpy as np
 from typing_extensions import override
 
-from taxel.channels import CHANNELS
+from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel.corrections import Fault as FaultTerm
 from taxel_models.loop.basis import Floats, Own
-from taxel_models.loop.effects.effect import Candidate, Effect, Online, Remaining
+from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.observations import Observations
-from taxel_models.loop.statistics import Fitting
 from taxel_models.loop.stuck_at import Kind, StuckChannel, stuck_channels
+
+CLIPPED: Final = 0.01
+"""A channel at a limit of the counts for less than this share of the rows is only clipped."""
+
+
+def _only_clipped(stuck: StuckChannel) -> bool:
+    return stuck.value in (0, COUNTS_MAX) and stuck.rows.mean() < CLIPPED
 
 
 class Fault(Effect):
@@ -30,7 +37,7 @@ class Fault(Effect):
         found = stuck_channels(observations.measured, observations.predicted, observations.segment)
         kinds: tuple[Kind, ...] = ("stuck", "intermittent")
         for kind in kinds:
-            some = [stuck for stuck in found if stuck.kind == kind]
+            some = [stuck for stuck in found if stuck.kind == kind and not _only_clipped(stuck)]
             if some:
                 yield self._with(some, kind, remaining.residual)
 

@@ -8,12 +8,11 @@ import numpy as np
 from typing_extensions import override
 
 from taxel_models.loop.basis import Floats, Own
-from taxel_models.loop.effects.effect import Candidate, Effect, Online, Remaining
+from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.effects.rigid_motion import after, fit_motion, turn_of
 from taxel_models.loop.observations import Observations, predict_all
-from taxel_models.loop.statistics import Fitting
 
-TEST_ROWS: Final = 8_000
+TEST_ROWS: Final = 60_000
 """All channels share one motion, so it is fitted to at most so many rows."""
 
 KINDS: Final = {
@@ -29,6 +28,7 @@ class Frame(Effect):
 
     name = "frame"
     looks_at_residual = True
+    is_costly = True
     equation = "measured = model(R x + t, Q F)"
     source = "rigid motion; Gauss-Newton on finite differences of the model"
     signature = "turning or shifting the inputs explains all channels with three common figures"
@@ -44,7 +44,7 @@ class Frame(Effect):
                 self.name,
                 form,
                 Own(change[:, :, None].astype(np.float32), rows),
-                fitting=Fitting(fixed=True),
+                fitting=Fitting(fixed=True, motion=3),
                 form_parameters=_form_parameters(kind, vector),
                 online=partial(_online, kind, vector),
                 moved=partial(_moved, kind, vector),

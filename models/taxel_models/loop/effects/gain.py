@@ -6,10 +6,20 @@ from typing import Final
 import numpy as np
 from typing_extensions import override
 
-from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Remaining, elapsed, weighted
-from taxel_models.loop.effects.offset import ONE
+from taxel.corrections import ONE
+from taxel_models.loop.effects.effect import (
+    Candidate,
+    Driver,
+    Effect,
+    Fitting,
+    Remaining,
+    elapsed,
+    weighted,
+)
 from taxel_models.loop.observations import Observations
-from taxel_models.loop.statistics import Fitting
+
+PIECES: Final = 4
+"""Straight pieces of an ageing gain: enough for a step, a ramp or a decay."""
 
 AGEING_S: Final = 60.0
 """Shorter recordings are not searched for ageing."""
@@ -40,15 +50,17 @@ class Gain(Effect):
             )
         span = float(observations.time_s.max())
         if span > AGEING_S:
-            (ageing,) = elapsed(observations, np.array([0.0, span]))
-            yield weighted(
-                observations,
-                self.name,
-                "ageing, all channels alike",
-                "signal",
-                [constant, ageing],
-                centred=False,
-                fitting=Fitting(pooled=True),
-                weight_names=("gain", "ageing"),
-                weight_unit="relative, relative/s",
-            )
+            for pieces in (1, PIECES):
+                ageing = elapsed(observations, np.linspace(0.0, span, pieces + 1))
+                for alike in (True, False):
+                    yield weighted(
+                        observations,
+                        self.name,
+                        f"ageing in {pieces} pieces, {'all channels alike' if alike else 'by channel'}",
+                        "signal",
+                        [constant, *ageing],
+                        centred=False,
+                        fitting=Fitting(pooled=alike),
+                        weight_names=("gain", *(driver.name for driver in ageing)),
+                        weight_unit="relative, relative/s",
+                    )

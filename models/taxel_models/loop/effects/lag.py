@@ -9,9 +9,8 @@ from typing_extensions import override
 
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats, Own
-from taxel_models.loop.effects.effect import Candidate, Effect, Online, Remaining
+from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.observations import Observations
-from taxel_models.loop.statistics import Fitting
 
 TICKS: Final = (*range(-5, 0), *range(1, 16))
 

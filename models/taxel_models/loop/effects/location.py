@@ -19,6 +19,9 @@ HALF_FORCE_N: Final = 0.5
 WIDTH: Final = 0.8
 """The width of a bump over the mean distance between neighbouring centres: bumps overlap smoothly."""
 
+SKIN_M: Final = 0.04
+"""The skin of a fingertip is not wider: 15 mm across and 25 mm along."""
+
 LEAST_SD_M: Final = 2e-4
 _CANDIDATES: Final = 2000
 
@@ -30,6 +33,17 @@ class Location(Effect):
     equation = "delta_c = |F|/(|F| + 0.5 N) sum_k w_ck exp(-|x - x_k|² / (2 s²))"
     source = "radial basis functions; the force's factor is 0 in free air and flattens as the skin does"
     signature = "the residual repeats wherever the same place is pressed, whenever that is"
+
+    @override
+    def out_of_scope(self, observations: Observations) -> str | None:
+        touched = observations.position[observations.pressed > TOUCH_N]
+        if not len(touched):
+            return None
+        low, high = np.quantile(touched, (0.02, 0.98), axis=0)
+        span = float(np.linalg.norm(high - low))
+        if span <= SKIN_M:
+            return None
+        return f"positions span {span * 1e3:.0f} mm: poses of a robot, not places on a skin"
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:

@@ -8,13 +8,10 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from taxel.channels import CHANNELS
-from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, Calibrated, Weighted
+from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, ONE, Calibrated, Weighted
 from taxel_models.loop.basis import Basis, Floats, Joined, Own, Shared
-from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Online, Remaining, weighted
+from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Fitting, Online, Remaining, weighted
 from taxel_models.loop.observations import Observations, TakenCalibration
-from taxel_models.loop.statistics import Fitting
-
-ONE: Final = "one"
 
 FADING_S: Final = (0.5, 1.0, 2.0, 4.0)
 """Time constants of the fading of a calibration."""
@@ -28,9 +25,8 @@ ENOUGH_CONTACTS: Final = 4 * (2 + len(CHANNELS))
 MEDIAN_OF_SD: Final = 0.6745
 """The median size of a normal deviate over its SD."""
 
-OWN_RIDGE: Final = 0.01
-OTHERS_RIDGE: Final = 0.3
-"""The ridge of a channel's own offset and of the others': the others are many, and they are alike."""
+OTHERS: Final = 0.1
+"""The prior size of the weights of other channels' offsets: they are many, and they are alike."""
 
 
 class Offset(Effect):
@@ -55,6 +51,7 @@ class Offset(Effect):
             centred=False,
             weight_names=("offset",),
             weight_unit="counts",
+            mean_absorbed=False,
         )
 
         if observations.calibration is not None:
@@ -90,6 +87,7 @@ class Offset(Effect):
             weight_names=("share of the calibrated offset",),
             weight_unit="relative",
             online=online,
+            mean_absorbed=False,
             again=lambda _: self._staying(offsets),
         )
 
@@ -102,7 +100,7 @@ class Offset(Effect):
         if limits is not None:
             told_by = " of all channels"
             basis = Joined(own, Shared(np.clip(taken.offsets, -limits, limits)))
-            fitting = Fitting(ridge=np.array([OWN_RIDGE] * 2 + [OTHERS_RIDGE] * len(CHANNELS)))
+            fitting = Fitting(prior=np.array([1.0] * 2 + [OTHERS] * len(CHANNELS)))
         return Candidate(
             self.name,
             f"of each contact, from a calibration{told_by}, fading with {time_constant_s:g} s",
@@ -112,6 +110,7 @@ class Offset(Effect):
             weight_unit="relative",
             form_parameters={"time constant of fading": (time_constant_s, "s")},
             online=lambda weights: _fading_online(weights, time_constant_s, limits),
+            mean_absorbed=False,
             again=lambda _: self._fading(taken, time_constant_s, limits),
         )
 

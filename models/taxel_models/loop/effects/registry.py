@@ -15,6 +15,7 @@ from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.effects.frame import Frame
 from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.hysteresis import Hysteresis
+from taxel_models.loop.effects.interference import Interference
 from taxel_models.loop.effects.lag import Lag
 from taxel_models.loop.effects.location import Location
 from taxel_models.loop.effects.offset import Offset
@@ -37,6 +38,7 @@ EFFECTS: Final[tuple[type[Effect], ...]] = (
     Crosstalk,
     Saturation,
     Fault,
+    Interference,
 )
 """Every effect that needs no extra column, the simplest first."""
 

@@ -9,9 +9,17 @@ from typing_extensions import override
 from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
 from taxel.windows import Relaxation
 from taxel_models.loop.effects.drift import PIECES, SHORTEST_S
-from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, elapsed, given, past, weighted
+from taxel_models.loop.effects.effect import (
+    Candidate,
+    Effect,
+    Fitting,
+    Remaining,
+    elapsed,
+    given,
+    past,
+    weighted,
+)
 from taxel_models.loop.observations import Observations
-from taxel_models.loop.statistics import Fitting
 
 TDC: Final = "tdc"
 COOLING_S: Final = 8.0
@@ -43,7 +51,7 @@ class Temperature(Effect):
             return
         driver = given(observations, TDC, "counts")
         if observations.raw_counts:
-            electrodes = np.zeros((len(CHANNELS), 1), bool)
+            electrodes = np.zeros(len(CHANNELS), bool)
             electrodes[ELECTRODE_COLUMNS] = True
             yield weighted(
                 observations,
@@ -85,7 +93,7 @@ class Temperature(Effect):
         drivers = elapsed(observations, edges)
         cooling = Relaxation(of="force", time_constant_s=COOLING_S)
         drivers.append(past(observations, cooling, f"relaxation[{COOLING_S:g}s].force", "N"))
-        electrodes = np.zeros((len(CHANNELS), len(drivers)), bool)
+        electrodes = np.zeros(len(CHANNELS), bool)
         electrodes[ELECTRODE_COLUMNS] = True
         yield weighted(
             observations,

@@ -52,7 +52,7 @@ def contents(findings: Findings, extras: Sequence[ExtraFeature], pictures: Pictu
 
 
 def _effect(effect: FoundEffect, extras: Sequence[ExtraFeature], picture: Picture) -> list[Block]:
-    test = f"{chance(effect.p_value)} among all candidates, {chance(effect.t_test)} over the folds"
+    test = f"{chance(effect.p_value)} over the folds; log odds {effect.log_evidence:,.0f}"
     explained = f"{percent(effect.explained)} of the residual's energy on the evaluation part ({test})"
     where = "all channels" if len(effect.channels) == len(CHANNELS) else listed(effect.channels)
     text = (
@@ -85,16 +85,17 @@ def _rejected(findings: Findings) -> list[Block]:
             candidate.form,
             percent(candidate.alone),
             percent(candidate.left),
-            f"{candidate.p_value:.2g}",
+            f"{candidate.log_evidence:,.0f}",
             candidate.reason,
         )
         for candidate in findings.rejected
     )
     text = (
-        "Shares are what the candidate explains in cross-validation, of the first residual by itself and "
-        "of what the named effects leave; below 0 it would do harm."
+        "Shares are what the candidate explains of the first residual on held-out folds, by itself and "
+        "beside the named effects, less what it explains of the model's own held-out residual; below 0 it "
+        "would do harm."
     )
-    head = ("candidate", "best form", "alone", "of what is left", "p", "why not")
+    head = ("candidate", "likeliest form", "alone", "beside the named", "log odds", "why not")
     return [Heading("Rejected"), Paragraph(text), Table(head, rows)]
 
 

@@ -60,7 +60,7 @@ def axis_of(result: LoopResult, partial: Partial, channel: int) -> Axis:
 
 def _feature(result: LoopResult, partial: Partial) -> Axis | None:
     """The one feature that all channels' weights multiply."""
-    candidate = partial.named.score.candidate
+    candidate = partial.named.candidate
     basis = candidate.basis
     if not isinstance(basis, Shared) or basis.size > 1 or basis.shape is not None:
         return None
@@ -70,7 +70,7 @@ def _feature(result: LoopResult, partial: Partial) -> Axis | None:
 
 
 def _covariate(result: LoopResult, partial: Partial) -> Axis | None:
-    basis = partial.named.score.candidate.basis
+    basis = partial.named.candidate.basis
     if not isinstance(basis, Shared) or basis.shape is not None:
         return None
     column = partial.named.name.partition(":")[2]

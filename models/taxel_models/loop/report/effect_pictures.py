@@ -43,7 +43,7 @@ def draw_effect(result: LoopResult, partial: Partial, path: Path) -> str:
     Returns:
         A caption.
     """
-    if partial.kind == Offset.name and not isinstance(partial.named.score.candidate.basis, Shared):
+    if partial.kind == Offset.name and not isinstance(partial.named.candidate.basis, Shared):
         # An offset of each contact has no mean to speak of.
         return _against_driver(result, partial, path)
     return _WAYS.get(partial.kind, _against_driver)(result, partial, path)

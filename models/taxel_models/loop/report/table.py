@@ -10,7 +10,7 @@ from taxel_models.loop.report.wording import confounded, key_parameters, left, p
 
 def findings_table(findings: Findings) -> RenderableType:
     """The named effects, then lines on the error before and after and on what is left."""
-    lines = [_errors(findings), *confounded(findings), left(findings)]
+    lines = [_errors(findings), *confounded(findings), *findings.changes, left(findings)]
     text = Text("\n".join(lines))
     return Group(_effects(findings), text) if findings.effects else Group("No effect was named.", text)
 

@@ -98,7 +98,7 @@ def _shortened(words: Sequence[str]) -> str:
 def opening(findings: Findings, extras: Sequence[ExtraFeature]) -> str:
     """One paragraph that a reader can act on."""
     sentences = [_outcome(findings), *_named(findings, extras), *confounded(findings)]
-    sentences += [_rejected(findings), left(findings), _next(findings)]
+    sentences += [*findings.changes, _rejected(findings), left(findings), _next(findings)]
     return " ".join(filter(None, sentences))
 
 
@@ -127,7 +127,7 @@ def paired(test: PairedTest) -> str:
 
 def _named(findings: Findings, extras: Sequence[ExtraFeature]) -> list[str]:
     if not findings.effects:
-        return ["No effect was named: no candidate explains more of the residual than chance does."]
+        return ["No effect was named: none proves itself on held-out blocks."]
     count = len(findings.effects)
     sentences = [f"{count} effects were named, most first." if count > 1 else "One effect was named."]
     for effect in findings.effects:

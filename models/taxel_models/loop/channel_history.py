@@ -1,0 +1,111 @@
+"""The history of each channel: whether its sensitivity changed over the session, and when.
+
+A block's sensitivity is the slope of the measured counts over the predicted ones, both about rest. The
+block at which it changed is the one that leaves the least squares (Page 1955); a line in time is the other
+choice.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from taxel.channels import CHANNELS
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.blocks import Blocks
+from taxel_models.loop.observations import Observations
+
+LEAST_CHANGE: Final = 0.3
+"""A smaller relative change of the sensitivity is not told."""
+
+LEAST_T: Final = 6.0
+"""The change over its standard error; the largest of some 21 channels and 100 places."""
+
+FOLLOWS: Final = 0.7
+"""The least correlation of the measured and the predicted counts inside blocks, in the median block: the
+sensitivity of a channel that does not follow its prediction means nothing."""
+
+FEWEST: Final = 5
+"""Blocks on each side of a change."""
+
+
+@dataclass(frozen=True)
+class SensitivityChange:
+    """A channel whose sensitivity changed.
+
+    Attributes:
+        channel: its name.
+        kept: the last sensitivity over the first.
+        since_s: when it changed, s of the session; None where it changed all the time.
+    """
+
+    channel: str
+    kept: float
+    since_s: float | None
+
+    def sentence(self) -> str:
+        """For people."""
+        size = f"{abs(1.0 - self.kept):.0%}"
+        change = f"lost {size} of its sensitivity" if self.kept < 1 else f"became {size} more sensitive"
+        when = "over this session" if self.since_s is None else f"at {self.since_s:.0f} s"
+        return f"{self.channel} {change} {when}."
+
+
+def sensitivity_changes(
+    observations: Observations, blocks: Blocks, explained: Floats
+) -> Iterator[SensitivityChange]:
+    """Each channel whose sensitivity changed clearly.
+
+    Args:
+        explained: (n, 21) what named effects other than gains add, counts.
+    """
+    numbers = [number for number in range(len(blocks)) if (blocks.of_row == number).any()]
+    rows = [np.flatnonzero(blocks.of_row == number) for number in numbers]
+    time = np.array([observations.time_s[some].mean() for some in rows])
+    order = np.argsort(time)
+    signal, measured = observations.signal, observations.measured - explained - observations.rest
+    energy = np.array([(signal[some] ** 2).sum(axis=0) for some in rows])[order]
+    cross = np.array([(signal[some] * measured[some]).sum(axis=0) for some in rows])[order]
+    if len(time) < 2 * FEWEST:
+        return
+    follows = np.median([_correlation(signal[some], measured[some]) for some in rows], axis=0)
+    for channel, name in enumerate(CHANNELS):
+        weight = energy[:, channel]
+        used = weight > 0.05 * np.median(weight)
+        if used.sum() < 2 * FEWEST or not weight.any() or follows[channel] < FOLLOWS:
+            continue
+        slopes = cross[used, channel] / weight[used]
+        found = _change(time[order][used], slopes)
+        if found is not None:
+            yield SensitivityChange(name, *found)
+
+
+def _correlation(first: Floats, second: Floats) -> Floats:
+    """(21,) of columns."""
+    first, second = first - first.mean(axis=0), second - second.mean(axis=0)
+    sizes = np.sqrt((first**2).sum(axis=0) * (second**2).sum(axis=0))
+    return np.asarray((first * second).sum(axis=0) / np.maximum(sizes, 1e-12))
+
+
+def _change(time: Floats, slopes: Floats) -> tuple[float, float | None] | None:
+    """The last sensitivity over the first, and when it changed; None where it did not."""
+    count = len(slopes)
+    places = np.arange(FEWEST, count - FEWEST + 1)
+    errors = [slopes[:place].var() * place + slopes[place:].var() * (count - place) for place in places]
+    place = int(places[int(np.argmin(errors))])
+    before, after = slopes[:place], slopes[place:]
+    spread = np.sqrt(before.var(ddof=1) / len(before) + after.var(ddof=1) / len(after))
+    line = np.polyfit(time, slopes, 1)
+    first, last = np.polyval(line, time[0]), np.polyval(line, time[-1])
+    gradual = ((slopes - np.polyval(line, time)) ** 2).sum() < min(errors)
+    if gradual:
+        scatter = np.sqrt(((slopes - np.polyval(line, time)) ** 2).sum() / (count - 2))
+        spread = scatter / (time.std() * np.sqrt(count)) * (time[-1] - time[0])
+        kept, change = last / max(first, 1e-9), last - first
+    else:
+        kept, change = after.mean() / max(before.mean(), 1e-9), after.mean() - before.mean()
+    usual = abs(first if gradual else before.mean())
+    if abs(change) < LEAST_CHANGE * max(usual, 1e-9) or abs(change) < LEAST_T * max(spread, 1e-9):
+        return None
+    return float(max(kept, 0.0)), None if gradual else float(time[place])

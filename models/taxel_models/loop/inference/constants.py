@@ -1,0 +1,52 @@
+"""All declared constants of the inference."""
+
+from dataclasses import dataclass
+from typing import Final
+
+
+@dataclass(frozen=True)
+class Constants:
+    """What the inference takes as given.
+
+    Attributes:
+        bin_s: length of a bin, s: rows nearer to each other tell nearly the same.
+        fading_s: time constant of the part of the noise that fades, s.
+        strength: middle of the three prior sizes of an effect, over the channel's residual; the others
+            are a fourth of it and four times as much.
+        least_included: least of the prior shares of the channels that an effect changes; the others
+            are one half and all.
+        robust: a block counts less if its error is more than so many times the median block's.
+        least_t: t over held-out folds that an effect must reach (Nadeau and Bengio 2003).
+        least_share: share of the held-out error's energy that an effect must remove, over all channels.
+        least_channel_share: likewise in one channel, where it changes few.
+        carries: a simpler effect is named first if it explains this share of what the likeliest does.
+        either: two effects are not told apart if one explains this share of what the other does.
+        simpler: a simpler effect has at most this share of the other's parameters.
+        most_effects: named at most.
+    """
+
+    bin_s: float = 0.1
+    fading_s: float = 1.0
+    strength: float = 0.5
+    least_included: float = 0.1
+    robust: float = 1.0
+    least_t: float = 2.5
+    least_share: float = 0.01
+    least_channel_share: float = 0.15
+    carries: float = 0.67
+    either: float = 0.8
+    simpler: float = 0.5
+    most_effects: int = 8
+
+    @property
+    def strengths(self) -> tuple[float, ...]:
+        """Prior sizes that the evidence is averaged over."""
+        return (self.strength / 4, self.strength, 4 * self.strength)
+
+    @property
+    def included(self) -> tuple[float, ...]:
+        """Prior shares of the channels that the evidence is averaged over."""
+        return (1.0, 0.5, self.least_included)
+
+
+DECLARED: Final = Constants()

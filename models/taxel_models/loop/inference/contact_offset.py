@@ -1,0 +1,117 @@
+"""Offsets of each contact: steady within contacts, scattered between them.
+
+No model can foretell them. They are told by their size: the part of the residual that a whole contact
+shares is larger than in the model's own held-out residual.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.channels import CHANNELS
+from taxel.windows.history import TICK_S
+from taxel_models.loop.basis import Floats, Own
+from taxel_models.loop.blocks import Blocks
+from taxel_models.loop.effects.effect import Candidate, Fitting, Online
+from taxel_models.loop.observations import Observations
+
+NAME: Final = "offset:contact"
+CALIBRATIONS_S: Final = (0.5, 1.0)
+FEWEST: Final = 8
+"""Contacts, to tell how far offsets scatter."""
+
+LEAST_SHARE: Final = 0.3
+"""Of the squared error, beyond what is usual of the model, that a calibration must remove."""
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """What a calibration at the start of each contact would bring.
+
+    Attributes:
+        offsets: (n, 21) mean residual of the first seconds of each row's contact, counts.
+        shares: (21,) the part of that offset that stays, by least squares.
+        gain: (folds, 21) fall of the squared error after those seconds, counts²; shares are fitted to the
+            other folds.
+        before: (folds, 21) the squared error after those seconds, counts².
+    """
+
+    offsets: Floats
+    shares: Floats
+    gain: Floats
+    before: Floats
+
+
+def calibrated(
+    observations: Observations, blocks: Blocks, left: Floats, counted: Floats, seconds: float
+) -> Calibrated:
+    """Take the first seconds of each contact of a residual (n, 21) as its offset.
+
+    Args:
+        blocks: rows of the evaluation part get offsets, too, but are not counted.
+        counted: (n, 21) how much each row counts.
+    """
+    starts = np.flatnonzero(np.diff(observations.segment, prepend=-1))
+    folds = int(blocks.fold.max()) + 1
+    own, cross, before = np.zeros((3, folds, len(CHANNELS)))
+    offsets = np.zeros_like(left)
+    fold_of_row = np.where(blocks.of_row >= 0, blocks.fold[blocks.of_row], -1)
+    early = max(1, round(seconds / TICK_S))
+    for start, stop in zip(starts, [*starts[1:], len(left)], strict=True):
+        offset = left[start : min(start + early, stop)].mean(axis=0)
+        offsets[start:stop] = offset
+        later = np.arange(start + early, stop)
+        for fold in np.unique(fold_of_row[later]):
+            if fold >= 0:
+                rows = later[fold_of_row[later] == fold]
+                own[fold] += counted[rows].sum(axis=0) * offset**2
+                cross[fold] += (counted[rows] * left[rows]).sum(axis=0) * offset
+                before[fold] += (counted[rows] * left[rows] ** 2).sum(axis=0)
+    others = own.sum(axis=0) - own, cross.sum(axis=0) - cross
+    share = np.clip(others[1] / np.maximum(others[0], 1e-12), 0.0, 1.0)
+    whole = np.clip(cross.sum(axis=0) / np.maximum(own.sum(axis=0), 1e-12), 0.0, 1.0)
+    return Calibrated(offsets, whole, 2 * share * cross - share**2 * own, before)
+
+
+def contacts(segment: NDArray[np.int64]) -> int:
+    """How many contacts there are, if a segment is one."""
+    return len(np.unique(segment))
+
+
+def candidate_of(offsets: Floats, shares: Mapping[float, float]) -> Candidate:
+    """The offsets as a form that is reported and cannot be served."""
+    told = ", ".join(f"{seconds:g} s would remove {share:.0%}" for seconds, share in shares.items())
+    return Candidate(
+        NAME,
+        f"of each contact; calibrating for {told} of the squared error",
+        Own(offsets[:, :, None].astype(np.float32)),
+        fitting=Fitting(fixed=True),
+        weight_names=("share of the offset",),
+        weight_unit="relative",
+        online=lambda _: Online(),
+        again=lambda _: candidate_of(offsets, shares),
+    )
+
+
+def log_evidence(
+    white: Floats, ones: Floats, blocks: tuple[slice, ...], strengths: tuple[float, ...]
+) -> float:
+    """Log odds of a random constant of each block, of all channels, to none.
+
+    Args:
+        white: (21, bins) the whitened residual.
+        ones: (21, bins) a whitened constant of the residual's size.
+    """
+    gram = np.stack([(ones[:, block] ** 2).sum(axis=1) for block in blocks])
+    cross = np.stack([(ones[:, block] * white[:, block]).sum(axis=1) for block in blocks])
+    energy = np.maximum((white**2).sum(axis=1), 1e-9)
+    found = []
+    for strength in strengths:
+        taken = (cross**2 / (gram + strength**-2)).sum(axis=0)
+        volume = 0.5 * np.log1p(strength**2 * gram).sum(axis=0)
+        left = np.maximum(energy - taken, 1e-9 * energy)
+        found.append(float((-volume - 0.5 * white.shape[1] * np.log(left / energy)).sum()))
+    return float(np.logaddexp.reduce(found) - np.log(len(found)))

@@ -1,0 +1,342 @@
+"""Evidence: how much likelier the residual is with an effect than without it.
+
+y_c = X_S w_Sc + X_e w_ec + noise, for each channel c, whitened. Weights are normal, with a variance that
+is a multiple of the noise's. The noise's size has a flat prior on its logarithm and is integrated out, so
+the marginal likelihood has a closed form (a Student t; Bishop 2006, section 3.5).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.effects.effect import Fitting
+from taxel_models.loop.inference.constants import Constants
+
+
+@dataclass(frozen=True)
+class Design:
+    """Whitened regressors.
+
+    Attributes:
+        values: (21, bins, k).
+        fold: (bins,), ascending.
+    """
+
+    values: Floats
+    fold: NDArray[np.int64]
+
+    def products(self, other: "Design") -> Floats:
+        """(folds, 21, k, other k) sums of products over the bins of each fold."""
+        edges = np.searchsorted(self.fold, np.arange(int(self.fold.max()) + 2))
+        mine = self.values.transpose(0, 2, 1)
+        parts = pairwise(edges)
+        return np.stack([mine[:, :, start:stop] @ other.values[:, start:stop] for start, stop in parts])
+
+    def beside(self, other: "Design") -> "Design":
+        """Both together."""
+        return Design(np.concatenate([self.values, other.values], axis=2), self.fold)
+
+
+@dataclass(frozen=True)
+class Base:
+    """The residual, and the regressors that are in the model already.
+
+    Attributes:
+        target: (21, bins, 1) the whitened residual.
+        design: (21, bins, k).
+        precision: (21, k) of the weights over the noise's; infinite where a channel has none.
+        quantum: (21,) squared, what rounding alone leaves in a bin.
+    """
+
+    target: Design
+    design: Design
+    precision: Floats
+    quantum: Floats
+
+    @property
+    def bins(self) -> int:
+        """Their number."""
+        return int(self.target.values.shape[1])
+
+    @property
+    def size(self) -> int:
+        """k."""
+        return int(self.precision.shape[1])
+
+    @cached_property
+    def gram(self) -> Floats:
+        """(folds, 21, k, k)."""
+        return self.design.products(self.design)
+
+    @cached_property
+    def cross(self) -> Floats:
+        """(folds, 21, k)."""
+        return self.design.products(self.target)[..., 0]
+
+    @cached_property
+    def energy(self) -> Floats:
+        """(folds, 21)."""
+        return self.target.products(self.target)[..., 0, 0]
+
+    @property
+    def noise(self) -> Floats:
+        """(21,) mean square of the residual that the base leaves, rounding included."""
+        left = _left(self.energy.sum(axis=0), self.cross.sum(axis=0), self.gram.sum(axis=0), self.precision)
+        return np.asarray(np.maximum(left / self.bins, 0.0) + self.quantum)
+
+    def with_constant(self, ones: Design) -> Self:
+        """With a constant of each channel as the last regressor."""
+        precision = np.column_stack([self.precision, np.ones(len(self.precision))])
+        return type(self)(self.target, self.design.beside(ones), precision, self.quantum)
+
+    def without_last(self) -> Self:
+        """The last regressor has no weight; all products stay as they are."""
+        precision = self.precision.copy()
+        precision[:, -1] = np.inf
+        other = type(self)(self.target, self.design, precision, self.quantum)
+        other.__dict__.update(gram=self.gram, cross=self.cross, energy=self.energy)
+        return other
+
+    def given(self, sums: "Sums") -> tuple[Floats, Floats, Floats]:
+        """Products of new regressors with themselves and the residual, and its energy, given the base."""
+        if not self.size:
+            return sums.gram, sums.cross, sums.energy
+        inverse = inverse_of(sums.base_gram, self.precision)
+        half = inverse @ sums.between
+        return (
+            sums.gram - sums.between.transpose(0, 2, 1) @ half,
+            sums.cross - np.einsum("cbk,cb->ck", half, sums.base_cross),
+            _left(sums.energy, sums.base_cross, sums.base_gram, self.precision),
+        )
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Products over some folds of a base and of new regressors: what all inference needs."""
+
+    base_gram: Floats
+    base_cross: Floats
+    energy: Floats
+    between: Floats
+    gram: Floats
+    cross: Floats
+
+
+@dataclass(frozen=True)
+class Products:
+    """The products of a base and of new regressors, fold by fold."""
+
+    base: Base
+    between: Floats
+    gram: Floats
+    cross: Floats
+
+    @classmethod
+    def of(cls, base: Base, design: Design) -> Self:
+        """Of a base and new regressors."""
+        between, gram = base.design.products(design), design.products(design)
+        return cls(base, between, gram, design.products(base.target)[..., 0])
+
+    @property
+    def folds(self) -> int:
+        """Their number."""
+        return len(self.gram)
+
+    def sums(self, kept: NDArray[np.bool_] | None = None) -> Sums:
+        """Over some folds, or all."""
+        folds = np.ones(self.folds, bool) if kept is None else kept
+        base = self.base
+        parts = (base.gram, base.cross, base.energy, self.between, self.gram, self.cross)
+        return Sums(*(part[folds].sum(axis=0) for part in parts))
+
+
+def inverse_of(gram: Floats, precision: Floats) -> Floats:
+    """(21, k, k) inverse of gram plus diagonal precision (21, k); 0 where the precision is infinite."""
+    kept = np.isfinite(precision)
+    both = kept[:, :, None] & kept[:, None, :]
+    diagonal = np.where(kept, precision, 1.0)
+    matrix = np.where(both, gram, 0.0) + np.eye(gram.shape[-1]) * diagonal[:, None, :]
+    return np.asarray(np.where(both, np.linalg.inv(matrix), 0.0))
+
+
+def _left(energy: Floats, cross: Floats, gram: Floats, precision: Floats) -> Floats:
+    if not cross.shape[1]:
+        return energy
+    inverse = inverse_of(gram, precision)
+    return np.asarray(energy - np.einsum("cb,cbd,cd->c", cross, inverse, cross))
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """The evidence for one form.
+
+    Attributes:
+        log_evidence: natural logarithm of the odds with the form to those without it.
+        strength: the likeliest prior size of its weights, over the channel's residual.
+        included: (21,) probability that a channel has it.
+        by_channel: (21,) log odds of each channel at that strength.
+    """
+
+    log_evidence: float
+    strength: float
+    included: Floats
+    by_channel: Floats
+
+    @property
+    def changes(self) -> NDArray[np.bool_]:
+        """(21,) channels that have it more likely than not."""
+        return np.asarray(self.included > 0.5)
+
+
+def weigh(
+    products: Products, fitting: Fitting, constants: Constants, usual: Floats | float = 0.0
+) -> Weighed:
+    """The evidence for a form beside a base. Its regressors have a mean square of 1 over the scale.
+
+    Args:
+        usual: (21,) log odds that each channel's residual gives the effect anyway.
+    """
+    base = products.base
+    gram, cross, energy = base.given(products.sums())
+    energy = np.maximum(energy, 0.0) + base.bins * base.quantum
+    half, channels = 0.5 * base.bins, len(energy)
+    allowed = np.ones(channels, bool) if fitting.allowed is None else fitting.allowed
+    if fitting.fixed:
+        left = energy - 2 * cross.sum(axis=1) + gram.sum(axis=(1, 2))
+        by_channel = -half * np.log(np.maximum(left, 1e-9 * energy) / energy) * allowed
+        price = 0.5 * fitting.motion * np.log(base.bins)
+        total = float((by_channel - usual)[allowed].sum() - price)
+        return Weighed(total, 1.0, allowed.astype(float), by_channel)
+    if fitting.pooled:
+        return _pooled(gram, cross, energy, half, allowed, constants, usual)
+    values, vectors = np.linalg.eigh(gram)
+    values = np.maximum(values, 0.0)
+    turned = np.einsum("ckl,ck->cl", vectors, cross) ** 2
+    table = np.empty((len(constants.strengths), len(constants.included)))
+    factors = np.zeros((len(constants.strengths), channels))
+    for row, strength in enumerate(constants.strengths):
+        left = np.maximum(energy - (turned / (values + strength**-2)).sum(axis=1), 1e-9 * energy)
+        volume = 0.5 * np.log1p(strength**2 * values).sum(axis=1)
+        factors[row] = -volume - half * np.log(left / energy) - np.log(fitting.choices)
+        for column, share in enumerate(constants.included):
+            table[row, column] = _mixture(factors[row] - usual, share)[allowed].sum()
+    row, column = divmod(int(table.argmax()), table.shape[1])
+    share = constants.included[column]
+    own = factors[row] - usual
+    included = share * np.exp(own - _mixture(own, share)) * allowed
+    log_evidence = float(logsumexp(table) - np.log(table.size))
+    return Weighed(log_evidence, constants.strengths[row], included, factors[row] * allowed)
+
+
+def _mixture(factors: Floats, share: float) -> Floats:
+    """log((1 - share) + share exp(factors)): a channel has the effect with a prior probability."""
+    if share == 1.0:
+        return factors
+    return np.asarray(np.logaddexp(np.log1p(-share), np.log(share) + factors))
+
+
+def _pooled(
+    gram: Floats,
+    cross: Floats,
+    energy: Floats,
+    half: float,
+    allowed: NDArray[np.bool_],
+    constants: Constants,
+    usual: Floats | float,
+) -> Weighed:
+    """Weights that all channels share: the posterior's height and width (Laplace)."""
+    anyway = float(np.broadcast_to(usual, allowed.shape)[allowed].sum())
+    gram, cross, energy = gram[allowed], cross[allowed], energy[allowed]
+    size, found, shown = gram.shape[-1], [], []
+    for strength in constants.strengths:
+        precision = np.eye(size) / strength**2
+        weights, left = np.zeros(size), energy
+        for _ in range(12):
+            counted = 2 * half / left
+            curvature = (gram * counted[:, None, None]).sum(axis=0) + precision
+            weights = np.linalg.solve(curvature, (cross * counted[:, None]).sum(axis=0))
+            left = energy - 2 * cross @ weights + np.einsum("k,ckl,l->c", weights, gram, weights)
+            left = np.maximum(left, 1e-9 * energy)
+        by_channel = -half * np.log(left / energy)
+        height = by_channel.sum() - 0.5 * weights @ precision @ weights
+        volume = 0.5 * np.linalg.slogdet(curvature)[1] + size * np.log(strength)
+        found.append(float(height - volume))
+        shown.append(by_channel)
+    best = int(np.argmax(found))
+    log_evidence = float(logsumexp(found) - np.log(len(found))) - anyway
+    every = np.zeros(len(allowed))
+    every[allowed] = shown[best]
+    return Weighed(log_evidence, constants.strengths[best], allowed.astype(np.float64), every)
+
+
+def posterior_weights(
+    products: Products, fitting: Fitting, weighed: Weighed, kept: NDArray[np.bool_] | None = None
+) -> tuple[Floats, Floats]:
+    """The posterior mean of the base's weights (21, base k) and of the form's (21, k), by some folds."""
+    base, sums, changes = products.base, products.sums(kept), weighed.changes
+    gram, cross, _ = base.given(sums)
+    if fitting.fixed:
+        weights = np.broadcast_to(changes[:, None], cross.shape).astype(np.float64)
+    elif fitting.pooled:
+        counted = changes / base.noise
+        pooled = (gram * counted[:, None, None]).sum(axis=0) + np.eye(gram.shape[-1]) / weighed.strength**2
+        common = np.linalg.solve(pooled, (cross * counted[:, None]).sum(axis=0))
+        weights = common[None] * changes[:, None]
+    else:
+        precision = np.where(changes, weighed.strength**-2, np.inf)
+        spread = np.broadcast_to(precision[:, None], cross.shape)
+        weights = np.einsum("ckl,cl->ck", inverse_of(gram, spread), cross)
+    if not base.size:
+        return np.zeros((len(weights), 0)), weights
+    rest = sums.base_cross - np.einsum("cbk,ck->cb", sums.between, weights)
+    return np.einsum("cbd,cd->cb", inverse_of(sums.base_gram, base.precision), rest), weights
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """What a form explains of folds that nothing was fitted to, beside a base.
+
+    Attributes:
+        gain: (folds, 21) fall of the squared error over the noise.
+        before: (folds, 21) the base's squared error over the noise.
+        noise: (21,) mean square that the base leaves in a bin, over the scale.
+    """
+
+    gain: Floats
+    before: Floats
+    noise: Floats
+
+    @property
+    def shares(self) -> Floats:
+        """(21,) the share of each channel's held-out error that goes."""
+        return np.asarray(self.gain.sum(axis=0) / np.maximum(self.before.sum(axis=0), 1e-12))
+
+
+def held_out(products: Products, fitting: Fitting, weighed: Weighed) -> HeldOut:
+    """Fit to all folds but one, test on that one; fold after fold."""
+    base, folds = products.base, products.folds
+    noise = base.noise
+    gain, before = np.empty((2, folds, len(noise)))
+    for fold in range(folds):
+        kept = np.arange(folds) != fold
+        test = products.sums(~kept)
+        inverse = inverse_of(base.gram[kept].sum(axis=0), base.precision)
+        plain = np.einsum("cbd,cd->cb", inverse, base.cross[kept].sum(axis=0))
+        beside, weights = posterior_weights(products, fitting, weighed, kept)
+        alone = _squares(test.energy, plain, test.base_cross, test.base_gram)
+        after = _squares(test.energy, beside, test.base_cross, test.base_gram)
+        after += _squares(np.zeros(len(noise)), weights, test.cross, test.gram)
+        after += 2 * np.einsum("cb,cbk,ck->c", beside, test.between, weights)
+        gain[fold], before[fold] = (alone - after) / noise, alone / noise
+    return HeldOut(gain, before, noise)
+
+
+def _squares(energy: Floats, weights: Floats, cross: Floats, gram: Floats) -> Floats:
+    explained = 2 * (weights * cross).sum(axis=1)
+    return np.asarray(energy - explained + np.einsum("ck,ckl,cl->c", weights, gram, weights))

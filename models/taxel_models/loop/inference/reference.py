@@ -1,0 +1,44 @@
+"""The reference: a model's own held-out residual, which says what the model gets wrong anyway."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from taxel.errors import RecordingError
+from taxel.manifest import HeldOutResidual, OwnStructure
+from taxel_models.loop.blocks import cut
+from taxel_models.loop.effects.registry import candidates
+from taxel_models.loop.inference.constants import DECLARED, Constants
+from taxel_models.loop.inference.scoring import Scoring
+from taxel_models.loop.inference.whitening import Bins, NoiseShape
+from taxel_models.loop.observations import Model, gather
+from taxel_models.recordings import Recording
+
+_KEPT = 0.05
+"""Blocks that the reference leaves out; the inference wants an evaluation part."""
+
+
+def held_out_residual(
+    model: Model, recordings: Sequence[Recording], constants: Constants = DECLARED
+) -> HeldOutResidual | None:
+    """Of a model and the recordings that its training held out; None where they are too short."""
+    try:
+        observations = gather(model, recordings, measured_temperature=True)
+        blocks = cut(observations, seed=0, held_out=_KEPT)
+    except RecordingError:
+        return None
+    residual = observations.residual
+    shape = NoiseShape.of(Bins.of(blocks, constants.bin_s), residual, constants.fading_s)
+    found = HeldOutResidual(
+        rows=len(observations),
+        std=tuple(np.sqrt((residual**2).mean(axis=0)).tolist()),
+        shared=tuple(shape.shared.tolist()),
+        fading=tuple(shape.fading.tolist()),
+    )
+    effects = candidates(observations)
+    scoring = Scoring(observations, blocks, effects, found, constants, lambda _: None)
+    structure = {
+        name: OwnStructure(log_evidence=tuple(log_evidence.tolist()), gain=tuple(gain.tolist()))
+        for name, (log_evidence, gain) in scoring.structure().items()
+    }
+    return found.model_copy(update={"structure": structure})

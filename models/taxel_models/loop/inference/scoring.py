@@ -1,0 +1,419 @@
+"""Scores: what each effect explains beside those that are named already."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.special import logsumexp
+from threadpoolctl import threadpool_limits
+
+from taxel.channels import CHANNELS, COUNTS_MAX, ELECTRODE_COLUMNS
+from taxel.manifest import HeldOutResidual
+from taxel_models.evaluation.standard_error import corrected_standard_error
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.blocks import Blocks
+from taxel_models.loop.effects.effect import Effect, Fitting, Remaining
+from taxel_models.loop.effects.offset import Offset
+from taxel_models.loop.inference import contact_offset
+from taxel_models.loop.inference.constants import Constants
+from taxel_models.loop.inference.evidence import (
+    Base,
+    Design,
+    HeldOut,
+    Products,
+    Weighed,
+    held_out,
+    posterior_weights,
+    weigh,
+)
+from taxel_models.loop.inference.forms import Form, prepared
+from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
+from taxel_models.loop.observations import Observations
+
+Progress = Callable[[str], None]
+REFITS: Final = 3
+"""Rounds in which weights, or a form's parameters, are found again."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """What one effect explains beside the named ones.
+
+    Attributes:
+        effect: which; None for offsets of each contact.
+        form: its likeliest.
+        weighed: that form, in the likelier of the two bases.
+        log_evidence: of all its forms together.
+        needs_constant: whether its likeliest form stands beside a constant of each channel.
+        worth: (21,) share of each channel's held-out error that goes.
+        t: over held-out folds, beside a constant of each channel.
+        gain: fall of the held-out squared error, over the noise.
+        most_gain: likewise, of its likeliest form before a simpler one was preferred.
+    """
+
+    effect: Effect | None
+    form: Form
+    weighed: Weighed
+    log_evidence: float
+    needs_constant: bool
+    worth: Floats
+    t: float
+    gain: float
+    most_gain: float
+
+    @property
+    def name(self) -> str:
+        """The effect's."""
+        return self.form.candidate.effect
+
+    @property
+    def freedom(self) -> int:
+        """How many figures it fits."""
+        return self.form.freedom(int(self.weighed.changes.sum()))
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A named effect while others are looked for."""
+
+    effect: Effect | None
+    form: Form
+    weighed: Weighed
+    first: Score
+    weights: Floats
+    contribution: Floats
+
+    @property
+    def name(self) -> str:
+        """The effect's."""
+        return self.form.candidate.effect
+
+    @property
+    def is_regressor(self) -> bool:
+        """Whether its weights are inferred together with those of others."""
+        fitting = self.form.candidate.fitting
+        return not (fitting.fixed or fitting.pooled)
+
+
+class Scoring:
+    """Weighs and tests effects on the fit part.
+
+    Args:
+        observations: the recordings with the model's predictions.
+        blocks: the fit part and the evaluation part. The evaluation part is not used.
+        effects: that compete.
+        reference: the model's own held-out residual; None if it is not known.
+        constants: of the inference.
+        progress: is told which effect is weighed.
+
+    Attributes:
+        out_of_scope: effects that these observations cannot show, with the reason.
+        bins: of the fit part.
+    """
+
+    def __init__(
+        self,
+        observations: Observations,
+        blocks: Blocks,
+        effects: Sequence[Effect],
+        reference: HeldOutResidual | None,
+        constants: Constants,
+        progress: Progress,
+    ) -> None:
+        self.observations = observations
+        self._blocks, self._constants = blocks, constants
+        scope = {effect.label: effect.out_of_scope(observations) for effect in effects}
+        self.out_of_scope = {name: reason for name, reason in scope.items() if reason is not None}
+        self._effects = [effect for effect in effects if effect.label not in self.out_of_scope]
+        self._progress = progress
+        self._reference = reference
+        self._beyond: Floats | float = 0.0
+        """(n, 21) how far the named effects lead beyond the limits of counts where a channel is at one."""
+        self.bins = Bins.of(blocks, constants.bin_s)
+        shape = NoiseShape.usual()
+        if reference is not None:
+            shape = NoiseShape(np.array(reference.shared), np.array(reference.fading))
+        self.whitening = Whitening(self.bins, shape, observations.residual, constants)
+        self._row_weights = self.whitening.row_weights(len(observations))
+        ones = np.broadcast_to(self.whitening.scale[:, None, None], (len(CHANNELS), len(self.bins), 1))
+        self._ones = Design(self.whitening(ones), self.bins.fold)
+        target = self.base([]).target.values[:, :, 0]
+        self._energy = np.maximum((target**2).sum(axis=1), 1e-9)
+        self._forms: dict[str, list[Form]] = {}
+        self._hopeless: set[str] = set()
+        """Effects whose forms cost many predictions, and which the residual does not speak for."""
+
+    def move_inputs(self, moved: Callable[[Observations], Observations]) -> Floats:
+        """Change the inputs, and so all predictions and forms; (n, 21) the predictions' change, counts."""
+        before, self.observations = self.observations, moved(self.observations)
+        self._forms.clear()
+        return self.observations.predicted - before.predicted
+
+    def residual(self, taken: Sequence[Taken]) -> Floats:
+        """(n, 21) what some effects leave, counts."""
+        left = self.observations.residual + self._beyond
+        for each in taken:
+            if not each.form.candidate.moves:
+                left = left - each.contribution
+        return left
+
+    def base(self, taken: Sequence[Taken]) -> Base:
+        """The residual with the regressors of some named effects."""
+        regressors = [each for each in taken if each.is_regressor]
+        apart = self.residual([each for each in taken if not each.is_regressor])
+        target = Design(self.whitening(self.bins.means(apart.T[:, :, None])), self.bins.fold)
+        values = [np.empty((len(CHANNELS), len(self.bins), 0))]
+        precision = [np.empty((len(CHANNELS), 0))]
+        for each in regressors:
+            values.append(each.form.design.values)
+            own = np.where(each.weighed.changes, each.weighed.strength**-2, np.inf)
+            precision.append(np.repeat(own[:, None], each.form.size, axis=1))
+        design = Design(np.concatenate(values, axis=2), self.bins.fold)
+        return Base(target, design, np.concatenate(precision, axis=1), self.whitening.quantum)
+
+    def _forms_of(self, effect: Effect, left: Floats) -> list[Form]:
+        if effect.looks_at_residual or effect.label not in self._forms:
+            remaining = Remaining(left, self._blocks.fit, self._row_weights.mean(axis=1))
+            self._forms[effect.label] = [
+                form
+                for candidate in effect.forms(self.observations, remaining)
+                for form in prepared(candidate, self.whitening)
+            ]
+        return self._forms[effect.label]
+
+    def scores(self, taken: Sequence[Taken]) -> list[Score]:
+        """Every other effect beside some named ones, the likeliest first."""
+        left = self.residual(taken)
+        beside = self.base(taken).with_constant(self._ones)
+        base = beside.without_last()
+        constant = weigh(Products.of(base, self._ones), Fitting(), self._constants).log_evidence
+        names = {each.name for each in taken}
+        found = []
+        for effect in self._effects:
+            if effect.label in names or effect.label in self._hopeless:
+                continue
+            self._progress(effect.label)
+            forms = self._forms_of(effect, left)
+            if forms:
+                score = self._score(effect, forms, base, beside, constant)
+                found.append(score)
+                weak = score.log_evidence <= 0 or score.t < self._constants.least_t
+                if effect.is_costly and (weak or score.worth.mean() < self._constants.least_share):
+                    self._hopeless.add(effect.label)
+        contact = None if contact_offset.NAME in names else self._contact_offset(base, left)
+        found += [] if contact is None else [contact]
+        return sorted(found, key=lambda score: -score.log_evidence)
+
+    def _score(
+        self, effect: Effect, forms: Sequence[Form], base: Base, beside: Base, constant: float
+    ) -> Score:
+        is_constant = effect.name == Offset.name
+        usual = self._usual_evidence(effect.label)
+        weighed: list[tuple[float, Form, Products, Weighed, bool]] = []
+        logs = []
+        for form in forms:
+            fitting = form.candidate.fitting
+            products = Products.of(beside, form.design)
+            plain = weigh(replace(products, base=base), fitting, self._constants, usual)
+            options = [(plain.log_evidence, form, products, plain, False)]
+            if not is_constant:
+                second = weigh(products, fitting, self._constants, usual)
+                options.append((second.log_evidence + constant, form, products, second, True))
+            logs.append(float(logsumexp([option[0] for option in options]) - np.log(len(options))))
+            weighed.append(max(options, key=lambda option: option[0]))
+
+        def tested(option: tuple[float, Form, Products, Weighed, bool]) -> Score:
+            value, form, products, own, needs = option
+            if is_constant:
+                products = replace(products, base=base)
+            found = held_out(products, form.candidate.fitting, own)
+            return self._scored(effect, form, own, value, found, needs_constant=needs)
+
+        best = tested(max(weighed, key=lambda option: option[0]))
+        most_gain = best.gain
+        simpler = [
+            option
+            for option in weighed
+            if option[1].freedom(int(option[3].changes.sum())) <= self._constants.simpler * best.freedom
+        ]
+        total = float(logsumexp(logs) - np.log(len(logs)))
+        if simpler:
+            best = self.simplest(best, [tested(max(simpler, key=lambda option: option[0]))])
+        return replace(best, log_evidence=total, most_gain=most_gain)
+
+    def simplest(self, best: Score, scores: Sequence[Score]) -> Score:
+        """The likeliest of those simpler than the best that carry most of what it explains, or the best."""
+        simpler = [
+            score
+            for score in scores
+            if score.effect is not None
+            and score.freedom <= self._constants.simpler * best.freedom
+            and score.gain >= self._constants.carries * best.gain > 0
+        ]
+        return max(simpler, key=lambda score: score.log_evidence, default=best)
+
+    def _scored(
+        self,
+        effect: Effect | None,
+        form: Form,
+        weighed: Weighed,
+        log_evidence: float,
+        tested: HeldOut,
+        *,
+        needs_constant: bool = False,
+        energy: Floats | None = None,
+    ) -> Score:
+        """A score less what the effect explains of the model's own held-out residual."""
+        gain = tested.gain - self._usual_gain(form.candidate.effect, tested)
+        worth = (gain * tested.noise).sum(axis=0) / (self._energy if energy is None else energy)
+        t, total = over_folds(gain, weighed)
+        return Score(effect, form, weighed, log_evidence, needs_constant, worth, t, total, total)
+
+    def _usual_evidence(self, name: str) -> Floats | float:
+        """(21,) log odds that the model's own residual gives an effect."""
+        if self._reference is None or name not in self._reference.structure:
+            return 0.0
+        # Where other effects make the residual larger, the model's own structure is a smaller part of it.
+        part = np.minimum(1.0, (np.array(self._reference.std) / self.whitening.scale) ** 2)
+        usual = np.array(self._reference.structure[name].log_evidence)
+        return np.asarray(usual * part * len(self.bins))
+
+    def _usual_gain(self, name: str, tested: HeldOut) -> Floats | float:
+        """(folds, 21) what an effect takes off the model's own residual."""
+        if self._reference is None or name not in self._reference.structure:
+            return 0.0
+        _, bins = np.unique(self.bins.fold, return_counts=True)
+        gain = np.array(self._reference.structure[name].gain)
+        return np.asarray(bins[:, None] * gain / (tested.noise * self.whitening.scale**2))
+
+    def structure(self) -> dict[str, tuple[Floats, Floats]]:
+        """For each effect alone, its log odds (21,) and its gain (21,), counts², for each bin."""
+        with threadpool_limits(1):
+            scores = self.scores([])
+        energy = self._energy * self.whitening.scale**2 / len(self.bins)
+        return {
+            score.name: (
+                np.maximum(score.weighed.by_channel, 0.0) / len(self.bins),
+                np.maximum(score.worth, 0.0) * energy,
+            )
+            for score in scores
+        }
+
+    def _contact_offset(self, base: Base, left: Floats) -> Score | None:
+        """Offsets of each contact, if the model's own held-out residual says how much is usual."""
+        segment = self.observations.segment
+        if self._reference is None:
+            return None
+        if contact_offset.contacts(segment[self._blocks.fit]) < contact_offset.FEWEST:
+            return None
+        taken = {
+            seconds: contact_offset.calibrated(
+                self.observations, self._blocks, left, self._row_weights, seconds
+            )
+            for seconds in contact_offset.CALIBRATIONS_S
+        }
+        last = taken[contact_offset.CALIBRATIONS_S[-1]]
+        white = self.whitening(self.bins.means(left.T[:, :, None]))[:, :, 0]
+        log_evidence = contact_offset.log_evidence(
+            white, self._ones.values[:, :, 0], self.bins.blocks, self._constants.strengths
+        )
+        removed = {
+            seconds: float((each.gain.sum(axis=0) / np.maximum(each.before.sum(axis=0), 1e-9)).mean())
+            for seconds, each in taken.items()
+        }
+        candidate = contact_offset.candidate_of(last.offsets * last.shares, removed)
+        (form,) = prepared(candidate, self.whitening)
+        usual = np.sum(self._usual_evidence(contact_offset.NAME))
+        by_channel = np.full(len(CHANNELS), log_evidence / len(CHANNELS))
+        weighed = Weighed(log_evidence, 1.0, np.ones(len(CHANNELS)), by_channel)
+        # Sums over rows in counts² become sums over bins in units of the noise.
+        noise = base.noise
+        unit = noise * self.whitening.scale**2 * self.bins.rows_each
+        tested = HeldOut(last.gain / unit, last.before / unit, noise)
+        energy = np.maximum((tested.before * noise).sum(axis=0), 1e-9)
+        return self._scored(None, form, weighed, log_evidence - float(usual), tested, energy=energy)
+
+    def contradicts(self, score: Score, taken: Sequence[Taken]) -> bool:
+        """Whether electrodes' weights differ more than their common cause allows."""
+        alike = score.form.candidate.alike
+        if alike is None:
+            return False
+        _, scaled = posterior_weights(
+            Products.of(self.base(taken), score.form.design),
+            score.form.candidate.fitting,
+            score.weighed,
+        )
+        weights = score.form.weights(scaled)[ELECTRODE_COLUMNS]
+        mean = weights.mean(axis=0)
+        deviation = np.sqrt(((weights - mean) ** 2).sum(axis=1).mean())
+        return bool(deviation > alike * max(float(np.linalg.norm(mean)), 1e-12))
+
+    def refined(self, score: Score, taken: Sequence[Taken]) -> Score:
+        """The likeliest of the forms around an effect's likeliest one, if its forms are a grid."""
+        beside = self.base(taken).with_constant(self._ones)
+        base = beside.without_last()
+        constant = weigh(Products.of(base, self._ones), Fitting(), self._constants).log_evidence
+        for _ in range(REFITS):
+            if score.effect is None:
+                break
+            finer = [
+                form
+                for candidate in score.effect.finer(self.observations, score.form.candidate)
+                for form in prepared(candidate, self.whitening)
+            ]
+            if not finer:
+                break
+            found = self._score(score.effect, [score.form, *finer], base, beside, constant)
+            found = replace(found, log_evidence=score.log_evidence)
+            if found.form is score.form:
+                break
+            score = found
+        return score
+
+    def settle_limits(self, taken: Sequence[Taken]) -> None:
+        """A channel that is at a limit of the counts does not contradict effects that lead beyond it."""
+        predicted = self.observations.predicted + sum(
+            each.contribution for each in taken if not each.form.candidate.moves
+        )
+        measured = self.observations.measured
+        below = np.where(measured <= 0, np.minimum(predicted, 0.0), 0.0)
+        above = np.where(measured >= COUNTS_MAX, np.maximum(predicted - COUNTS_MAX, 0.0), 0.0)
+        self._beyond = np.asarray(below + above)
+
+    def weights(self, taken: Taken, others: Sequence[Taken], fold: int | None = None) -> Floats:
+        """(21, k) weights of a named effect beside others, by the fit part or all of it but one fold."""
+        products = Products.of(self.base(others), taken.form.design)
+        kept = None if fold is None else np.arange(products.folds) != fold
+        _, scaled = posterior_weights(products, taken.form.candidate.fitting, taken.weighed, kept)
+        return taken.form.weights(scaled)
+
+    def beside(self, taken: Taken, others: Sequence[Taken]) -> tuple[Weighed, HeldOut]:
+        """A named effect's own form, weighed and tested beside the others."""
+        products = Products.of(self.base(others), taken.form.design)
+        fitting = taken.form.candidate.fitting
+        weighed = weigh(products, fitting, self._constants)
+        return weighed, held_out(products, fitting, taken.weighed)
+
+
+def over_folds(gain: Floats, weighed: Weighed) -> tuple[float, float]:
+    """The larger t of two tests over the folds, and the gain in all, over the channels that change.
+
+    The first test counts all these channels alike. The second weighs them by what the other folds show,
+    since the noise of the other channels would hide an effect of a few. Under chance, a fold's gain is as
+    likely below 0 as above, since it has no influence on its own weights.
+
+    Args:
+        gain: (folds, 21).
+    """
+    some = gain[:, weighed.changes]
+    by_fold = some.sum(axis=1)
+    others = np.maximum((some.sum(axis=0) - some) / max(len(some) - 1, 1), 0.0)
+    weighted = (others * some).sum(axis=1) / np.maximum(others.sum(axis=1), 1e-12)
+    return max(_t(by_fold), _t(weighted)), float(by_fold.sum())
+
+
+def _t(by_fold: Floats) -> float:
+    """Of the corrected resampled t-test: each fold is tested on one part and fitted to the others."""
+    error = corrected_standard_error(by_fold, 1.0 / max(len(by_fold) - 1, 1))
+    return float(by_fold.mean()) / max(error, 1e-12)

@@ -1,0 +1,277 @@
+"""Selection: causes are compared on one scale of evidence, and each must prove itself on held-out blocks.
+
+Evidence says what it is. In each step, every form of every effect is weighed beside the named ones. The
+evidence of an effect is the mean over its forms, so that choosing among them has its price. A test over
+held-out folds says whether anything is there. Both are computed with and without a constant of each
+channel, since a trained model has absorbed the mean of what it lacks.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from taxel.channels import CHANNELS
+from taxel.manifest import HeldOutResidual
+from taxel_models.loop.attribution import Attribution, Named, Rejected
+from taxel_models.loop.blocks import Blocks
+from taxel_models.loop.effects.effect import Effect
+from taxel_models.loop.effects.offset import Offset
+from taxel_models.loop.inference import contact_offset
+from taxel_models.loop.inference.constants import DECLARED, Constants
+from taxel_models.loop.inference.forms import prepared
+from taxel_models.loop.inference.scoring import REFITS, Progress, Score, Scoring, Taken, over_folds
+from taxel_models.loop.observations import Observations
+
+
+class JointSelection:
+    """One attribution.
+
+    Args:
+        observations: the recordings with the model's predictions.
+        blocks: the fit part and the evaluation part. The selection does not use the evaluation part.
+        effects: that compete.
+        reference: the model's own held-out residual; None if it is not known.
+        constants: of the inference.
+        progress: is told which effect is weighed.
+    """
+
+    def __init__(
+        self,
+        observations: Observations,
+        blocks: Blocks,
+        effects: Sequence[Effect],
+        *,
+        reference: HeldOutResidual | None = None,
+        constants: Constants = DECLARED,
+        progress: Progress | None = None,
+    ) -> None:
+        self._first, self._blocks, self._constants = observations, blocks, constants
+        self._progress = progress or _silent
+        self._scoring = Scoring(observations, blocks, effects, reference, constants, self._progress)
+        self._taken: list[Taken] = []
+        self._tried: set[tuple[str, str]] = set()
+
+    def run(self) -> Attribution:
+        """Names effects until no other one proves itself."""
+        # The products have few columns: threads cost more time than they save.
+        with threadpool_limits(1):
+            return self._run()
+
+    def _run(self) -> Attribution:
+        alone: list[Score] = []
+        while True:
+            scores = self._scoring.scores(self._taken)
+            alone = alone or scores
+            chosen = self.choose(scores)
+            if chosen is None or len(self._taken) == self._constants.most_effects:
+                break
+            self._take(chosen)
+            self._drop()
+        before = [taken.name for taken in self._taken]
+        named = self._exchange(alone)
+        if [one.name for one in named] != before:
+            scores = self._scoring.scores(self._taken)
+        left = self._scoring.residual(self._taken)
+        return Attribution(self._scoring.observations, named, self._rejected(scores, alone, named), left)
+
+    def proves_itself(self, score: Score) -> bool:
+        """Whether it stands on held-out folds, is worth naming, and its weights do not contradict it."""
+        constants = self._constants
+        if (score.name, score.form.candidate.form) in self._tried:
+            return False
+        if score.form.candidate.certain:
+            return True
+        if score.log_evidence <= 0:
+            return False
+        changes = score.weighed.changes
+        if not changes.any():
+            return False
+        enough = score.worth.mean() >= constants.least_share
+        if score.effect is None:
+            # No model can foretell them, so they must explain more to be named.
+            enough = score.worth.mean() >= contact_offset.LEAST_SHARE
+        else:
+            least = max(constants.least_share, constants.least_channel_share)
+            enough |= score.worth[changes].max() >= least
+        return bool(enough and score.t >= constants.least_t) and not self._scoring.contradicts(
+            score, self._taken
+        )
+
+    def choose(self, scores: Sequence[Score]) -> Score | None:
+        """The likeliest effect that proves itself, or a simpler one that carries most of it."""
+        able = [score for score in scores if self.proves_itself(score)]
+        certain = [score for score in able if score.form.candidate.certain]
+        if certain or not able:
+            return certain[0] if certain else None
+        best = able[0]
+        offset = next((score for score in able if score.name == Offset.name), None)
+        if offset is not None and best.needs_constant and 2 * offset.log_evidence > best.log_evidence:
+            return offset
+        # A constant is judged by itself, and all others beside one.
+        return self._scoring.simplest(best, [score for score in able if score.name != Offset.name])
+
+    def _take(self, score: Score) -> None:
+        score = self._scoring.refined(score, self._taken)
+        self._tried.add((score.name, score.form.candidate.form))
+        candidate = score.form.candidate
+        zeros = np.zeros_like(self._scoring.observations.residual)
+        weights = np.ones((len(CHANNELS), score.form.size))
+        taken = Taken(score.effect, score.form, score.weighed, score, weights, zeros)
+        if candidate.moved is not None:
+            taken = replace(taken, contribution=self._scoring.move_inputs(candidate.moved))
+            self._taken = [self._again(each) for each in self._taken]
+        self._taken.append(taken)
+        self._refit()
+
+    def _again(self, taken: Taken) -> Taken:
+        """The same form for other predictions."""
+        if taken.form.candidate.again is None:
+            return taken
+        candidate = taken.form.candidate.again(self._scoring.observations)
+        form = next(iter(prepared(replace(candidate, mean_absorbed=False), self._scoring.whitening)))
+        return replace(taken, form=form)
+
+    def _refit(self) -> None:
+        """Weights of all named effects: each given the others, for some rounds."""
+        for _ in range(REFITS):
+            for place, taken in enumerate(self._taken):
+                if taken.form.candidate.moves:
+                    continue
+                others = [each for each in self._taken if each is not taken]
+                weights = self._scoring.weights(taken, others)
+                contribution = taken.form.candidate.basis.times(weights)
+                self._taken[place] = replace(taken, weights=weights, contribution=contribution)
+            self._scoring.settle_limits(self._taken)
+
+    def _drop(self) -> None:
+        """Takes out named effects that explain too little beside the others, the weakest first."""
+        while len(self._taken) > 1:
+            weakest: tuple[float, Taken] | None = None
+            for taken in self._taken[:-1]:
+                candidate = taken.form.candidate
+                if candidate.moves or candidate.certain or taken.effect is None:
+                    continue
+                others = [each for each in self._taken if each is not taken]
+                weighed, tested = self._scoring.beside(taken, others)
+                t, gain = over_folds(tested.gain, taken.weighed)
+                shares = tested.shares
+                little = shares.mean() < self._constants.least_share / 2
+                little &= shares.max() < self._constants.least_channel_share / 2
+                if (weighed.log_evidence <= 0 or little or t < self._constants.least_t / 2) and (
+                    weakest is None or gain < weakest[0]
+                ):
+                    weakest = gain, taken
+            if weakest is None:
+                return
+            self._taken = [each for each in self._taken if each is not weakest[1]]
+            self._refit()
+
+    def _exchange(self, alone: Sequence[Score]) -> tuple[Named, ...]:
+        """Replaces a named effect by one that is likelier in its place; says which others could be."""
+        replaced: set[str] = set()
+        place, either = 0, {}
+        while place < len(self._taken):
+            taken = self._taken[place]
+            candidate = taken.form.candidate
+            self._progress(f"what could replace {taken.name}")
+            if candidate.moves or candidate.certain or taken.effect is None:
+                either[taken.name] = self._alike(taken.first, alone) if candidate.moves else ()
+                place += 1
+                continue
+            others = [each for each in self._taken if each is not taken]
+            scores = self._scoring.scores(others)
+            own = next((score for score in scores if score.name == taken.name), None)
+            chosen = self.choose(scores)
+            if chosen is not None and self._replaces(chosen, own) and taken.name not in replaced:
+                replaced.add(taken.name)
+                self._taken = others
+                self._take(chosen)
+                self._drop()
+                place, either = 0, {}
+                continue
+            either[taken.name] = () if own is None else self._alike(own, scores)
+            place += 1
+        return tuple(self._finished(taken, either.get(taken.name, ())) for taken in self._taken)
+
+    @staticmethod
+    def _replaces(chosen: Score, own: Score | None) -> bool:
+        """Whether another effect takes the place of a named one."""
+        if own is None or chosen.name == own.name or chosen.effect is None:
+            return False
+        return chosen.log_evidence > own.log_evidence and not chosen.form.candidate.moves
+
+    def _alike(self, own: Score, scores: Sequence[Score]) -> tuple[str, ...]:
+        """Effects that explain nearly as much on held-out folds."""
+        names = {each.name for each in self._taken}
+        return tuple(
+            other.name
+            for other in scores
+            if other.name not in names
+            and other.effect is not None
+            and own.gain > 0
+            and other.most_gain >= self._constants.either * own.gain
+        )
+
+    def _finished(self, taken: Taken, either: tuple[str, ...]) -> Named:
+        others = [each for each in self._taken if each is not taken]
+        fit = self._blocks.fit
+        first = np.maximum((self._first.residual[fit] ** 2).mean(axis=0), 1e-9)
+        now = self._scoring.residual(self._taken)[fit]
+        lost = ((now + taken.contribution[fit]) ** 2).mean(axis=0) - (now**2).mean(axis=0)
+        fixed = taken.form.candidate.fitting.fixed
+        folds = 0 if fixed else int(self._scoring.bins.fold.max()) + 1
+        fold_weights = [self._scoring.weights(taken, others, fold) for fold in range(folds)]
+        return Named(
+            candidate=taken.form.candidate,
+            equation=_EQUATION if taken.effect is None else taken.effect.equation,
+            weights=taken.weights,
+            fold_weights=np.array(fold_weights),
+            contribution=taken.contribution,
+            log_evidence=taken.first.log_evidence,
+            included=taken.weighed.included,
+            t=taken.first.t,
+            confounded_with=either,
+            conditional=float((lost / first).mean()),
+        )
+
+    def _rejected(
+        self, scores: Sequence[Score], alone: Sequence[Score], named: Sequence[Named]
+    ) -> tuple[Rejected, ...]:
+        first = {score.name: float(score.worth.mean()) for score in alone}
+        confounded = {name for each in named for name in each.confounded_with}
+        found = [
+            Rejected(name, "", 0.0, 0.0, 0.0, 0.0, reason)
+            for name, reason in self._scoring.out_of_scope.items()
+        ]
+        # Costly effects that failed by themselves were not weighed again.
+        last = {score.name: score for score in (*alone, *scores)}
+        for score in last.values():
+            if score.name in {each.name for each in named}:
+                continue
+            if score.name in confounded:
+                reason = "cannot be told apart from an effect that was named and is likelier"
+            elif score.log_evidence <= 0:
+                reason = "the residual is no likelier with it"
+            elif score.t < self._constants.least_t:
+                reason = "does not repeat over the held-out folds"
+            elif self._scoring.contradicts(score, self._taken):
+                reason = "its weights differ more than its cause allows"
+            else:
+                reason = "too little to matter"
+            worth = float(score.worth.mean())
+            form = score.form.candidate.form
+            found.append(
+                Rejected(
+                    score.name, form, worth, first.get(score.name, 0.0), score.log_evidence, score.t, reason
+                )
+            )
+        return tuple(sorted(found, key=lambda other: -other.alone))
+
+
+_EQUATION = "delta_c = b_c,contact"
+
+
+def _silent(note: str) -> None:
+    del note

@@ -1,0 +1,102 @@
+"""What the benchmark asks the loop: one function. Whatever replaces the inference is called here."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.channels import COUNTS_MAX
+from taxel.manifest import HeldOutResidual
+from taxel_models.loop.blocks import cut
+from taxel_models.loop.effects.registry import candidates
+from taxel_models.loop.inference.constants import DECLARED
+from taxel_models.loop.inference.selection import JointSelection
+from taxel_models.loop.observations import Model, gather
+from taxel_models.loop.pipeline import LoopSettings, run_loop
+from taxel_models.recordings import Recording
+
+CLEANINGS: Final = 5
+
+
+@dataclass(frozen=True)
+class Naming:
+    """What the loop says of a recording.
+
+    Attributes:
+        names: of the causes, in order.
+        instead: names that it cannot tell from one of those.
+        structured: what is left has structure.
+        parameters: by `name.parameter`.
+        served: a corrected model can have all causes.
+        evaluation: (n,) rows of windows that nothing was fitted to.
+        before: normalised MAE on these rows.
+        after: with the correction.
+    """
+
+    names: tuple[str, ...]
+    instead: tuple[str, ...]
+    structured: bool
+    parameters: Mapping[str, float]
+    served: bool
+    evaluation: NDArray[np.bool_]
+    before: float
+    after: float
+
+
+def name_causes(
+    model: Model,
+    recording: Recording,
+    seed: int,
+    reference: HeldOutResidual | None = None,
+    note: Callable[[str], None] | None = None,
+) -> Naming:
+    """The loop's answer for one recording.
+
+    Args:
+        seed: of its random draws.
+        reference: the model's own held-out residual; None where its manifest knows that, or nobody does.
+        note: is told what the loop looks at.
+    """
+    result = run_loop(model, [recording], LoopSettings(seed=seed), note, reference)
+    findings = result.findings
+    return Naming(
+        names=tuple(effect.name for effect in findings.effects),
+        instead=tuple(sorted({name for effect in findings.effects for name in effect.confounded_with})),
+        structured=findings.unexplained.structured,
+        parameters={
+            f"{effect.name}.{figure.name}": figure.value
+            for effect in findings.effects
+            for figure in effect.parameters
+        },
+        served=all(effect.served for effect in findings.effects),
+        evaluation=result.blocks.evaluation,
+        before=findings.before["norm_mae"],
+        after=findings.after["norm_mae"],
+    )
+
+
+def without_effects(model: Model, recording: Recording, seed: int) -> Recording:
+    """A recording without the effects that the loop finds before any injection.
+
+    Effects of a quarter of the naming threshold are taken out, too, so that another split names none.
+    """
+    recording = recording.ticks()
+    for _ in range(CLEANINGS):
+        observations = gather(model, [recording], measured_temperature=True)
+        blocks = cut(observations, seed=seed)
+        selection = JointSelection(
+            observations,
+            blocks,
+            candidates(observations),
+            reference=model.manifest.held_out_residual,
+            constants=replace(DECLARED, least_share=DECLARED.least_share / 4),
+        )
+        named = selection.run().named
+        if not named:
+            break
+        channels = recording.channels.copy()
+        channels[observations.rows[0]] -= sum(effect.contribution for effect in named)
+        recording = replace(recording, channels=np.clip(np.rint(channels), 0, COUNTS_MAX))
+    return recording

@@ -1,0 +1,105 @@
+"""Grounds of real recordings: a round is played on trials that the model was not trained on."""
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from taxel.channels import CHANNELS
+from taxel.errors import RecordingError
+from taxel_models.ground.ground import Clean, predicted
+from taxel_models.ground.real import SLIDE, STRETCH, RealGround, estimated_place, read_lasa
+from taxel_models.recordings import read_slide
+from taxel_models.twin.sensor import Sensor
+
+pytestmark = pytest.mark.measured
+
+
+@pytest.fixture(scope="module")
+def few_materials(data_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three materials of the slide data, by links."""
+    folder = tmp_path_factory.mktemp("data") / SLIDE
+    folder.mkdir()
+    for material in ("mat5", "mat6", "mat7"):
+        (folder / material).symlink_to(data_folder / SLIDE / material)
+    return folder.parent
+
+
+@pytest.fixture(scope="module")
+def slide(few_materials: Path) -> RealGround:
+    return RealGround.slide(few_materials, seed=1, jobs=2)
+
+
+@pytest.fixture(scope="module")
+def lasa(data_folder: Path) -> RealGround:
+    return RealGround.lasa(data_folder, seed=1, jobs=2)
+
+
+def error(clean: Clean) -> float:
+    """Of the live channels, over what the mean would leave; the mean of absolute errors."""
+    counts, rows = predicted(clean.model, clean.recording)
+    measured = clean.recording.channels[rows]
+    live = np.array(clean.live)
+    errors = np.abs(measured - counts).mean(axis=0) / np.abs(measured - measured.mean(axis=0)).mean(axis=0)
+    return float(errors[live].mean())
+
+
+def test_slide_trials_are_held_out_whole(slide: RealGround, few_materials: Path) -> None:
+    clean = slide.clean(0)
+    everything = read_slide(few_materials / SLIDE).ticks()
+    fingerprint = clean.model.manifest.training
+    assert fingerprint is not None
+    trained = fingerprint.data[0].rows
+    held_out = sum(len(session.held_out) for session in slide.sessions)
+    assert trained + held_out <= len(everything)
+    assert len(clean.recording.segments) == int(clean.contact.max()) + 1 <= 50
+    # A trial that is played is there from its first row to its last.
+    starts = {
+        int(everything.samples.time_ns[part.start]): part.stop - part.start for part in everything.segments
+    }
+    for part in clean.recording.segments:
+        assert starts[int(clean.recording.samples.time_ns[part.start])] == part.stop - part.start
+    assert clean.reference is not None
+    assert not set(clean.reference.samples.time_ns.tolist()) & set(clean.recording.samples.time_ns.tolist())
+    assert not clean.on_skin
+    assert clean.live == (True,) * 21
+
+
+def test_the_base_model_fits_what_it_did_not_see(slide: RealGround, lasa: RealGround) -> None:
+    assert error(slide.clean(0)) < 0.75
+    assert error(lasa.clean(0)) < 0.6
+    clean = slide.clean(0)
+    assert clean.reference is not None
+    counts, rows = predicted(clean.model, clean.reference)
+    means = (clean.reference.channels[rows] - counts).mean(axis=0)
+    np.testing.assert_allclose(means, 0.0, atol=0.05)
+
+
+def test_rounds_differ_and_repeat(slide: RealGround, lasa: RealGround) -> None:
+    for ground in (slide, lasa):
+        there: RealGround = pickle.loads(pickle.dumps(ground))
+        first, second = ground.clean(3), there.clean(3)
+        assert first.recording.fingerprint == second.recording.fingerprint
+        (counts, _), (others, _) = (predicted(one.model, one.recording) for one in (first, second))
+        np.testing.assert_array_equal(counts, others)
+        assert len({ground.clean(number).recording.fingerprint for number in range(6)}) > 3
+
+
+def test_lasa_is_cut_into_stretches_with_places_on_the_skin(data_folder: Path, lasa: RealGround) -> None:
+    recording = read_lasa(data_folder / "lasa_contact", "F2", seed=0)
+    lengths = [part.stop - part.start for part in recording.segments]
+    assert max(lengths) < STRETCH
+    assert len(lengths) == 48
+    electrodes = np.loadtxt(data_folder / "lasa_contact" / "F2_electrodes.txt")
+    force = np.linalg.norm(np.loadtxt(data_folder / "lasa_contact" / "F2_force.txt"), axis=1)
+    place = estimated_place(electrodes, force) * 1e3
+    axis = np.minimum(place[:, 0], 0.0)
+    radius = np.linalg.norm(place - np.column_stack([axis, np.zeros((len(axis), 2))]), axis=1)
+    np.testing.assert_allclose(radius, Sensor.biotac_2p().skin_radius)
+    assert not lasa.live[CHANNELS.index("pdc")]
+
+
+def test_a_folder_without_recordings_is_told(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="no such folder; expected the real recordings"):
+        RealGround.slide(tmp_path, seed=0)

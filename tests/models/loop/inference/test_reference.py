@@ -1,0 +1,103 @@
+"""A model's own held-out residual: what it gets wrong anyway is no effect of a sensor."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from taxel.manifest import HeldOutResidual, Manifest
+from taxel_models.loop.inference.reference import held_out_residual
+from taxel_models.loop.pipeline import LoopSettings, run_loop
+from taxel_models.recordings import Recording
+from taxel_models.recovery.injection import Injection
+from taxel_models.recovery.injectors import inject
+
+Make = Callable[..., Recording]
+
+
+def with_effect(make: Make, name: str, seed: int, *, draw: int = 9, strength: float = 1.0) -> Recording:
+    """A recording with an effect; the same `draw` gives the same effect in another one."""
+    injection = Injection.into(make(6_000, seed=seed), draw, np.full(21, 6.0))
+    inject(injection, name, strength)
+    return injection.recording
+
+
+@pytest.fixture(scope="module")
+def reference(smooth: Any, make: Make) -> HeldOutResidual:
+    found = held_out_residual(smooth, [make(seed=8)])
+    assert found is not None
+    return found
+
+
+def test_it_is_the_residual_of_noise_for_a_model_that_lacks_nothing(reference: HeldOutResidual) -> None:
+    assert reference.rows == 9_000 - 20
+    # Counts are whole, and the noise's standard deviation is 4.
+    np.testing.assert_allclose(reference.std, np.sqrt(16 + 1 / 12), rtol=0.05)
+    assert max(reference.shared) <= 0.1
+    assert np.mean(reference.fading) <= 0.1
+
+
+def test_it_says_what_every_effect_explains_of_it(reference: HeldOutResidual) -> None:
+    assert {"offset", "gain", "drift", "creep", "lag", "location"} <= set(reference.structure)
+    for own in reference.structure.values():
+        assert len(own.log_evidence) == len(own.gain) == 21
+        assert max(own.gain) < 0.1 * 16
+
+
+def test_a_manifest_keeps_it(smooth: Any, reference: HeldOutResidual) -> None:
+    manifest = smooth.manifest.model_copy(update={"held_out_residual": reference})
+    assert Manifest.model_validate_json(manifest.model_dump_json()) == manifest
+
+
+def test_there_is_none_of_recordings_that_are_too_short(smooth: Any, make: Make) -> None:
+    assert held_out_residual(smooth, [make(15)]) is None
+    assert held_out_residual(smooth, [make(900)]) is None
+
+
+def test_the_same_structure_in_new_recordings_is_not_named(smooth: Any, make: Make) -> None:
+    lacks = held_out_residual(smooth, [with_effect(make, "hysteresis", 8)])
+    assert lacks is not None
+    again = with_effect(make, "hysteresis", 4)
+    alone = run_loop(smooth, [again], LoopSettings()).findings
+    assert [effect.name for effect in alone.effects] == ["hysteresis"]
+    known = run_loop(smooth, [again], LoopSettings(), reference=lacks).findings
+    assert known.effects == ()
+
+
+def test_other_effects_are_named_beside_what_is_known(smooth: Any, make: Make) -> None:
+    lacks = held_out_residual(smooth, [with_effect(make, "hysteresis", 8)])
+    injection = Injection.into(with_effect(make, "hysteresis", 4), 3, np.full(21, 12.0))
+    inject(injection, "offset", 1.0)
+    findings = run_loop(smooth, [injection.recording], LoopSettings(), reference=lacks).findings
+    assert [effect.name for effect in findings.effects] == ["offset"]
+
+
+def test_a_manifests_own_is_used(smooth: Any, make: Make, reference: HeldOutResidual) -> None:
+    """Contacts of a sensor that scatter more than the model's own errors do."""
+    random = np.random.default_rng(1)
+    recording = make(9_000, seed=2)
+    contact = np.arange(len(recording)) // 300
+    scattered = recording.channels + (random.normal(size=(30, 21)) * 12.0)[contact]
+    apart = replace(
+        recording,
+        samples=replace(recording.samples, time_ns=recording.samples.time_ns + 1_000_000_000 * contact),
+        channels=np.clip(np.rint(scattered), 0, 4095),
+    )
+
+    class Known:
+        manifest = smooth.manifest.model_copy(update={"held_out_residual": reference})
+        predict = staticmethod(smooth.predict)
+        predict_base = staticmethod(smooth.predict_base)
+
+    findings = run_loop(Known(), [apart], LoopSettings()).findings
+    (effect,) = findings.effects
+    assert effect.name == "offset:contact"
+    assert not effect.served
+    assert effect.explained > 0.7
+    assert findings.after == findings.before
+    # Without the reference, nobody knows how much contacts scatter anyway.
+    unknown = run_loop(smooth, [apart], LoopSettings()).findings
+    named = {one.name for one in (*unknown.effects, *unknown.rejected)}
+    assert "offset:contact" not in named

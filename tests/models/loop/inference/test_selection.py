@@ -1,0 +1,314 @@
+"""Which effects are named in small recordings with known causes."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from taxel.channels import CHANNELS
+from taxel.windows import Relaxation
+from taxel_models.loop.attribution import Attribution, Named
+from taxel_models.loop.blocks import cut
+from taxel_models.loop.effects.registry import candidates
+from taxel_models.loop.inference.constants import DECLARED, Constants
+from taxel_models.loop.inference.forms import prepared
+from taxel_models.loop.inference.selection import JointSelection
+from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
+from taxel_models.loop.observations import Observations, gather
+from taxel_models.loop.pipeline import LoopSettings, run_loop
+from taxel_models.recordings import Recording
+from taxel_models.recovery.injection import Injection
+from taxel_models.recovery.injectors import inject
+
+Make = Callable[..., Recording]
+ROWS = 6_000
+
+
+def into(make: Make, rows: int = ROWS, seed: int = 3) -> Injection:
+    return Injection.into(make(rows, seed=seed), 2, np.full(21, 12.0))
+
+
+def add(injection: Injection, delta: np.ndarray) -> None:
+    """Counts (n, 21) or (n, 1), as they are."""
+    counts = injection.recording.channels + delta
+    injection.recording = replace(injection.recording, channels=np.clip(np.rint(counts), 0, 4095))
+
+
+def attributed(
+    smooth: Any, recording: Recording, constants: Constants = DECLARED, exclude: tuple[str, ...] = ()
+) -> Attribution:
+    observations = gather(smooth, [recording], measured_temperature=True)
+    effects = [effect for effect in candidates(observations) if effect.label not in exclude]
+    return JointSelection(observations, cut(observations, seed=0), effects, constants=constants).run()
+
+
+def names(found: Attribution) -> list[str]:
+    return [one.name for one in found.named]
+
+
+def only(found: Attribution) -> Named:
+    (one,) = found.named
+    return one
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_nothing_is_named_where_nothing_was_injected(smooth: Any, make: Make, seed: int) -> None:
+    found = attributed(smooth, make(ROWS, seed=20 + seed))
+    assert found.named == ()
+    np.testing.assert_array_equal(found.residual, found.observations.residual)
+
+
+def test_an_offset_is_measured(smooth: Any, make: Make) -> None:
+    injection = into(make)
+    offsets = np.round(np.linspace(-20.0, 25.0, 21))
+    add(injection, offsets[None])
+    found = only(attributed(smooth, injection.recording))
+    assert (found.name, found.candidate.form) == ("offset", "constant")
+    np.testing.assert_allclose(found.weights[:, 0], offsets, atol=0.5)
+    assert found.log_evidence > 100
+    assert found.t > DECLARED.least_t
+
+
+def test_a_gain_that_all_channels_share_is_one_figure(smooth: Any, make: Make) -> None:
+    injection = into(make)
+    add(injection, 0.15 * injection.signal)
+    found = only(attributed(smooth, injection.recording))
+    assert (found.name, found.candidate.form) == ("gain", "all channels alike")
+    np.testing.assert_allclose(found.weights, 0.15, atol=0.01)
+
+
+def test_one_electrodes_gain_is_told(smooth: Any, make: Make) -> None:
+    injection = into(make)
+    delta = np.zeros_like(injection.recording.channels)
+    delta[:, 9] = 0.25 * injection.signal[:, 9]
+    add(injection, delta)
+    found = only(attributed(smooth, injection.recording))
+    assert (found.name, found.candidate.form) == ("gain", "by channel")
+    assert found.included[9] > 0.99
+    assert np.delete(found.included, 9).max() < 0.9
+    assert found.weights[9, 0] == pytest.approx(0.25, abs=0.02)
+    assert CHANNELS[9] in found.channels
+
+
+def creep(injection: Injection, tau: float = 3.0) -> np.ndarray:
+    """(n, 21) counts, 12 in the mean square of each channel, of signs that alternate."""
+    past = injection.history(Relaxation(of="force", time_constant_s=tau))
+    return 12.0 * past[:, None] / np.sqrt((past**2).mean()) * np.resize([1.0, -1.2, 0.7], 21)
+
+
+def test_a_creep_whose_mean_the_model_absorbed_is_named_without_an_offset(smooth: Any, make: Make) -> None:
+    injection = into(make, 9_000)
+    delta = creep(injection)
+    add(injection, delta - delta.mean(axis=0))
+    found_all = attributed(smooth, injection.recording)
+    found = only(found_all)
+    assert found.name == "creep"
+    assert found.candidate.form_parameters["time_constant"][0] == pytest.approx(3.0, rel=0.2)
+    rows = found_all.observations.rows[0]
+    np.testing.assert_allclose(found.contribution, (delta - delta.mean(axis=0))[rows], atol=4.0)
+
+
+def test_an_offset_beside_a_creep_is_named_too(smooth: Any, make: Make) -> None:
+    injection = into(make, 9_000)
+    offsets = 15.0 * np.resize([1.0, -1.0, 0.5, -0.6], 21)
+    delta = creep(injection)
+    add(injection, delta + offsets)
+    found = attributed(smooth, injection.recording)
+    assert set(names(found)) == {"offset", "creep"}
+    added = np.sum([one.contribution for one in found.named], axis=0)
+    np.testing.assert_allclose(added, (delta + offsets)[found.observations.rows[0]], atol=4.0)
+
+
+def cut_off(make: Make) -> tuple[Recording, float]:
+    """A recording with offsets that lead one channel below 0 at times, and that channel's offset."""
+    injection = into(make)
+    offsets = np.full(21, -12.0)
+    offsets[5] = -np.round(np.quantile(injection.recording.channels[:, 5], 0.3))
+    add(injection, offsets[None])
+    assert 0.2 < (injection.recording.channels[:, 5] == 0).mean() < 0.4
+    return injection.recording, float(offsets[5])
+
+
+def test_a_channel_at_a_limit_of_the_counts_does_not_hide_an_offset(smooth: Any, make: Make) -> None:
+    recording, offset = cut_off(make)
+    found = attributed(smooth, recording, exclude=("fault",))
+    assert names(found) == ["offset"]
+    # A weight is shrunk by its prior, here by 1 %.
+    assert found.named[0].weights[5, 0] == pytest.approx(offset, rel=0.02)
+
+
+@pytest.mark.xfail(
+    strict=True, reason="before the offset is known, counts at 0 look like an intermittent fault"
+)
+def test_a_channel_at_a_limit_of_the_counts_is_no_fault(smooth: Any, make: Make) -> None:
+    assert names(attributed(smooth, cut_off(make)[0])) == ["offset"]
+
+
+def test_a_drift_inside_kinds_of_a_covariate_is_no_covariate(smooth: Any, make: Make) -> None:
+    """Each kind is recorded at its own time, so that its mean tells when it was."""
+    injection = into(make, 9_000)
+    rows = len(injection.recording)
+    kinds = np.minimum(np.arange(rows) * 5 // rows, 4).astype(float)
+    injection.recording = replace(injection.recording, covariates={"material": kinds})
+    clock = np.linspace(-1.0, 1.0, rows)
+    add(injection, clock[:, None] * np.resize([25.0, -30.0, 15.0], 21))
+    assert names(attributed(smooth, injection.recording, exclude=("temperature",)))[0] == "drift"
+
+
+def test_kinds_are_told_from_time(smooth: Any, make: Make) -> None:
+    injection = into(make, 9_000)
+    kinds = injection.recording.covariates["material"].astype(int)
+    counts = np.random.default_rng(1).normal(size=(6, 21)) * 12.0
+    add(injection, counts[kinds] - counts[kinds].mean(axis=0))
+    assert only(attributed(smooth, injection.recording)).name == "covariate:material"
+
+
+def test_positions_of_a_robot_are_no_places_on_a_skin(smooth: Any, make: Make) -> None:
+    recording = make(ROWS)
+    # The model takes none of the positions' shift, so that the predictions stay.
+    observations = gather(smooth, [recording], measured_temperature=True)
+    away = observations.position * 20.0
+    far = replace(observations, position=away)
+    effects = candidates(far)
+    found = JointSelection(far, cut(far, seed=0), effects).run()
+    (location,) = [one for one in found.rejected if one.name == "location"]
+    assert "poses of a robot" in location.reason
+    assert (location.log_evidence, location.t) == (0.0, 0.0)
+
+
+def test_a_lag_and_a_turned_frame_are_both_found(smooth: Any, make: Make) -> None:
+    injection = into(make, 9_000)
+    injection.respond = smooth.counts
+    inject(injection, "frame", 2.0)
+    recording = injection.recording
+    late = np.maximum(np.arange(len(recording)) - 5, 0)
+    injection.recording = replace(recording, channels=recording.channels[late])
+    found = attributed(smooth, injection.recording)
+    assert set(names(found)) == {"lag", "frame"}
+    assert found.observations.shift_ticks == 5
+    assert found.observations.turn is not None
+    assert np.sqrt((found.residual**2).mean()) < 1.3 * 4.0
+
+
+def test_a_certain_cause_is_named_before_one_that_explains_more(smooth: Any, make: Make) -> None:
+    injection = into(make)
+    add(injection, np.full((1, 21), 24.0))
+    counts = injection.recording.channels.copy()
+    counts[:, 7] = 2000.0
+    found = attributed(smooth, replace(injection.recording, channels=counts))
+    assert names(found)[0] == "fault"
+    assert found.named[0].channels == (CHANNELS[7],)
+    assert found.named[0].confounded_with == ()
+    assert "offset" in names(found)
+
+
+def test_a_form_whose_weights_contradict_its_cause_is_not_named(smooth: Any, make: Make) -> None:
+    injection = into(make, 12_000)
+    clock = injection.time_s - injection.time_s.mean()
+    slopes = 24.0 * np.linspace(-1.0, 3.0, 21) / np.sqrt((clock**2).mean())
+    add(injection, clock[:, None] * slopes)
+    # The twin's tdc rises with the clock, so that a temperature would explain it as well.
+    found = attributed(smooth, injection.recording, exclude=("drift", "gain"))
+    assert "temperature" not in names(found)
+    (temperature,) = [one for one in found.rejected if one.name == "temperature"]
+    assert temperature.reason == "its weights differ more than its cause allows"
+
+
+@pytest.mark.parametrize(
+    ("least_share", "kept"),
+    [
+        (0.003, True),
+        pytest.param(
+            0.02,
+            False,
+            marks=pytest.mark.xfail(
+                strict=True,
+                reason="0.8 % of the error is 2.3 % of the whitened error, where an offset counts less",
+            ),
+        ),
+        (0.03, False),
+    ],
+)
+def test_a_small_effect_stays_where_it_is_asked_for(
+    smooth: Any, make: Make, least_share: float, kept: bool
+) -> None:
+    injection = into(make, 20_000)
+    inject(injection, "offset", 1.0)
+    inject(injection, "hysteresis", 0.06)
+    found = attributed(smooth, injection.recording, replace(DECLARED, least_share=least_share))
+    assert names(found)[0] == "offset"
+    assert ("hysteresis" in names(found)) == kept
+
+
+def test_every_effect_that_has_a_form_is_named_or_rejected(smooth: Any, make: Make) -> None:
+    injection = into(make, 9_000)
+    inject(injection, "offset", 1.0)
+    found = attributed(smooth, injection.recording)
+    every = [*names(found), *(one.name for one in found.rejected)]
+    # No channel is stuck, so that a fault has no form.
+    expected = {effect.label for effect in candidates(found.observations)} - {"fault"}
+    assert sorted(every) == sorted(expected)
+
+
+def test_no_more_effects_are_named_than_declared(smooth: Any, make: Make) -> None:
+    injection = into(make)
+    inject(injection, "offset", 1.0)
+    inject(injection, "rate", 1.0)
+    assert len(attributed(smooth, injection.recording).named) == 2
+    assert len(attributed(smooth, injection.recording, replace(DECLARED, most_effects=1)).named) == 1
+
+
+def test_the_evaluation_part_is_not_used(smooth: Any, make: Make) -> None:
+    injection = into(make)
+    inject(injection, "gain", 1.0)
+    observations = gather(smooth, [injection.recording], measured_temperature=True)
+    blocks = cut(observations, seed=0)
+    # Faults are looked for in all rows: they are certain.
+    effects = [effect for effect in candidates(observations) if effect.label != "fault"]
+    measured = observations.measured.copy()
+    measured[blocks.evaluation] += 500.0
+    other = replace(observations, measured=measured)
+    first, second = (JointSelection(one, blocks, effects).run() for one in (observations, other))
+    assert names(first) == names(second)
+    for one, again in zip(first.named, second.named, strict=True):
+        np.testing.assert_array_equal(one.weights, again.weights)
+
+
+def test_creep_is_not_refined_beyond_what_the_contacts_show(observations: Observations) -> None:
+    (effect,) = [one for one in candidates(observations) if one.label == "creep"]
+    whitening = Whitening(
+        Bins.of(cut(observations, seed=0), DECLARED.bin_s),
+        NoiseShape.usual(),
+        observations.residual,
+        DECLARED,
+    )
+    remaining: Any = None
+    forms = list(effect.forms(observations, remaining))
+    longest = max(one.form_parameters["time_constant"][0] for one in forms)
+    for form in prepared(forms[-1], whitening):
+        finer = list(effect.finer(observations, form.candidate))
+        assert max(one.form_parameters["time_constant"][0] for one in finer) <= longest
+
+
+def test_places_are_those_of_the_window_that_a_lag_chose(observations: Observations) -> None:
+    (location,) = [one for one in candidates(observations) if one.label == "location"]
+    remaining: Any = type("Remaining", (), {"fit": cut(observations, seed=0).fit})
+    late = observations.with_windows(
+        observations.windows[observations.rows_before(8)], turn=observations.turn, shift_ticks=8
+    )
+    (form,) = location.forms(observations, remaining)
+    assert form.again is not None
+    weights = np.ones((len(CHANNELS), form.basis.size))
+    before, after = form.basis.times(weights), form.again(late).basis.times(weights)
+    np.testing.assert_allclose(after, before[observations.rows_before(8)], rtol=1e-12)
+
+
+def test_the_pipeline_passes_its_settings_on(smooth: Any, make: Make) -> None:
+    injection = into(make)
+    inject(injection, "offset", 1.0)
+    told: list[str] = []
+    findings = run_loop(smooth, [injection.recording], LoopSettings(least_share=0.99), told.append).findings
+    assert findings.effects == ()
+    assert "creep" in told

@@ -1,0 +1,36 @@
+"""Where rounds are played changes nothing in them."""
+
+import pytest
+from distributed import LocalCluster
+
+from taxel_models.ground.twins import StoredModel, TwinGround
+from taxel_models.recovery.benchmark import RecoveryBenchmark
+from taxel_models.recovery.planted import Draw
+from taxel_models.recovery.rounds import Round
+from taxel_models.recovery.workers import run_rounds_on
+from taxel_models.shipped import shipped_repository
+
+ROUNDS = 2
+
+
+@pytest.fixture(scope="module")
+def benchmark() -> RecoveryBenchmark:
+    ground = TwinGround(StoredModel(shipped_repository(), "network-b"), 1, rows=5000)
+    draw = Draw("foreign", ("offset", "gain"), clean_share=0.0, unknown_share=0.0)
+    return RecoveryBenchmark(ground, "twin", 1, draw)
+
+
+@pytest.fixture(scope="module")
+def here(benchmark: RecoveryBenchmark) -> list[Round]:
+    return list(run_rounds_on(benchmark, ROUNDS))
+
+
+def test_processes_play_the_same_rounds(benchmark: RecoveryBenchmark, here: list[Round]) -> None:
+    assert [one.number for one in here] == [0, 1]
+    assert all(one.injector == "foreign" for one in here)
+    assert list(run_rounds_on(benchmark, ROUNDS, jobs=2)) == here
+
+
+def test_a_cluster_plays_the_same_rounds(benchmark: RecoveryBenchmark, here: list[Round]) -> None:
+    with LocalCluster(1, threads_per_worker=1, processes=False, dashboard_address=":0") as cluster:
+        assert list(run_rounds_on(benchmark, 1, scheduler=cluster.scheduler_address)) == here[:1]
