@@ -132,10 +132,3 @@ def _guarded(observations: Observations, of_row: NDArray[np.int64]) -> NDArray[n
     for cut_at in cuts:
         guarded[max(0, cut_at - GUARD_ROWS) : cut_at + GUARD_ROWS] = -1
     return guarded
-
-
-def thinned(blocks: Blocks, rows: int) -> Blocks:
-    """The same blocks with fewer rows, evenly spaced: about `rows` in the fit part."""
-    step = max(1, int(blocks.fit.sum()) // rows)
-    kept = np.arange(len(blocks.of_row)) % step == 0
-    return Blocks(np.where(kept, blocks.of_row, -1), blocks.fold)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from taxel.errors import RecordingError
-from taxel_models.loop.blocks import FEWEST, FOLDS, GUARD_ROWS, Blocks, cut, thinned
+from taxel_models.loop.blocks import FEWEST, FOLDS, GUARD_ROWS, Blocks, cut
 from taxel_models.loop.observations import Observations
 
 
@@ -98,17 +98,6 @@ def test_what_cannot_be_held_out_is_refused(observations: Observations) -> None:
     short = observations.kept(np.arange(len(observations)) < 900)
     with pytest.raises(RecordingError, match="900 rows make 9 blocks: expected at least 16"):
         cut(short, seed=0)
-
-
-def test_thinning_keeps_parts_and_blocks(observations: Observations) -> None:
-    blocks = cut(observations, seed=0)
-    some = thinned(blocks, 1000)
-    assert 900 < some.fit.sum() < 1200
-    kept = some.of_row >= 0
-    np.testing.assert_array_equal(some.of_row[kept], blocks.of_row[kept])
-    np.testing.assert_array_equal(some.fold, blocks.fold)
-    whole = thinned(blocks, 10**6)
-    np.testing.assert_array_equal(whole.of_row, blocks.of_row)
 
 
 def test_guards_are_in_no_part() -> None:
