@@ -206,7 +206,7 @@ def _moves(
         return False
     scaled = moving[:, lines] / np.maximum(moving[fit][:, lines].std(axis=0), 1e-9)
     own = sharpest(scaled, observations.segment, fit, frequency - 0.4, frequency + 0.4)
-    return own is not None and abs(own - frequency) < max(_SAME_HZ, _resolution(observations))
+    return own is not None and abs(own - frequency) < _SAME_HZ
 
 
 def _resolution(observations: Observations) -> float:
