@@ -35,6 +35,10 @@ _REPEATS: Final = 0.3
 _MULTIPLES: Final = 20
 """Of the frequency of a periodic movement, that are no interference."""
 
+_LASTS: Final = 0.3
+"""The least of what the wave explains in the median second over its mean: a line that passes is none."""
+
+_SAME_HZ: Final = 0.05
 _SLOWEST_HZ: Final = 0.2
 _FEWEST_ROWS: Final = 50
 
@@ -55,18 +59,23 @@ class Interference(Effect):
         if test is None:
             return
         able = (test.frequencies >= LOWEST_HZ) & (test.frequencies <= HIGHEST_HZ)
-        able &= ~_moving(observations, wanted)
         passed = able[:, None] & (test.p_value < CHANCE / (able.sum() * len(CHANNELS) + 1))
         if not passed.any():
             return
         line = int(np.argmax(np.where(passed, test.excess, 0.0).sum(axis=1)))
         frequency = _refined(observations, remaining, test.frequencies[line], passed[line])
-        if frequency is None or _repeats(observations, remaining.fit, frequency):
+        if (
+            frequency is None
+            or _moves(observations, remaining.fit, wanted, frequency)
+            or _repeats(observations, remaining.fit, frequency)
+        ):
             return
         channels = test.p_value[test.nearest(frequency)] < CHANCE / len(CHANNELS)
         orders = [1, *_harmonics(test, frequency, channels)]
-        channels &= _held_out_share(observations, remaining, frequency, orders) >= LEAST_SHARE
-        if channels.any():
+        gain = _held_out_gain(observations, remaining, frequency, orders)
+        channels &= gain.mean(axis=0) >= LEAST_SHARE
+        own = gain[:, channels].sum(axis=1)
+        if channels.any() and np.median(own) >= _LASTS * own.mean():
             yield self._with(observations, remaining, frequency, orders, channels)
 
     def _with(
@@ -144,19 +153,23 @@ def fitted_wave(
     return wave
 
 
-def _held_out_share(
+def _held_out_gain(
     observations: Observations, remaining: Remaining, frequency: float, orders: Sequence[int]
 ) -> Floats:
-    """(21,) share of the energy that the wave explains of each second when fitted to those beside it."""
+    """(seconds, 21) energy that the wave explains of each second when fitted to those beside it.
+
+    Its unit is the mean energy of a second of the channel, so that the mean is the share explained.
+    """
     values, fit = remaining.residual, remaining.fit
     even = np.floor(observations.time_s) % 2 == 0
-    lost, before = np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS))
+    gain = np.zeros_like(values)
     for first, second in ((even, ~even), (~even, even)):
         wave = fitted_wave(observations, values, fit & first, frequency, orders)
-        own = values[fit & second]
-        before += (own**2).sum(axis=0)
-        lost += (own**2 - (own - wave[fit & second]) ** 2).sum(axis=0)
-    return np.asarray(lost / np.maximum(before, 1e-9))
+        gain[second] = (values**2 - (values - wave) ** 2)[second]
+    second_of = np.cumsum(np.diff(even[fit], prepend=even[fit][0]) != 0)
+    sums = np.array([np.bincount(second_of, column) for column in gain[fit].T]).T
+    energy = (values[fit] ** 2).sum(axis=0) / len(sums)
+    return np.asarray(sums / np.maximum(energy, 1e-9))
 
 
 def _refined(
@@ -180,13 +193,26 @@ def _harmonics(test: LineTest, frequency: float, channels: NDArray[np.bool_]) ->
     return found
 
 
-def _moving(observations: Observations, wanted: list[slice]) -> NDArray[np.bool_]:
-    """(m,) frequencies, with those beside them, where the force or the prediction has a line."""
+def _moves(
+    observations: Observations, fit: NDArray[np.bool_], wanted: list[slice], frequency: float
+) -> bool:
+    """Whether the force or the prediction has a line at the frequency."""
     moving = np.hstack([observations.force, observations.pressed[:, None], observations.predicted])
     found = find_lines(moving, wanted)
     assert found is not None
-    lines = (found.p_value < CHANCE / found.p_value.size).any(axis=1)
-    return np.asarray(np.convolve(lines, np.ones(3), "same") > 0)
+    place = found.nearest(frequency)
+    lines = (found.p_value[place - 1 : place + 2] < CHANCE / found.p_value.size).any(axis=0)
+    if not lines.any():
+        return False
+    scaled = moving[:, lines] / np.maximum(moving[fit][:, lines].std(axis=0), 1e-9)
+    own = sharpest(scaled, observations.segment, fit, frequency - 0.4, frequency + 0.4)
+    return own is not None and abs(own - frequency) < _SAME_HZ
+
+
+def _resolution(observations: Observations) -> float:
+    """Hz, of a segment of middle length."""
+    lengths = [part.stop - part.start for part in segments(observations.segment)]
+    return 1.0 / (float(np.median(lengths)) * TICK_S)
 
 
 def _repeats(observations: Observations, fit: NDArray[np.bool_], frequency: float) -> bool:
@@ -198,7 +224,6 @@ def _repeats(observations: Observations, fit: NDArray[np.bool_], frequency: floa
     wave = fitted_wave(observations, pressed, fit, slow, [1])
     if wave[fit].var() < _REPEATS * pressed[fit].var():
         return False
-    lengths = [part.stop - part.start for part in segments(observations.segment)]
-    resolution = 1.0 / (float(np.median(lengths)) * TICK_S)
+    resolution = _resolution(observations)
     order = round(frequency / slow)
     return order <= _MULTIPLES and abs(frequency - order * slow) < resolution * (1.0 + 0.05 * order)
