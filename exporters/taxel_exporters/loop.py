@@ -56,7 +56,7 @@ def loop(
         typer.Option(
             min=0.0, max=1.0, help="The least share of the error that an effect must take away to be named."
         ),
-    ] = 0.01,
+    ] = 0.015,
     exclude: Annotated[
         list[str] | None, typer.Option(help="An effect not to look for; give it again for several.")
     ] = None,

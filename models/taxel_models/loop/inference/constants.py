@@ -17,7 +17,7 @@ class Constants:
             are one half and all.
         robust: a block counts less if its error is more than so many times the median block's.
         least_t: t over held-out folds that an effect must reach (Nadeau and Bengio 2003).
-        least_share: share of the held-out error's energy that an effect must remove, over all channels.
+        least_share: share of the held-out whitened squared error that an effect must remove.
         least_channel_share: likewise in one channel, where it changes few.
         carries: a simpler effect is named first if it explains this share of what the likeliest does.
         either: two effects are not told apart if one explains this share of what the other does.
@@ -31,7 +31,7 @@ class Constants:
     least_included: float = 0.1
     robust: float = 1.0
     least_t: float = 2.5
-    least_share: float = 0.01
+    least_share: float = 0.015
     least_channel_share: float = 0.15
     carries: float = 0.67
     either: float = 0.8

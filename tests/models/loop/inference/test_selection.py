@@ -247,8 +247,8 @@ def test_every_effect_that_has_a_form_is_named_or_rejected(smooth: Any, make: Ma
     inject(injection, "offset", 1.0)
     found = attributed(smooth, injection.recording)
     every = [*names(found), *(one.name for one in found.rejected)]
-    # No channel is stuck, so that a fault has no form.
-    expected = {effect.label for effect in candidates(found.observations)} - {"fault"}
+    # No channel is stuck, and there is no wave: neither has a form.
+    expected = {effect.label for effect in candidates(found.observations)} - {"fault", "interference"}
     assert sorted(every) == sorted(expected)
 
 
