@@ -41,7 +41,7 @@ class Injector:
 
 INJECTORS: Final = (
     Injector("offset", steady.offset, ("offset",)),
-    Injector("contact offset", steady.contact_offset, ("contact offset",)),
+    Injector("contact offset", steady.contact_offset, ("offset:contact",)),
     Injector("gain: all channels", steady.gain, ("gain",)),
     Injector("gain: some electrodes", steady.gain_of_electrodes, ("gain",)),
     # A sensitivity that falls is a gain that ages; a step of it is what a fault does.

@@ -56,7 +56,7 @@ def plant(recording: Recording, smooth: Any) -> Plant:
 
 
 def test_right_names_are_those_of_the_loop_or_will_be() -> None:
-    names = {*NAMES, "contact offset", "covariate:material"}
+    names = {*NAMES, "offset:contact", "covariate:material"}
     assert {name for injector in INJECTORS for name in injector.right} <= names
     assert all(injector.right for injector in INJECTORS)
     assert not any(injector.right for injector in UNKNOWN)
