@@ -1,7 +1,5 @@
 """Twins whose errors are those of another finger: nothing in them follows the contact."""
 
-import pickle
-
 import numpy as np
 import pytest
 
@@ -15,16 +13,6 @@ from taxel_models.twin.constants import Constants
 @pytest.fixture(scope="module")
 def ground() -> TwinGround:
     return TwinGround(StoredModel(shipped_repository(), "network-b"), seed=2, rows=8_000)
-
-
-def test_a_number_says_everything_in_any_process(ground: TwinGround) -> None:
-    there: TwinGround = pickle.loads(pickle.dumps(ground))
-    first, again, other = ground.clean(0), there.clean(0), ground.clean(1)
-    assert first.recording.fingerprint == again.recording.fingerprint
-    assert first.recording.fingerprint != other.recording.fingerprint
-    assert first.reference is not None
-    assert again.reference is not None
-    assert first.reference.fingerprint == again.reference.fingerprint != first.recording.fingerprint
 
 
 def test_errors_have_a_size_but_follow_neither_force_nor_place(ground: TwinGround) -> None:
