@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from taxel.channels import CHANNELS
 from taxel_models.loop.basis import Floats
@@ -25,6 +24,7 @@ class Named:
         log_evidence: logarithm of the odds with it to those without it, when it was named.
         included: (21,) probability that each channel has it.
         t: over held-out folds, when it was named.
+        p_value: one-sided, of that t.
         confounded_with: effects that could replace it.
         conditional: the share of the fit part's energy that is lost without it.
     """
@@ -37,6 +37,7 @@ class Named:
     log_evidence: float
     included: Floats
     t: float
+    p_value: float
     confounded_with: tuple[str, ...] = ()
     conditional: float = 0.0
 
@@ -44,11 +45,6 @@ class Named:
     def name(self) -> str:
         """The effect's."""
         return self.candidate.effect
-
-    @property
-    def p_value(self) -> float:
-        """One-sided, of the corrected resampled t-test over the folds."""
-        return float(stats.t.sf(self.t, max(len(self.fold_weights), 8) - 1))
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -69,7 +65,7 @@ class Rejected:
         share: of what was left at the end that it explains on held-out folds.
         alone: of the first residual that it explained by itself.
         log_evidence: logarithm of the odds with it to those without it, at the end.
-        t: over held-out folds, at the end.
+        p_value: one-sided, of the t over held-out folds, at the end.
     """
 
     name: str
@@ -77,13 +73,8 @@ class Rejected:
     share: float
     alone: float
     log_evidence: float
-    t: float
+    p_value: float
     reason: str
-
-    @property
-    def p_value(self) -> float:
-        """One-sided, of the corrected resampled t-test over the folds."""
-        return float(stats.t.sf(self.t, 7))
 
 
 @dataclass(frozen=True)

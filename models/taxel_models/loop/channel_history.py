@@ -62,13 +62,13 @@ def sensitivity_changes(
     """
     numbers = [number for number in range(len(blocks)) if (blocks.of_row == number).any()]
     rows = [np.flatnonzero(blocks.of_row == number) for number in numbers]
+    if len(rows) < 2 * FEWEST:
+        return
     time = np.array([observations.time_s[some].mean() for some in rows])
     order = np.argsort(time)
     signal, measured = observations.signal, observations.measured - explained - observations.rest
     energy = np.array([(signal[some] ** 2).sum(axis=0) for some in rows])[order]
     cross = np.array([(signal[some] * measured[some]).sum(axis=0) for some in rows])[order]
-    if len(time) < 2 * FEWEST:
-        return
     follows = np.median([_correlation(signal[some], measured[some]) for some in rows], axis=0)
     for channel, name in enumerate(CHANNELS):
         weight = energy[:, channel]

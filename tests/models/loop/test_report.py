@@ -181,4 +181,5 @@ def _named(result: LoopResult, effect: Effect) -> Named:
         log_evidence=1.0,
         included=np.ones(len(CHANNELS)),
         t=3.0,
+        p_value=0.01,
     )

@@ -143,6 +143,8 @@ class Effect(ABC):
     Attributes:
         name: one word, as in reports.
         looks_at_residual: whether its forms depend on the residual. Then each step makes them again.
+        is_constant: whether it is a constant of each channel. All others are tested beside one.
+        is_predictable: whether a model can predict it. Otherwise it is only reported.
         is_costly: whether its forms take many predictions. Then it is not tried again after it failed.
         equation: what it adds to a channel.
         source: the source of the equation.
@@ -152,6 +154,8 @@ class Effect(ABC):
     name: ClassVar[str]
     looks_at_residual: ClassVar[bool] = False
     is_costly: ClassVar[bool] = False
+    is_constant: ClassVar[bool] = False
+    is_predictable: ClassVar[bool] = True
     equation: ClassVar[str]
     source: ClassVar[str]
     signature: ClassVar[str]

@@ -33,6 +33,7 @@ class Offset(Effect):
     """measured = model + b. A channel's b is a constant, or a calibration gives it for each contact."""
 
     name = "offset"
+    is_constant = True
     equation = (
         "delta_c = b_c; after a calibration o: (k_c + f_c exp(-t/T)) o_c + sum over j of m_jc clip(o_j)"
     )

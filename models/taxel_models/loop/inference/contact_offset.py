@@ -4,27 +4,23 @@ No model can foretell them. They are told by their size: the part of the residua
 shares is larger than in the model's own held-out residual.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from typing_extensions import override
 
 from taxel.channels import CHANNELS
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.blocks import Blocks
-from taxel_models.loop.effects.effect import Candidate, Fitting, Online
+from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.observations import Observations
 
-NAME: Final = "offset:contact"
 CALIBRATIONS_S: Final = (0.5, 1.0)
 FEWEST: Final = 8
 """Contacts, to tell how far offsets scatter."""
-
-LEAST_SHARE: Final = 0.3
-"""Of the squared error, beyond what is usual of the model, that a calibration must remove."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +39,11 @@ class Calibrated:
     shares: Floats
     gain: Floats
     before: Floats
+
+    @property
+    def removed(self) -> float:
+        """The share of the squared error that goes, mean over the channels."""
+        return float((self.gain.sum(axis=0) / np.maximum(self.before.sum(axis=0), 1e-9)).mean())
 
 
 def calibrated(
@@ -76,30 +77,42 @@ def calibrated(
     return Calibrated(offsets, whole, 2 * share * cross - share**2 * own, before)
 
 
-def contacts(segment: NDArray[np.int64]) -> int:
-    """How many contacts there are, if a segment is one."""
-    return len(np.unique(segment))
+class ContactOffset(Effect):
+    """An offset of each contact. It has no forms of its own: a calibration gives it."""
 
+    name = "offset:contact"
+    is_predictable = False
+    equation = "delta_c = b_c,contact"
+    source = "one-way random effects (Searle, Casella and McCulloch 1992)"
+    signature = "the residual is steady within a contact, and its mean scatters between contacts"
 
-def candidate_of(offsets: Floats, shares: Mapping[float, float]) -> Candidate:
-    """The offsets as a form that is reported and cannot be served."""
-    told = ", ".join(f"{seconds:g} s would remove {share:.0%}" for seconds, share in shares.items())
-    return Candidate(
-        NAME,
-        f"of each contact; calibrating for {told} of the squared error",
-        Own(offsets[:, :, None].astype(np.float32)),
-        fitting=Fitting(fixed=True),
-        weight_names=("share of the offset",),
-        weight_unit="relative",
-        online=lambda _: Online(),
-        again=lambda _: candidate_of(offsets, shares),
-    )
+    @override
+    def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
+        return ()
+
+    def form(self, offsets: Floats, removed: Mapping[float, float]) -> Candidate:
+        """The offsets (n, 21), counts, as a form that is reported and cannot be served.
+
+        Args:
+            removed: the share of the squared error that a calibration of so many seconds takes off.
+        """
+        told = ", ".join(f"{seconds:g} s would remove {share:.0%}" for seconds, share in removed.items())
+        return Candidate(
+            self.name,
+            f"of each contact; calibrating for {told} of the squared error",
+            Own(offsets[:, :, None].astype(np.float32)),
+            fitting=Fitting(fixed=True),
+            weight_names=("share of the offset",),
+            weight_unit="relative",
+            online=lambda _: Online(),
+            again=lambda _: self.form(offsets, removed),
+        )
 
 
 def log_evidence(
     white: Floats, ones: Floats, blocks: tuple[slice, ...], strengths: tuple[float, ...]
-) -> float:
-    """Log odds of a random constant of each block, of all channels, to none.
+) -> Floats:
+    """(strengths, 21) log odds of a random constant of each block to none.
 
     Args:
         white: (21, bins) the whitened residual.
@@ -113,5 +126,5 @@ def log_evidence(
         taken = (cross**2 / (gram + strength**-2)).sum(axis=0)
         volume = 0.5 * np.log1p(strength**2 * gram).sum(axis=0)
         left = np.maximum(energy - taken, 1e-9 * energy)
-        found.append(float((-volume - 0.5 * white.shape[1] * np.log(left / energy)).sum()))
-    return float(np.logaddexp.reduce(found) - np.log(len(found)))
+        found.append(-volume - 0.5 * white.shape[1] * np.log(left / energy))
+    return np.array(found)

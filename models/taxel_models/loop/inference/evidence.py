@@ -84,7 +84,7 @@ class Base:
         """(folds, 21)."""
         return self.target.products(self.target)[..., 0, 0]
 
-    @property
+    @cached_property
     def noise(self) -> Floats:
         """(21,) mean square of the residual that the base leaves, rounding included."""
         left = _left(self.energy.sum(axis=0), self.cross.sum(axis=0), self.gram.sum(axis=0), self.precision)

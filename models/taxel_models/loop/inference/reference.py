@@ -1,6 +1,7 @@
 """The reference: a model's own held-out residual, which says what the model gets wrong anyway."""
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from taxel_models.loop.inference.whitening import Bins, NoiseShape
 from taxel_models.loop.observations import Model, gather
 from taxel_models.recordings import Recording
 
-_KEPT = 0.05
+KEPT: Final = 0.05
 """Blocks that the reference leaves out; the inference wants an evaluation part."""
 
 
@@ -24,7 +25,7 @@ def held_out_residual(
     """Of a model and the recordings that its training held out; None where they are too short."""
     try:
         observations = gather(model, recordings, measured_temperature=True)
-        blocks = cut(observations, seed=0, held_out=_KEPT)
+        blocks = cut(observations, seed=0, held_out=KEPT)
     except RecordingError:
         return None
     residual = observations.residual

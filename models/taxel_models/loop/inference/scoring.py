@@ -1,8 +1,8 @@
 """Scores: what each effect explains beside those that are named already."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import replace
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -10,13 +10,17 @@ from threadpoolctl import threadpool_limits
 
 from taxel.channels import CHANNELS, COUNTS_MAX, ELECTRODE_COLUMNS
 from taxel.manifest import HeldOutResidual
-from taxel_models.evaluation.standard_error import corrected_standard_error
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect, Fitting, Remaining
-from taxel_models.loop.effects.offset import Offset
-from taxel_models.loop.inference import contact_offset
 from taxel_models.loop.inference.constants import Constants
+from taxel_models.loop.inference.contact_offset import (
+    CALIBRATIONS_S,
+    FEWEST,
+    ContactOffset,
+    calibrated,
+    log_evidence,
+)
 from taxel_models.loop.inference.evidence import (
     Base,
     Design,
@@ -28,6 +32,7 @@ from taxel_models.loop.inference.evidence import (
     weigh,
 )
 from taxel_models.loop.inference.forms import Form, prepared
+from taxel_models.loop.inference.score import Score, Taken
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations
 
@@ -36,64 +41,12 @@ REFITS: Final = 3
 """Rounds in which weights, or a form's parameters, are found again."""
 
 
-@dataclass(frozen=True)
-class Score:
-    """What one effect explains beside the named ones.
+class _Bases(NamedTuple):
+    """What forms are weighed beside, and the evidence of the constant between the two."""
 
-    Attributes:
-        effect: which; None for offsets of each contact.
-        form: its likeliest.
-        weighed: that form, in the likelier of the two bases.
-        log_evidence: of all its forms together.
-        needs_constant: whether its likeliest form stands beside a constant of each channel.
-        worth: (21,) share of each channel's held-out error that goes.
-        t: over held-out folds, beside a constant of each channel.
-        gain: fall of the held-out squared error, over the noise.
-        most_gain: likewise, of its likeliest form before a simpler one was preferred.
-    """
-
-    effect: Effect | None
-    form: Form
-    weighed: Weighed
-    log_evidence: float
-    needs_constant: bool
-    worth: Floats
-    t: float
-    gain: float
-    most_gain: float
-
-    @property
-    def name(self) -> str:
-        """The effect's."""
-        return self.form.candidate.effect
-
-    @property
-    def freedom(self) -> int:
-        """How many figures it fits."""
-        return self.form.freedom(int(self.weighed.changes.sum()))
-
-
-@dataclass(frozen=True)
-class Taken:
-    """A named effect while others are looked for."""
-
-    effect: Effect | None
-    form: Form
-    weighed: Weighed
-    first: Score
-    weights: Floats
-    contribution: Floats
-
-    @property
-    def name(self) -> str:
-        """The effect's."""
-        return self.form.candidate.effect
-
-    @property
-    def is_regressor(self) -> bool:
-        """Whether its weights are inferred together with those of others."""
-        fitting = self.form.candidate.fitting
-        return not (fitting.fixed or fitting.pooled)
+    plain: Base
+    beside: Base
+    constant: float
 
 
 class Scoring:
@@ -136,6 +89,7 @@ class Scoring:
             shape = NoiseShape(np.array(reference.shared), np.array(reference.fading))
         self.whitening = Whitening(self.bins, shape, observations.residual, constants)
         self._row_weights = self.whitening.row_weights(len(observations))
+        self._mean_row_weights = self._row_weights.mean(axis=1)
         ones = np.broadcast_to(self.whitening.scale[:, None, None], (len(CHANNELS), len(self.bins), 1))
         self._ones = Design(self.whitening(ones), self.bins.fold)
         target = self.base([]).target.values[:, :, 0]
@@ -172,9 +126,16 @@ class Scoring:
         design = Design(np.concatenate(values, axis=2), self.bins.fold)
         return Base(target, design, np.concatenate(precision, axis=1), self.whitening.quantum)
 
+    def _bases(self, taken: Sequence[Taken]) -> _Bases:
+        """The base, the same beside a constant of each channel, and the constant's own evidence."""
+        beside = self.base(taken).with_constant(self._ones)
+        plain = beside.without_last()
+        constant = weigh(Products.of(plain, self._ones), Fitting(), self._constants)
+        return _Bases(plain, beside, constant.log_evidence)
+
     def _forms_of(self, effect: Effect, left: Floats) -> list[Form]:
         if effect.looks_at_residual or effect.label not in self._forms:
-            remaining = Remaining(left, self._blocks.fit, self._row_weights.mean(axis=1))
+            remaining = Remaining(left, self._blocks.fit, self._mean_row_weights)
             self._forms[effect.label] = [
                 form
                 for candidate in effect.forms(self.observations, remaining)
@@ -185,9 +146,7 @@ class Scoring:
     def scores(self, taken: Sequence[Taken]) -> list[Score]:
         """Every other effect beside some named ones, the likeliest first."""
         left = self.residual(taken)
-        beside = self.base(taken).with_constant(self._ones)
-        base = beside.without_last()
-        constant = weigh(Products.of(base, self._ones), Fitting(), self._constants).log_evidence
+        bases = self._bases(taken)
         names = {each.name for each in taken}
         found = []
         for effect in self._effects:
@@ -196,42 +155,39 @@ class Scoring:
             self._progress(effect.label)
             forms = self._forms_of(effect, left)
             if forms:
-                score = self._score(effect, forms, base, beside, constant)
+                score = self._score(effect, forms, bases)
                 found.append(score)
                 weak = score.log_evidence <= 0 or score.t < self._constants.least_t
                 if effect.is_costly and (weak or score.worth.mean() < self._constants.least_share):
                     self._hopeless.add(effect.label)
-        contact = None if contact_offset.NAME in names else self._contact_offset(base, left)
+        contact = None if ContactOffset.name in names else self._contact_offset(bases.plain, left)
         found += [] if contact is None else [contact]
         return sorted(found, key=lambda score: -score.log_evidence)
 
-    def _score(
-        self, effect: Effect, forms: Sequence[Form], base: Base, beside: Base, constant: float
-    ) -> Score:
-        is_constant = effect.name == Offset.name
+    def _score(self, effect: Effect, forms: Sequence[Form], bases: _Bases) -> Score:
         usual = self._usual_evidence(effect.label)
         weighed: list[tuple[float, Form, Products, Weighed, bool]] = []
         logs = []
         for form in forms:
             fitting = form.candidate.fitting
-            products = Products.of(beside, form.design)
-            plain = weigh(replace(products, base=base), fitting, self._constants, usual)
+            products = Products.of(bases.beside, form.design)
+            plain = weigh(replace(products, base=bases.plain), fitting, self._constants, usual)
             options = [(plain.log_evidence, form, products, plain, False)]
-            if not is_constant:
+            if not effect.is_constant:
                 second = weigh(products, fitting, self._constants, usual)
-                options.append((second.log_evidence + constant, form, products, second, True))
+                options.append((second.log_evidence + bases.constant, form, products, second, True))
             logs.append(float(logsumexp([option[0] for option in options]) - np.log(len(options))))
             weighed.append(max(options, key=lambda option: option[0]))
 
         def tested(option: tuple[float, Form, Products, Weighed, bool]) -> Score:
             value, form, products, own, needs = option
-            if is_constant:
-                products = replace(products, base=base)
+            if effect.is_constant:
+                products = replace(products, base=bases.plain)
             found = held_out(products, form.candidate.fitting, own)
             return self._scored(effect, form, own, value, found, needs_constant=needs)
 
         best = tested(max(weighed, key=lambda option: option[0]))
-        most_gain = best.gain
+        most_gain = best.total_gain
         simpler = [
             option
             for option in weighed
@@ -247,15 +203,15 @@ class Scoring:
         simpler = [
             score
             for score in scores
-            if score.effect is not None
+            if score.effect.is_predictable
             and score.freedom <= self._constants.simpler * best.freedom
-            and score.gain >= self._constants.carries * best.gain > 0
+            and score.total_gain >= self._constants.carries * best.total_gain > 0
         ]
         return max(simpler, key=lambda score: score.log_evidence, default=best)
 
     def _scored(
         self,
-        effect: Effect | None,
+        effect: Effect,
         form: Form,
         weighed: Weighed,
         log_evidence: float,
@@ -266,9 +222,11 @@ class Scoring:
     ) -> Score:
         """A score less what the effect explains of the model's own held-out residual."""
         gain = tested.gain - self._usual_gain(form.candidate.effect, tested)
-        worth = (gain * tested.noise).sum(axis=0) / (self._energy if energy is None else energy)
-        t, total = over_folds(gain, weighed)
-        return Score(effect, form, weighed, log_evidence, needs_constant, worth, t, total, total)
+        fall = (gain * tested.noise).sum(axis=0)
+        worth = fall / (self._energy if energy is None else energy)
+        taken_off = fall * self.whitening.scale**2
+        score = Score(effect, form, weighed, log_evidence, needs_constant, gain, worth, taken_off, 0.0)
+        return replace(score, most_gain=score.total_gain)
 
     def _usual_evidence(self, name: str) -> Floats | float:
         """(21,) log odds that the model's own residual gives an effect."""
@@ -291,48 +249,37 @@ class Scoring:
         """For each effect alone, its log odds (21,) and its gain (21,), counts², for each bin."""
         with threadpool_limits(1):
             scores = self.scores([])
-        energy = self._energy * self.whitening.scale**2 / len(self.bins)
         return {
             score.name: (
                 np.maximum(score.weighed.by_channel, 0.0) / len(self.bins),
-                np.maximum(score.worth, 0.0) * energy,
+                np.maximum(score.taken_off, 0.0) / len(self.bins),
             )
             for score in scores
         }
 
     def _contact_offset(self, base: Base, left: Floats) -> Score | None:
         """Offsets of each contact, if the model's own held-out residual says how much is usual."""
-        segment = self.observations.segment
-        if self._reference is None:
+        segments = np.unique(self.observations.segment[self._blocks.fit])
+        if self._reference is None or len(segments) < FEWEST:
             return None
-        if contact_offset.contacts(segment[self._blocks.fit]) < contact_offset.FEWEST:
-            return None
-        taken = {
-            seconds: contact_offset.calibrated(
-                self.observations, self._blocks, left, self._row_weights, seconds
-            )
-            for seconds in contact_offset.CALIBRATIONS_S
+        effect = ContactOffset()
+        found = {
+            seconds: calibrated(self.observations, self._blocks, left, self._row_weights, seconds)
+            for seconds in CALIBRATIONS_S
         }
-        last = taken[contact_offset.CALIBRATIONS_S[-1]]
+        last = found[CALIBRATIONS_S[-1]]
         white = self.whitening(self.bins.means(left.T[:, :, None]))[:, :, 0]
-        log_evidence = contact_offset.log_evidence(
-            white, self._ones.values[:, :, 0], self.bins.blocks, self._constants.strengths
-        )
-        removed = {
-            seconds: float((each.gain.sum(axis=0) / np.maximum(each.before.sum(axis=0), 1e-9)).mean())
-            for seconds, each in taken.items()
-        }
-        candidate = contact_offset.candidate_of(last.offsets * last.shares, removed)
-        (form,) = prepared(candidate, self.whitening)
-        usual = np.sum(self._usual_evidence(contact_offset.NAME))
-        by_channel = np.full(len(CHANNELS), log_evidence / len(CHANNELS))
-        weighed = Weighed(log_evidence, 1.0, np.ones(len(CHANNELS)), by_channel)
+        table = log_evidence(white, self._ones.values[:, :, 0], self.bins.blocks, self._constants.strengths)
+        sums = (table - self._usual_evidence(effect.name)).sum(axis=1)
+        total = float(logsumexp(sums) - np.log(len(sums)))
+        removed = {seconds: each.removed for seconds, each in found.items()}
+        (form,) = prepared(effect.form(last.offsets * last.shares, removed), self.whitening)
+        weighed = Weighed(total, 1.0, np.ones(len(CHANNELS)), table[int(sums.argmax())])
         # Sums over rows in counts² become sums over bins in units of the noise.
-        noise = base.noise
-        unit = noise * self.whitening.scale**2 * self.bins.rows_each
-        tested = HeldOut(last.gain / unit, last.before / unit, noise)
-        energy = np.maximum((tested.before * noise).sum(axis=0), 1e-9)
-        return self._scored(None, form, weighed, log_evidence - float(usual), tested, energy=energy)
+        unit = base.noise * self.whitening.scale**2 * self.bins.rows_each
+        tested = HeldOut(last.gain / unit, last.before / unit, base.noise)
+        energy = np.maximum((tested.before * base.noise).sum(axis=0), 1e-9)
+        return self._scored(effect, form, weighed, total, tested, energy=energy)
 
     def contradicts(self, score: Score, taken: Sequence[Taken]) -> bool:
         """Whether electrodes' weights differ more than their common cause allows."""
@@ -351,12 +298,8 @@ class Scoring:
 
     def refined(self, score: Score, taken: Sequence[Taken]) -> Score:
         """The likeliest of the forms around an effect's likeliest one, if its forms are a grid."""
-        beside = self.base(taken).with_constant(self._ones)
-        base = beside.without_last()
-        constant = weigh(Products.of(base, self._ones), Fitting(), self._constants).log_evidence
+        bases = self._bases(taken)
         for _ in range(REFITS):
-            if score.effect is None:
-                break
             finer = [
                 form
                 for candidate in score.effect.finer(self.observations, score.form.candidate)
@@ -364,7 +307,7 @@ class Scoring:
             ]
             if not finer:
                 break
-            found = self._score(score.effect, [score.form, *finer], base, beside, constant)
+            found = self._score(score.effect, [score.form, *finer], bases)
             found = replace(found, log_evidence=score.log_evidence)
             if found.form is score.form:
                 break
@@ -394,26 +337,3 @@ class Scoring:
         fitting = taken.form.candidate.fitting
         weighed = weigh(products, fitting, self._constants)
         return weighed, held_out(products, fitting, taken.weighed)
-
-
-def over_folds(gain: Floats, weighed: Weighed) -> tuple[float, float]:
-    """The larger t of two tests over the folds, and the gain in all, over the channels that change.
-
-    The first test counts all these channels alike. The second weighs them by what the other folds show,
-    since the noise of the other channels would hide an effect of a few. Under chance, a fold's gain is as
-    likely below 0 as above, since it has no influence on its own weights.
-
-    Args:
-        gain: (folds, 21).
-    """
-    some = gain[:, weighed.changes]
-    by_fold = some.sum(axis=1)
-    others = np.maximum((some.sum(axis=0) - some) / max(len(some) - 1, 1), 0.0)
-    weighted = (others * some).sum(axis=1) / np.maximum(others.sum(axis=1), 1e-12)
-    return max(_t(by_fold), _t(weighted)), float(by_fold.sum())
-
-
-def _t(by_fold: Floats) -> float:
-    """Of the corrected resampled t-test: each fold is tested on one part and fitted to the others."""
-    error = corrected_standard_error(by_fold, 1.0 / max(len(by_fold) - 1, 1))
-    return float(by_fold.mean()) / max(error, 1e-12)

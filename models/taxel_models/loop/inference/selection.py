@@ -17,11 +17,10 @@ from taxel.manifest import HeldOutResidual
 from taxel_models.loop.attribution import Attribution, Named, Rejected
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect
-from taxel_models.loop.effects.offset import Offset
-from taxel_models.loop.inference import contact_offset
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.forms import prepared
-from taxel_models.loop.inference.scoring import REFITS, Progress, Score, Scoring, Taken, over_folds
+from taxel_models.loop.inference.score import Score, Taken, t_over_folds
+from taxel_models.loop.inference.scoring import REFITS, Progress, Scoring
 from taxel_models.loop.observations import Observations
 
 
@@ -88,16 +87,14 @@ class JointSelection:
         changes = score.weighed.changes
         if not changes.any():
             return False
-        enough = score.worth.mean() >= constants.least_share
-        if score.effect is None:
-            # No model can foretell them, so they must explain more to be named.
-            enough = score.worth.mean() >= contact_offset.LEAST_SHARE
-        else:
+        if score.effect.is_predictable:
             least = max(constants.least_share, constants.least_channel_share)
-            enough |= score.worth[changes].max() >= least
-        return bool(enough and score.t >= constants.least_t) and not self._scoring.contradicts(
-            score, self._taken
-        )
+            enough = score.worth.mean() >= constants.least_share or score.worth[changes].max() >= least
+        else:
+            enough = score.worth.mean() >= 2 * constants.least_channel_share
+        if not enough or score.t < constants.least_t:
+            return False
+        return not self._scoring.contradicts(score, self._taken)
 
     def choose(self, scores: Sequence[Score]) -> Score | None:
         """The likeliest effect that proves itself, or a simpler one that carries most of it."""
@@ -106,11 +103,12 @@ class JointSelection:
         if certain or not able:
             return certain[0] if certain else None
         best = able[0]
-        offset = next((score for score in able if score.name == Offset.name), None)
-        if offset is not None and best.needs_constant and 2 * offset.log_evidence > best.log_evidence:
-            return offset
+        constant = next((score for score in able if score.effect.is_constant), None)
+        if constant and best.needs_constant and 2 * constant.log_evidence > best.log_evidence:
+            # More than half of what is found is the constant's.
+            return constant
         # A constant is judged by itself, and all others beside one.
-        return self._scoring.simplest(best, [score for score in able if score.name != Offset.name])
+        return self._scoring.simplest(best, [score for score in able if not score.effect.is_constant])
 
     def _take(self, score: Score) -> None:
         score = self._scoring.refined(score, self._taken)
@@ -118,7 +116,7 @@ class JointSelection:
         candidate = score.form.candidate
         zeros = np.zeros_like(self._scoring.observations.residual)
         weights = np.ones((len(CHANNELS), score.form.size))
-        taken = Taken(score.effect, score.form, score.weighed, score, weights, zeros)
+        taken = Taken(score, score.form, weights, zeros)
         if candidate.moved is not None:
             taken = replace(taken, contribution=self._scoring.move_inputs(candidate.moved))
             self._taken = [self._again(each) for each in self._taken]
@@ -151,11 +149,12 @@ class JointSelection:
             weakest: tuple[float, Taken] | None = None
             for taken in self._taken[:-1]:
                 candidate = taken.form.candidate
-                if candidate.moves or candidate.certain or taken.effect is None:
+                if candidate.moves or candidate.certain or not taken.effect.is_predictable:
                     continue
                 others = [each for each in self._taken if each is not taken]
                 weighed, tested = self._scoring.beside(taken, others)
-                t, gain = over_folds(tested.gain, taken.weighed)
+                t = t_over_folds(tested.gain, taken.weighed)
+                gain = float(tested.gain[:, taken.weighed.changes].sum())
                 shares = tested.shares
                 little = shares.mean() < self._constants.least_share / 2
                 little &= shares.max() < self._constants.least_channel_share / 2
@@ -176,8 +175,8 @@ class JointSelection:
             taken = self._taken[place]
             candidate = taken.form.candidate
             self._progress(f"what could replace {taken.name}")
-            if candidate.moves or candidate.certain or taken.effect is None:
-                either[taken.name] = self._alike(taken.first, alone) if candidate.moves else ()
+            if candidate.moves or candidate.certain or not taken.effect.is_predictable:
+                either[taken.name] = self._alike(taken.score, alone) if candidate.moves else ()
                 place += 1
                 continue
             others = [each for each in self._taken if each is not taken]
@@ -198,7 +197,7 @@ class JointSelection:
     @staticmethod
     def _replaces(chosen: Score, own: Score | None) -> bool:
         """Whether another effect takes the place of a named one."""
-        if own is None or chosen.name == own.name or chosen.effect is None:
+        if own is None or chosen.name == own.name or not chosen.effect.is_predictable:
             return False
         return chosen.log_evidence > own.log_evidence and not chosen.form.candidate.moves
 
@@ -209,9 +208,8 @@ class JointSelection:
             other.name
             for other in scores
             if other.name not in names
-            and other.effect is not None
-            and own.gain > 0
-            and other.most_gain >= self._constants.either * own.gain
+            and other.effect.is_predictable
+            and other.most_gain >= self._constants.either * own.total_gain > 0
         )
 
     def _finished(self, taken: Taken, either: tuple[str, ...]) -> Named:
@@ -225,13 +223,14 @@ class JointSelection:
         fold_weights = [self._scoring.weights(taken, others, fold) for fold in range(folds)]
         return Named(
             candidate=taken.form.candidate,
-            equation=_EQUATION if taken.effect is None else taken.effect.equation,
+            equation=taken.effect.equation,
             weights=taken.weights,
             fold_weights=np.array(fold_weights),
             contribution=taken.contribution,
-            log_evidence=taken.first.log_evidence,
+            log_evidence=taken.score.log_evidence,
             included=taken.weighed.included,
-            t=taken.first.t,
+            t=taken.score.t,
+            p_value=taken.score.p_value,
             confounded_with=either,
             conditional=float((lost / first).mean()),
         )
@@ -242,7 +241,7 @@ class JointSelection:
         first = {score.name: float(score.worth.mean()) for score in alone}
         confounded = {name for each in named for name in each.confounded_with}
         found = [
-            Rejected(name, "", 0.0, 0.0, 0.0, 0.0, reason)
+            Rejected(name, "", 0.0, 0.0, 0.0, 1.0, reason)
             for name, reason in self._scoring.out_of_scope.items()
         ]
         # Costly effects that failed by themselves were not weighed again.
@@ -264,13 +263,16 @@ class JointSelection:
             form = score.form.candidate.form
             found.append(
                 Rejected(
-                    score.name, form, worth, first.get(score.name, 0.0), score.log_evidence, score.t, reason
+                    name=score.name,
+                    form=form,
+                    share=worth,
+                    alone=first.get(score.name, 0.0),
+                    log_evidence=score.log_evidence,
+                    p_value=score.p_value,
+                    reason=reason,
                 )
             )
         return tuple(sorted(found, key=lambda other: -other.alone))
-
-
-_EQUATION = "delta_c = b_c,contact"
 
 
 def _silent(note: str) -> None:

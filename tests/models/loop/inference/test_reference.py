@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from taxel.manifest import HeldOutResidual, Manifest
-from taxel_models.loop.inference.reference import held_out_residual
+from taxel_models.loop.blocks import cut
+from taxel_models.loop.effects.gain import Gain
+from taxel_models.loop.effects.hysteresis import Hysteresis
+from taxel_models.loop.effects.offset import Offset
+from taxel_models.loop.inference.constants import DECLARED
+from taxel_models.loop.inference.reference import KEPT, held_out_residual
+from taxel_models.loop.inference.scoring import Scoring
+from taxel_models.loop.observations import gather
 from taxel_models.loop.pipeline import LoopSettings, run_loop
 from taxel_models.recordings import Recording
 from taxel_models.recovery.injection import Injection
@@ -74,30 +81,54 @@ def test_other_effects_are_named_beside_what_is_known(smooth: Any, make: Make) -
     assert [effect.name for effect in findings.effects] == ["offset"]
 
 
-def test_a_manifests_own_is_used(smooth: Any, make: Make, reference: HeldOutResidual) -> None:
+def apart(make: Make) -> Recording:
     """Contacts of a sensor that scatter more than the model's own errors do."""
     random = np.random.default_rng(1)
     recording = make(9_000, seed=2)
     contact = np.arange(len(recording)) // 300
     scattered = recording.channels + (random.normal(size=(30, 21)) * 12.0)[contact]
-    apart = replace(
+    return replace(
         recording,
         samples=replace(recording.samples, time_ns=recording.samples.time_ns + 1_000_000_000 * contact),
         channels=np.clip(np.rint(scattered), 0, 4095),
     )
+
+
+def test_nothing_is_left_of_what_is_known_of_the_same_recording(smooth: Any, make: Make) -> None:
+    """What each effect takes off is kept in the units in which it is subtracted."""
+    recording = apart(make)
+    known = held_out_residual(smooth, [recording])
+    assert known is not None
+    observations = gather(smooth, [recording], measured_temperature=True)
+    blocks = cut(observations, seed=0, held_out=KEPT)
+    effects = [Offset(), Gain(), Hysteresis()]
+    without = known.model_copy(update={"structure": {}})
+    gains = {}
+    for name, reference in {"unknown": without, "known": known}.items():
+        scoring = Scoring(observations, blocks, effects, reference, DECLARED, lambda _: None)
+        gains[name] = {score.name: score.taken_off for score in scoring.scores([])}
+    assert set(gains["unknown"]) == {"offset", "gain", "hysteresis", "offset:contact"}
+    assert gains["unknown"]["offset:contact"].min() > 100
+    np.testing.assert_allclose(gains["known"]["offset:contact"], 0.0, atol=1e-4)
+    # The form of another effect may be another one where its evidence is known.
+    assert max(taken_off.sum() for taken_off in gains["known"].values()) < 1e-3
+
+
+def test_a_manifests_own_is_used(smooth: Any, make: Make, reference: HeldOutResidual) -> None:
+    recording = apart(make)
 
     class Known:
         manifest = smooth.manifest.model_copy(update={"held_out_residual": reference})
         predict = staticmethod(smooth.predict)
         predict_base = staticmethod(smooth.predict_base)
 
-    findings = run_loop(Known(), [apart], LoopSettings()).findings
+    findings = run_loop(Known(), [recording], LoopSettings()).findings
     (effect,) = findings.effects
     assert effect.name == "offset:contact"
     assert not effect.served
     assert effect.explained > 0.7
     assert findings.after == findings.before
     # Without the reference, nobody knows how much contacts scatter anyway.
-    unknown = run_loop(smooth, [apart], LoopSettings()).findings
+    unknown = run_loop(smooth, [recording], LoopSettings()).findings
     named = {one.name for one in (*unknown.effects, *unknown.rejected)}
     assert "offset:contact" not in named

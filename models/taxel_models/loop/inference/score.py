@@ -1,0 +1,125 @@
+"""A score: what one effect explains, and how sure that is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from taxel_models.evaluation.standard_error import corrected_standard_error
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.effects.effect import Effect
+from taxel_models.loop.inference.evidence import Weighed
+from taxel_models.loop.inference.forms import Form
+
+
+@dataclass(frozen=True)
+class Score:
+    """What one effect explains beside the named ones.
+
+    Attributes:
+        effect: which.
+        form: its likeliest.
+        weighed: that form, in the likelier of the two bases.
+        log_evidence: of all its forms together.
+        needs_constant: whether its likeliest form stands beside a constant of each channel.
+        gain: (folds, 21) fall of the held-out squared error, over the noise, beside a constant of each
+            channel.
+        worth: (21,) share of each channel's held-out squared error that goes.
+        taken_off: (21,) what goes of each channel's held-out squared error, counts².
+        most_gain: gain in all of its likeliest form before a simpler one was preferred.
+    """
+
+    effect: Effect
+    form: Form
+    weighed: Weighed
+    log_evidence: float
+    needs_constant: bool
+    gain: Floats
+    worth: Floats
+    taken_off: Floats
+    most_gain: float
+
+    @property
+    def name(self) -> str:
+        """The effect's."""
+        return self.form.candidate.effect
+
+    @property
+    def freedom(self) -> int:
+        """How many figures it fits."""
+        return self.form.freedom(int(self.weighed.changes.sum()))
+
+    @property
+    def total_gain(self) -> float:
+        """Over the folds and the channels that change."""
+        return float(self.gain[:, self.weighed.changes].sum())
+
+    @property
+    def t(self) -> float:
+        """Over held-out folds; see `t_over_folds`."""
+        return t_over_folds(self.gain, self.weighed)
+
+    @property
+    def p_value(self) -> float:
+        """One-sided, of that t."""
+        return float(stats.t.sf(self.t, max(len(self.gain) - 1, 1)))
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A named effect while others are looked for.
+
+    Attributes:
+        score: when it was named.
+        form: that is fitted: the score's, for the present predictions.
+        weights: (21, k), beside the other named effects.
+        contribution: (n, 21) what it adds, counts.
+    """
+
+    score: Score
+    form: Form
+    weights: Floats
+    contribution: Floats
+
+    @property
+    def name(self) -> str:
+        """The effect's."""
+        return self.score.name
+
+    @property
+    def effect(self) -> Effect:
+        """Which it is."""
+        return self.score.effect
+
+    @property
+    def weighed(self) -> Weighed:
+        """Its evidence when it was named."""
+        return self.score.weighed
+
+    @property
+    def is_regressor(self) -> bool:
+        """Whether its weights are inferred together with those of others."""
+        fitting = self.form.candidate.fitting
+        return not (fitting.fixed or fitting.pooled)
+
+
+def t_over_folds(gain: Floats, weighed: Weighed) -> float:
+    """The larger t of two tests over the folds, over the channels that change.
+
+    The first test counts all these channels alike. The second weighs them by what the other folds show,
+    since the noise of the other channels would hide an effect of a few. Under chance, a fold's gain is as
+    likely below 0 as above, since it has no influence on its own weights.
+
+    Args:
+        gain: (folds, 21).
+    """
+    some = gain[:, weighed.changes]
+    others = np.maximum((some.sum(axis=0) - some) / max(len(some) - 1, 1), 0.0)
+    weighted = (others * some).sum(axis=1) / np.maximum(others.sum(axis=1), 1e-12)
+    return max(_t(some.sum(axis=1)), _t(weighted))
+
+
+def _t(by_fold: Floats) -> float:
+    """Of the corrected resampled t-test: each fold is tested on one part and fitted to the others."""
+    error = corrected_standard_error(by_fold, 1.0 / max(len(by_fold) - 1, 1))
+    return float(by_fold.mean()) / max(error, 1e-12)

@@ -1,0 +1,75 @@
+"""Which channels' sensitivity changed, by how much and when."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from taxel.channels import CHANNELS
+from taxel_models.loop.blocks import cut
+from taxel_models.loop.channel_history import SensitivityChange, sensitivity_changes
+from taxel_models.loop.observations import gather
+from taxel_models.recordings import Recording
+
+Make = Callable[..., Recording]
+ROWS = 30_000
+CHANNEL = 12
+
+
+def changes(
+    smooth: Any, recording: Recording, kept: NDArray[np.float64], added: float = 0.0
+) -> list[SensitivityChange]:
+    """Of a recording in which one channel keeps a share (n,) of its sensitivity; some counts are added."""
+    channels = recording.channels.copy()
+    rest = smooth.counts(np.zeros((1, 3)), np.zeros((1, 3)))[0, CHANNEL]
+    channels[:, CHANNEL] = rest + kept * (channels[:, CHANNEL] - rest) + added
+    changed = Recording(recording.samples, np.rint(channels), recording.auxiliary, recording.covariates)
+    observations = gather(smooth, [changed], measured_temperature=True)
+    explained = np.zeros_like(observations.residual)
+    explained[:, CHANNEL] = added
+    return list(sensitivity_changes(observations, cut(observations, seed=0), explained))
+
+
+@pytest.fixture(scope="module")
+def long(make: Make) -> Recording:
+    return make(ROWS, seed=5)
+
+
+def test_a_step_is_told_with_its_time(smooth: Any, long: Recording) -> None:
+    (found,) = changes(smooth, long, np.where(np.arange(ROWS) < 18_000, 1.0, 0.4))
+    assert found.channel == CHANNELS[CHANNEL]
+    assert found.kept == pytest.approx(0.4, abs=0.05)
+    assert found.since_s == pytest.approx(180.0, abs=6.0)
+    assert found.sentence().startswith("e11 lost 6")
+
+
+def test_a_change_all_the_time_has_none(smooth: Any, long: Recording) -> None:
+    (found,) = changes(smooth, long, np.linspace(1.0, 1.8, ROWS))
+    assert found.kept == pytest.approx(1.8, abs=0.1)
+    assert found.since_s is None
+    assert found.sentence().endswith("more sensitive over this session.")
+
+
+def test_what_other_effects_add_is_no_sensitivity(smooth: Any, long: Recording) -> None:
+    (found,) = changes(smooth, long, np.where(np.arange(ROWS) < 18_000, 1.0, 0.4), added=40.0)
+    assert found.kept == pytest.approx(0.4, abs=0.05)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_is_told_of_a_sensor_that_stays(smooth: Any, make: Make, seed: int) -> None:
+    assert changes(smooth, make(12_000, seed=seed, noise=12.0), np.ones(12_000)) == []
+
+
+def test_a_small_change_is_not_told(smooth: Any, long: Recording) -> None:
+    assert changes(smooth, long, np.where(np.arange(ROWS) < 15_000, 1.0, 0.8)) == []
+
+
+def test_few_blocks_tell_nothing(smooth: Any, make: Make) -> None:
+    recording = make(1_800, seed=5)
+    observations = gather(smooth, [recording], measured_temperature=True)
+    blocks = cut(observations, seed=0)
+    some = observations.kept(blocks.of_row < 9)
+    few = type(blocks)(blocks.of_row[blocks.of_row < 9], blocks.fold)
+    assert list(sensitivity_changes(some, few, np.zeros_like(some.residual))) == []
