@@ -21,7 +21,7 @@ class Origin(StrEnum):
     GAZEBO_PLUGIN = "gazebo-plugin"
 
 
-@needs("train", *SERVING)
+@needs("train", *SERVING, "scipy", "threadpoolctl")
 def export(
     source: Annotated[
         Path, typer.Argument(help="The folder that `taxel train` wrote, or the plugin's model.yaml.")
