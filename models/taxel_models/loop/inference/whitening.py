@@ -48,6 +48,7 @@ class NoiseShape:
     def of(cls, bins: "Bins", residual: Floats, fading_s: float) -> Self:
         """The likeliest shape of a residual (n, 21), channel by channel."""
         values = bins.means(residual[None])[0]
+        counts = {block.stop - block.start for block in bins.blocks}
         best = np.full(len(CHANNELS), -np.inf)
         shared, fading = np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS))
         for first in _SHARES:
@@ -56,10 +57,12 @@ class NoiseShape:
                     continue
                 likelihood = np.zeros(len(CHANNELS))
                 squares = np.zeros(len(CHANNELS))
+                factors = {
+                    count: np.linalg.cholesky(covariance(count, first, second, bins.seconds / fading_s))
+                    for count in counts
+                }
                 for rows in bins.blocks:
-                    factor = np.linalg.cholesky(
-                        covariance(rows.stop - rows.start, first, second, bins.seconds / fading_s)
-                    )
+                    factor = factors[rows.stop - rows.start]
                     white = np.linalg.solve(factor, values[rows])
                     squares += (white**2).sum(axis=0)
                     likelihood -= np.log(np.diag(factor)).sum()

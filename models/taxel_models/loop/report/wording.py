@@ -129,7 +129,9 @@ def _named(findings: Findings, extras: Sequence[ExtraFeature]) -> list[str]:
     if not findings.effects:
         return ["No effect was named: none proves itself on held-out blocks."]
     count = len(findings.effects)
-    sentences = [f"{count} effects were named, most first." if count > 1 else "One effect was named."]
+    sentences = [
+        f"{count} effects were named, the likeliest first." if count > 1 else "One effect was named."
+    ]
     for effect in findings.effects:
         sentences.append(
             f"{effect.name} explains {percent(effect.explained)} of the residual's energy "
