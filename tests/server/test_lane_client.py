@@ -20,6 +20,7 @@ from taxel_server.engine import Engine
 from taxel_server.options import ServerOptions
 from taxel_server.processor import keep_cores_awake
 from taxel_server.service import Service
+from taxel_server.transports import lane_transport
 
 WindowMaker = Callable[..., NDArray[np.float32]]
 ServerStarter = Callable[..., str]
@@ -128,6 +129,18 @@ def test_where_the_lane_is_lost_zenoh_is_asked(
         assert (predictor.transport, source.retries) == ("zenoh", 1)
         np.testing.assert_array_equal(predictor.predict(windows), before)
         assert source.retries == 1
+
+
+def test_clients_beyond_the_most_take_zenoh(
+    engine: Engine, start: ServerStarter, make_windows: WindowMaker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lane_transport, "_MOST_CLIENTS", 1)
+    place = start(engine)
+    with taxel.connect(place) as first, taxel.connect(place) as second:
+        assert first.predictor("skin").predict(make_windows(1)).shape == (1, 21)
+        predictor = second.predictor("skin")
+        assert predictor.predict(make_windows(1)).shape == (1, 21)
+        assert (predictor.transport, second.retries) == ("zenoh", 1)
 
 
 def test_spinning_ends_give_the_same_answers(
