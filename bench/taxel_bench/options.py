@@ -1,12 +1,14 @@
 """Options that several commands share."""
 
-from collections.abc import Container, Iterable
-from typing import Annotated
+from collections.abc import Callable, Container, Iterable
+from typing import Annotated, TypeVar
 
 import typer
 
 from taxel.errors import SettingsError
 from taxel.protocol import MAX_ROWS
+
+T = TypeVar("T")
 
 Repetitions = Annotated[
     int | None, typer.Option(min=2, help="Timed calls at each size; as many as p99 needs if not given.")
@@ -14,6 +16,9 @@ Repetitions = Annotated[
 Seconds = Annotated[
     float,
     typer.Option(min=0.1, help="Longest time for the calls at each size, unless --repetitions is given."),
+]
+Gaps = Annotated[
+    str, typer.Option(help="Pauses between an answer and the next query, with commas between.")
 ]
 Seed = Annotated[int, typer.Option(help="Of random windows, and of models of the paper's size.")]
 
@@ -49,10 +54,7 @@ def parse_numbers(option: str, text: str, allowed: Container[int], expected: str
     Raises:
         SettingsError: one is none, or is not allowed.
     """
-    try:
-        numbers = [int(part) for part in text.split(",")]
-    except ValueError:
-        numbers = []
+    numbers = _numbers(text, int)
     if not numbers or not all(number in allowed for number in numbers):
         raise SettingsError(f"{option} {text}: expected whole numbers, {expected}, with commas between")
     return numbers
@@ -64,10 +66,15 @@ def parse_gaps(text: str) -> list[float]:
     Raises:
         SettingsError: one is not a number from 0 to 1000.
     """
-    try:
-        gaps = [float(part) for part in text.split(",")]
-    except ValueError:
-        gaps = []
+    gaps = _numbers(text, float)
     if not gaps or not all(0 <= gap <= 1000 for gap in gaps):
         raise SettingsError(f"--gap-ms {text}: expected milliseconds from 0 to 1000, with commas between")
     return gaps
+
+
+def _numbers(text: str, number: Callable[[str], T]) -> list[T]:
+    """The numbers between commas; none if one of them is no number."""
+    try:
+        return [number(part) for part in text.split(",")]
+    except ValueError:
+        return []

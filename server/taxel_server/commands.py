@@ -1,4 +1,4 @@
-"""`taxel serve`: a repository's models, answered over zenoh."""
+"""`taxel serve`: a repository's models, answered over zenoh and the lane."""
 
 import json
 import logging

@@ -5,6 +5,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, Field, field_validator, model_validator
 
+from taxel.endpoints import EXPECTED
 from taxel.lane.offer import parse_address
 from taxel.protocol import MAX_ROWS, PREFIX
 
@@ -85,7 +86,7 @@ class ServerOptions(BaseModel):
         for endpoint in endpoints:
             protocol, slash, address = endpoint.partition("/")
             if not (protocol and slash and address):
-                raise ValueError(f"{endpoint!r}: expected PROTOCOL/ADDRESS, such as tcp/127.0.0.1:7447")
+                raise ValueError(f"{endpoint!r}: {EXPECTED}")
             if address.endswith(":0"):
                 raise ValueError(f"{endpoint!r}: expected a port that clients can be told, not 0")
         return endpoints

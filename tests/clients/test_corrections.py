@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from taxel.channels import CHANNELS
 from taxel.corrections import (
@@ -300,56 +300,3 @@ def test_effects_survive_being_written() -> None:
         parameters=(Parameter(name="lag", value=-2.0, unit="ticks", low=-2.5, high=-1.5),),
     )
     assert AppliedEffect.model_validate_json(effect.model_dump_json()) == effect
-
-
-ONES = (1.0,) * 21
-
-
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        (
-            {"kind": "weighted", "shape": "unit", "features": ["fx"], "references": [], "weights": [ONES]},
-            "0 v",
-        ),
-        (
-            {
-                "kind": "weighted",
-                "shape": "unit",
-                "features": ["one"],
-                "references": [2],
-                "weights": [ONES],
-            },
-            "0",
-        ),
-        (
-            {
-                "kind": "weighted",
-                "shape": "signal",
-                "features": ["fx"],
-                "references": [0],
-                "weights": [ONES],
-            },
-            "rest",
-        ),
-        (
-            {"kind": "weighted", "shape": "unit", "features": ["fx"], "references": [0], "weights": [[1]]},
-            "21",
-        ),
-        (
-            {"kind": "weighted", "shape": "log", "features": ["fx"], "references": [0], "weights": [ONES]},
-            "shape",
-        ),
-        (
-            {"kind": "location", "centres": [[0, 0, 0]], "width": 1, "half_force": 1, "weights": []},
-            "expected 1",
-        ),
-        ({"kind": "crosstalk", "leaks": [["e1", "e20", 1]], "rest": ONES}, "no channel 'e20'"),
-        ({"kind": "fault", "channel": "tdc", "value": 1}, "no channel 'tdc'"),
-        ({"kind": "fault", "channel": "e1", "value": float("nan")}, "finite"),
-        ({"kind": "guess"}, "guess"),
-    ],
-)
-def test_impossible_terms_are_refused(fields: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValidationError, match=message):
-        TypeAdapter(Term).validate_python(fields)

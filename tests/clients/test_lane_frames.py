@@ -59,6 +59,8 @@ def test_an_error_is_read_as_it_was_written(text: str, number: int) -> None:
     error = frames.read_error(whole[frames.HEAD_BYTES :])
     assert type(error) is ResourceExhausted
     assert str(error) == text
+    with pytest.raises(ResourceExhausted):
+        frames.read_counts(whole[frames.HEAD_BYTES :], head)
 
 
 @given(st.binary(min_size=32, max_size=32))

@@ -2,8 +2,6 @@
 
 import os
 import signal
-import socket
-import stat
 import struct
 import subprocess
 import sys
@@ -24,18 +22,12 @@ from taxel.errors import (
     NotFound,
     RequestError,
     ResourceExhausted,
-    SettingsError,
-    TaxelError,
-    Unavailable,
 )
 from taxel.lane.client import ConnectionLost, LaneConnection
 from taxel.lane.frames import ERROR, pack_request_head, read_counts, read_error
-from taxel.lane.offer import LaneOffer, connect_to
+from taxel.lane.offer import LaneOffer
 from taxel.protocol import unpackb
 from taxel_server.engine import Engine
-from taxel_server.options import ServerOptions
-from taxel_server.service import Service
-from taxel_server.settings import read_settings
 from taxel_server.transports import lane_connection, lane_transport
 
 WindowMaker = Callable[..., NDArray[np.float32]]
@@ -66,15 +58,15 @@ def connection(lane: str) -> Iterator[LaneConnection]:
 
 
 def ask(connection: LaneConnection, windows: NDArray[np.float32], path: str = SKIN) -> NDArray[np.float32]:
-    connection.send(path, windows, 10, 10, spread=False)
-    return answer(connection)[1]
+    number = connection.send(path, windows, 10, 10, spread=False)
+    answered, counts = answer(connection)
+    assert answered == number
+    return counts
 
 
 def answer(connection: LaneConnection) -> tuple[int, NDArray[np.float32]]:
     """The id and the counts of the next reply."""
     head, content = connection.receive(10)
-    if head.kind == ERROR:
-        raise read_error(content)
     return head.id, read_counts(content, head)[0]
 
 
@@ -256,18 +248,6 @@ def test_a_flood_takes_no_answer_from_others(
         each.close()
 
 
-def test_clients_beyond_the_most_take_zenoh(
-    engine: Engine, start: ServerStarter, make_windows: WindowMaker, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(lane_transport, "_MOST_CLIENTS", 1)
-    place = start(engine)
-    with taxel.connect(place) as first, taxel.connect(place) as second:
-        assert first.predictor("skin").predict(make_windows(1)).shape == (1, 21)
-        predictor = second.predictor("skin")
-        assert predictor.predict(make_windows(1)).shape == (1, 21)
-        assert (predictor.transport, second.retries) == ("zenoh", 1)
-
-
 _KILLED = """
 import sys, numpy as np
 from taxel.lane.client import LaneConnection
@@ -340,66 +320,6 @@ def test_a_failure_at_one_client_harms_no_other(
             failing.receive(10)
     assert ask(connection, make_windows(1)).shape == (1, 21)
     failing.close()
-
-
-def test_where_it_listens(engine: Engine, tmp_path: Path, endpoint: str, make_windows: WindowMaker) -> None:
-    path = tmp_path / "lane.sock"
-    other = endpoint.replace("127.0.0.1", "127.0.0.2")
-    for lane, address in (
-        (f"unix:{path}", f"unix:{path}"),
-        ("tcp:127.0.0.1:0", "tcp:127.0.0.1:"),
-        ("off", ""),
-    ):
-        service = Service(engine, ServerOptions(listen=(endpoint,), lane=lane))
-        assert not path.exists()
-        service.start()
-        with taxel.connect(endpoint) as source:
-            predictor = source.predictor("skin")
-            assert predictor.transport == ("lane" if address else "zenoh")
-            assert predictor.predict(make_windows(3)).shape == (3, 21)
-        assert (service.lane.address if service.lane else "").startswith(address)
-        if lane.startswith("unix"):
-            assert stat.S_IMODE(path.stat().st_mode) == 0o600
-            with pytest.raises(TaxelError, match="another server listens there"):
-                Service(engine, ServerOptions(listen=(other,), lane=lane)).start()
-        service.close()
-        assert not path.exists()
-
-
-def test_the_file_of_a_killed_server_is_replaced_and_no_other(
-    engine: Engine, tmp_path: Path, endpoint: str
-) -> None:
-    path = tmp_path / "lane.sock"
-    options = ServerOptions(listen=(endpoint,), lane=f"unix:{path}")
-    path.write_text("mine")
-    with pytest.raises(TaxelError, match="no socket"):
-        Service(engine, options).start()
-    assert path.read_text() == "mine"
-    path.unlink()
-    with socket.socket(socket.AF_UNIX) as left_behind:
-        left_behind.bind(str(path))
-    service = Service(engine, options).start()
-    connect_to(f"unix:{path}").close()
-    service.close()
-
-
-@pytest.mark.parametrize("lane", ["on", "unix:", "tcp:10.0.0.1:80", "tcp:127.0.0.1:", "tcp:localhost:x"])
-def test_an_address_that_is_none_or_not_local_is_told(lane: str) -> None:
-    with pytest.raises(SettingsError, match="expected unix:PATH, or tcp:127"):
-        read_settings({"lane": lane})
-
-
-def test_without_a_folder_of_its_own_there_is_no_automatic_lane(
-    engine: Engine, start: ServerStarter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    (tmp_path / "taxel").mkdir(mode=0o777)
-    (tmp_path / "taxel").chmod(0o777)
-    place = start(engine)
-    with pytest.raises(Unavailable, match="no lane"):
-        taxel.connect(place, transport="lane")
-    with taxel.connect(place) as source:
-        assert source.predictor("skin").transport == "zenoh"
 
 
 def test_requests_like_the_last_one_and_unlike_it_are_told_apart(

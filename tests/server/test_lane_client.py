@@ -1,6 +1,7 @@
 """The client on a lane: which transport it takes, and what it does when the lane is lost."""
 
 import socket
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -20,6 +21,7 @@ from taxel_server.engine import Engine
 from taxel_server.options import ServerOptions
 from taxel_server.processor import keep_cores_awake
 from taxel_server.service import Service
+from taxel_server.transports import lane_transport
 
 WindowMaker = Callable[..., NDArray[np.float32]]
 ServerStarter = Callable[..., str]
@@ -128,6 +130,39 @@ def test_where_the_lane_is_lost_zenoh_is_asked(
         assert (predictor.transport, source.retries) == ("zenoh", 1)
         np.testing.assert_array_equal(predictor.predict(windows), before)
         assert source.retries == 1
+
+
+def test_clients_beyond_the_most_take_zenoh(
+    engine: Engine, start: ServerStarter, make_windows: WindowMaker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lane_transport, "_MOST_CLIENTS", 1)
+    place = start(engine)
+    with taxel.connect(place) as first, taxel.connect(place) as second:
+        assert first.predictor("skin").predict(make_windows(1)).shape == (1, 21)
+        predictor = second.predictor("skin")
+        assert predictor.predict(make_windows(1)).shape == (1, 21)
+        assert (predictor.transport, second.retries) == ("zenoh", 1)
+
+
+def test_a_lane_that_is_lost_late_leaves_zenoh_the_rest_of_the_time(
+    service: Service, endpoint: str, make_windows: WindowMaker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waits: list[float] = []
+
+    def lose(*_: object, **__: object) -> None:
+        time.sleep(0.4)
+        # Nobody listens any more, so the lane is not tried a second time.
+        raise OSError
+
+    with taxel.connect(endpoint, timeout=20) as source:
+        predictor = source.predictor("skin")
+        assert source.transport == "lane"
+        get = source.get
+        monkeypatch.setattr(Lane, "infer", lose)
+        monkeypatch.setattr(source, "get", lambda *given: waits.append(given[-1]) or get(*given))
+        assert predictor.predict(make_windows(1)).shape == (1, 21)
+    (wait,) = waits
+    assert 0 < wait <= 20.25 - 0.4
 
 
 def test_spinning_ends_give_the_same_answers(

@@ -10,6 +10,7 @@ import typer
 
 from taxel.commands.cli import ERR, OUT, Json, needs, print_json
 from taxel.dependencies import SERVING
+from taxel_bench.options import Gaps, parse_gaps
 
 
 @needs("bench", *SERVING, "psutil")
@@ -25,9 +26,7 @@ def compare(
     ] = False,
     rounds: Annotated[int, typer.Option(min=1, help="Of Taxel and one peer in turn, for each peer.")] = 5,
     seconds: Annotated[float, typer.Option(min=0.05, help="Of each measurement in a turn.")] = 1.0,
-    gap_ms: Annotated[
-        str, typer.Option(help="Pauses between an answer and the next query, with commas between.")
-    ] = "0",
+    gap_ms: Gaps = "0",
     seed: Annotated[int, typer.Option(min=0, help="Of the windows.")] = 0,
     pin: Annotated[
         bool, typer.Option("--pin", help="Keep every client on one core and every server on the others.")
@@ -44,7 +43,6 @@ def compare(
     from taxel_bench.compare.peers import parse_peers
     from taxel_bench.compare.printing import print_comparison
     from taxel_bench.machine import describe_machine
-    from taxel_bench.options import parse_gaps
     from taxel_models.shipped import shipped_repository
 
     given = Path(model)

@@ -10,6 +10,7 @@ import typer
 
 from taxel.commands.cli import ERR, OUT, Json, needs, print_json
 from taxel_bench.load.settings import TIMEOUT_S, LoadSettings, Scenario, Server
+from taxel_bench.options import Gaps, parse_gaps
 
 
 @needs("bench", "psutil")
@@ -39,9 +40,7 @@ def load(
     server: Annotated[
         Server, typer.Option(help="Ask over zenoh, or in streams over the server's lane.")
     ] = "taxel",
-    gap_ms: Annotated[
-        str, typer.Option(help="Pauses between an answer and the next query; several: a run for each.")
-    ] = "0",
+    gap_ms: Gaps = "0",
     connect: Annotated[
         str | None, typer.Option(metavar="ENDPOINT", help="A running server; without it, one is started.")
     ] = None,
@@ -57,7 +56,6 @@ def load(
     from taxel_bench.load.printing import print_results
     from taxel_bench.load.results import Results
     from taxel_bench.machine import describe_machine
-    from taxel_bench.options import parse_gaps
     from taxel_models.shipped import shipped_repository
 
     gaps = parse_gaps(gap_ms)

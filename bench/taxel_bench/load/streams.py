@@ -30,7 +30,7 @@ class Stream:
     Attributes:
         source: the connection.
         key: of the queries.
-        payloads: the encoded queries that are sent again and again.
+        payloads: the encoded queries that are sent again and again; none over the lane.
         asks: for each of them, sends it and waits for the answer.
         settings: of the run.
         client: this client's number.
@@ -52,14 +52,15 @@ class Stream:
         """
         predictor = source.predictor(settings.model)
         manifest = predictor.manifest
-        payloads = encoded_queries(manifest, settings.samples_per_query, settings.seed, client)
+        what = (manifest, settings.samples_per_query, settings.seed, client)
         key = model_key(source.prefix, manifest.name, manifest.version, "infer")
+        payloads: list[bytes] = []
         asks: list[Callable[[], bytes | InferResponse]]
         if settings.server == "taxel":
+            payloads = encoded_queries(*what)
             asks = [partial(source.get, key, payload) for payload in payloads]
         else:
-            drawn = drawn_queries(manifest, settings.samples_per_query, settings.seed, client)
-            asks = [partial(predictor.infer, windows) for windows in drawn]
+            asks = [partial(predictor.infer, windows) for windows in drawn_queries(*what)]
         return cls(source, key, payloads, asks, settings, client)
 
     def warm_up(self, queries: int) -> None:

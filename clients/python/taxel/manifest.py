@@ -7,7 +7,7 @@ from pydantic import Field, FiniteFloat, StringConstraints, model_validator
 from taxel.channels import CHANNELS
 from taxel.corrections import AppliedEffect
 from taxel.errors import InvalidArgument
-from taxel.schema import NotNegative, Positive, Schema
+from taxel.schema import NotNegativePerChannel, Positive, Schema
 from taxel.windows import PERIOD_NS, ExtraFeature, WindowSpec
 
 SCHEMA: Final = 1
@@ -184,8 +184,8 @@ class OwnStructure(Schema):
         gain: what it takes off each channel's squared error, counts².
     """
 
-    log_evidence: tuple[NotNegative, ...]
-    gain: tuple[NotNegative, ...]
+    log_evidence: NotNegativePerChannel
+    gain: NotNegativePerChannel
 
 
 class HeldOutResidual(Schema):
@@ -193,16 +193,16 @@ class HeldOutResidual(Schema):
 
     Attributes:
         rows: how many rows it is from.
-        std: standard deviation of each channel's residual, counts.
+        std: root of the mean square of each channel's residual, counts.
         shared: the part of each channel's variance that a whole contact shares.
         fading: the part that fades within seconds.
         structure: what each effect explains of it.
     """
 
     rows: Annotated[int, Field(gt=0)]
-    std: tuple[NotNegative, ...]
-    shared: tuple[NotNegative, ...]
-    fading: tuple[NotNegative, ...]
+    std: NotNegativePerChannel
+    shared: NotNegativePerChannel
+    fading: NotNegativePerChannel
     structure: dict[str, OwnStructure] = Field(default_factory=dict)
 
 

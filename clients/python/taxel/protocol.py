@@ -141,7 +141,9 @@ def checked_timeout_ms(timeout: object) -> float:
         InvalidArgument: it is not a number above 0 and below 1e9.
     """
     if isinstance(timeout, bool) or not isinstance(timeout, (int, float)) or not 0 < timeout < 1e9:
-        raise InvalidArgument(f"parameters.timeout_ms: {timeout!r}: expected milliseconds above 0")
+        raise InvalidArgument(
+            f"parameters.timeout_ms: {timeout!r}: expected milliseconds above 0 and below 1e9"
+        )
     return float(timeout)
 
 

@@ -191,21 +191,23 @@ class RemotePredictor(Predictor):
             self.check_gives_spread()
         wait = self._source.timeout if timeout is None else checked_timeout(timeout)
         rows = self.checked(windows)
-        response = self._over_lane(rows, wait, spread)
+        ends = time.monotonic() + wait
+        response = self._over_lane(rows, wait, ends, spread)
         if response is None:
-            response = unpack_infer_response(self._over_zenoh(rows, wait, spread))
+            response = unpack_infer_response(self._over_zenoh(rows, wait, ends, spread))
         if len(response.outputs) != len(rows):
             raise Internal(f"the server answered {len(response.outputs)} rows to {len(rows)} windows")
         return response
 
-    def _over_zenoh(self, rows: NDArray[np.float32], wait: float, spread: bool) -> bytes:
+    def _over_zenoh(self, rows: NDArray[np.float32], wait: float, ends: float, spread: bool) -> bytes:
         """The reply over zenoh. After a lost connection the request is sent once more within its time."""
         payload = self._writer.write(rows, wait * 1e3, spread=spread)
-        ends = time.monotonic() + wait
+        left = max(ends - time.monotonic(), 1e-3)
         try:
-            if wait == self._source.timeout:
+            # `_ask` waits for the whole timeout, also where a lost lane has taken a part of it.
+            if wait == self._source.timeout and left > wait - _GRACE_S:
                 return self._ask(payload)
-            return self._source.get(self._key, payload, wait + _GRACE_S)
+            return self._source.get(self._key, payload, left + _GRACE_S)
         except ServerLost:
             if not self._source.connected_again(min(ends - time.monotonic(), _RECONNECT_S)):
                 raise
@@ -213,7 +215,9 @@ class RemotePredictor(Predictor):
         left = max(ends - time.monotonic(), 1e-3)
         return self._source.get(self._key, payload, left + _GRACE_S)
 
-    def _over_lane(self, rows: NDArray[np.float32], wait: float, spread: bool) -> InferResponse | None:
+    def _over_lane(
+        self, rows: NDArray[np.float32], wait: float, ends: float, spread: bool
+    ) -> InferResponse | None:
         """The reply over the lane; None if there is no lane, so that zenoh is to be asked.
 
         A request whose connection was lost is sent once more: an inference has no effect on the server.
@@ -222,8 +226,7 @@ class RemotePredictor(Predictor):
         if lanes is None:
             return None
         lane = lanes.lane or lanes.find()
-        left, ends = wait, time.monotonic() + wait
-        reason, retried = _NO_LANE, False
+        left, reason, retried = wait, _NO_LANE, False
         while lane is not None:
             try:
                 head, counts = lane.infer(self._path, rows, left, left + _GRACE_S, spread=spread)

@@ -9,6 +9,7 @@ import numpy as np
 import zenoh
 from zenoh.handlers import Callback
 
+from taxel.endpoints import EXPECTED, reason_of
 from taxel.errors import DeadlineExceeded, InvalidArgument, RequestError, Unavailable
 from taxel.protocol import unpack_error
 
@@ -216,15 +217,11 @@ def _open(endpoint: str, timeout: float, shared_memory: bool) -> zenoh.Session:
     try:
         config.insert_json5("connect/endpoints", json.dumps([endpoint]))
     except zenoh.ZError:
-        raise InvalidArgument(
-            f"endpoint {endpoint!r}: expected PROTOCOL/ADDRESS, such as tcp/127.0.0.1:7447"
-        ) from None
+        raise InvalidArgument(f"endpoint {endpoint!r}: {EXPECTED}") from None
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        # What follows ' at /' is where zenoh was built.
-        reason = str(error).partition(" at /")[0]
         raise Unavailable(
             f"no server at {endpoint} within {timeout:g} s; expected a `taxel serve` that has printed"
-            f" 'listening on': {reason}"
+            f" 'listening on': {reason_of(error)}"
         ) from None

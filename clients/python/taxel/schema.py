@@ -22,8 +22,11 @@ def _channel(name: str) -> str:
 ChannelName = Annotated[str, AfterValidator(_channel)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-PerChannel = Annotated[tuple[FiniteFloat, ...], Field(min_length=len(CHANNELS), max_length=len(CHANNELS))]
+_ALL = Field(min_length=len(CHANNELS), max_length=len(CHANNELS))
+PerChannel = Annotated[tuple[FiniteFloat, ...], _ALL]
 """One number for each channel, in the order of `CHANNELS`."""
+
+NotNegativePerChannel = Annotated[tuple[NotNegative, ...], _ALL]
 
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Matrix = tuple[Vector, Vector, Vector]

@@ -14,6 +14,8 @@ from taxel.protocol import InferRequest, InferResponse
 from taxel.windows.checks import check_finite
 from taxel_server.engine import LoadedModel
 
+_CHANNELS: Final = len(CHANNELS)
+
 
 def check_shape(model: LoadedModel, shape: tuple[int, ...]) -> None:
     """Raise if a model does not take windows of a shape.
@@ -24,9 +26,6 @@ def check_shape(model: LoadedModel, shape: tuple[int, ...]) -> None:
     features = len(model.manifest.window.features)
     if shape[1] != features or not shape[0]:
         raise InvalidArgument(f"inputs[0].shape: {list(shape)}: expected [n, {features}] for {model.label}")
-
-
-_CHANNELS: Final = len(CHANNELS)
 
 
 class Job(ABC):

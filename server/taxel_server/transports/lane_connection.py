@@ -71,6 +71,11 @@ class LaneConnection:
         """Whether the client owes bytes, or does not read its replies."""
         return bool(self._rest or self._arriving or self._to_skip or self._outbox)
 
+    @property
+    def is_closed(self) -> bool:
+        """Whether a reply could not be sent or kept, so that the client must go."""
+        return self._closed
+
     def read(self, alone: bool) -> bool:
         """Take what has arrived and pass whole requests on; False if the client has gone or must go.
 
@@ -144,11 +149,6 @@ class LaneConnection:
         if not self._outbox:
             self.progressed_at = time.monotonic()
         self._outbox.append(unsent)
-
-    @property
-    def is_closed(self) -> bool:
-        """Whether a reply could not be sent or kept, so that the client must go."""
-        return self._closed
 
     def close(self) -> None:
         """Close the socket and forget what was under way."""

@@ -23,7 +23,10 @@ class LaneSocket:
     """Listens on an address from construction until `close`.
 
     Args:
-        address: `unix:PATH` or `tcp:HOST:PORT`.
+        address: `unix:PATH` or `tcp:HOST:PORT`; port 0 is any free one.
+
+    Attributes:
+        address: for clients, with the whole path or the port.
 
     Raises:
         TaxelError: it cannot be listened on, as another server does so already.
@@ -31,16 +34,20 @@ class LaneSocket:
 
     def __init__(self, address: str) -> None:
         place = parse_address(address)
-        self._path = place if isinstance(place, Path) else None
+        if isinstance(place, Path):
+            # Clients have other working directories.
+            place = place.absolute()
         try:
             self.socket = _bound_to_port(place) if isinstance(place, tuple) else _bound_to_file(place)
             self.socket.listen(_BACKLOG)
         except OSError as error:
             raise TaxelError(f"cannot listen on {address}: {error.strerror or error}") from None
         self.socket.setblocking(False)
-        self.address = address
         if isinstance(place, tuple):
             self.address = f"tcp:{place[0]}:{self.socket.getsockname()[1]}"
+        else:
+            self.address = f"unix:{place}"
+        self._path = place if isinstance(place, Path) else None
         self._inode = self._path.stat().st_ino if self._path else 0
 
     def close(self) -> None:
@@ -73,10 +80,8 @@ def automatic_address(endpoints: Sequence[str]) -> str:
 def _runtime_folder() -> Path:
     """A folder that only this user may enter."""
     user = os.geteuid()
-    given = os.environ.get("XDG_RUNTIME_DIR", "")
-    candidates = [Path(given)] if given else []
-    candidates.append(Path(f"/run/user/{user}"))
-    above = next((folder for folder in candidates if os.access(folder, os.W_OK)), None)
+    candidates = (Path(os.environ.get("XDG_RUNTIME_DIR", "")), Path(f"/run/user/{user}"))
+    above = next((folder for folder in candidates if _is_for_runtime(folder, user)), None)
     folder = above / "taxel" if above else Path(tempfile.gettempdir(), f"taxel-{user}")
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
@@ -86,6 +91,13 @@ def _runtime_folder() -> Path:
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != user or found.st_mode & 0o077:
         raise TaxelError(f"{folder}: expected a folder of this user that nobody else may enter")
     return folder
+
+
+def _is_for_runtime(folder: Path, user: int) -> bool:
+    """Whether this user owns a folder and may write there: another owner could replace what lies in it."""
+    with suppress(OSError):
+        return folder.is_absolute() and folder.stat().st_uid == user and os.access(folder, os.W_OK)
+    return False
 
 
 def _bound_to_port(place: tuple[str, int]) -> socket.socket:
@@ -104,7 +116,7 @@ def _bound_to_file(path: Path) -> socket.socket:
     if not UNIX:
         raise OSError(errno.EAFNOSUPPORT, "this platform has no unix sockets: expected tcp:127.0.0.1:PORT")
     if len(os.fsencode(path)) > _LONGEST_PATH:
-        raise OSError(errno.ENAMETOOLONG, f"expected a path of at most {_LONGEST_PATH} bytes")
+        raise OSError(errno.ENAMETOOLONG, f"expected an absolute path of at most {_LONGEST_PATH} bytes")
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         _remove_abandoned(path)

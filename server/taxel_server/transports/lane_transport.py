@@ -96,10 +96,9 @@ class LaneTransport:
         """Give clients a moment to read their replies, and close; call it after the core was drained."""
         if self._socket is None:
             return
-        if hasattr(self, "_thread"):
-            self._stop_at = time.monotonic() + _FAREWELL_S
-            self._wake()
-            self._thread.join()
+        self._stop_at = time.monotonic() + _FAREWELL_S
+        self._wake()
+        self._thread.join()
         self._socket.close()
 
     def _run(self) -> None:

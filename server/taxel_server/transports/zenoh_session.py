@@ -7,6 +7,7 @@ from typing import Final
 
 import zenoh
 
+from taxel.endpoints import EXPECTED, reason_of
 from taxel.errors import SettingsError, TaxelError
 
 _PATIENCE_S: Final = 0.25
@@ -56,12 +57,8 @@ def open_session(listen: Sequence[str], *, shared_memory: bool = False) -> zenoh
     try:
         config.insert_json5("listen/endpoints", json.dumps(list(listen)))
     except zenoh.ZError:
-        raise SettingsError(
-            f"listen: {endpoints}: expected PROTOCOL/ADDRESS, such as tcp/127.0.0.1:7447"
-        ) from None
+        raise SettingsError(f"listen: {endpoints}: {EXPECTED}") from None
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        # What follows ' at /' is where zenoh was built.
-        reason = str(error).partition(" at /")[0]
-        raise TaxelError(f"cannot listen on {endpoints}: {reason}") from None
+        raise TaxelError(f"cannot listen on {endpoints}: {reason_of(error)}") from None

@@ -14,13 +14,11 @@ from numpy.typing import NDArray
 
 from taxel.errors import DeadlineExceeded, Internal
 from taxel.lane.frames import (
-    ERROR,
     HEAD_BYTES,
     ID_AT,
     ReplyHead,
     pack_request_head,
     read_counts,
-    read_error,
     read_reply_head,
 )
 from taxel.lane.offer import connect_to
@@ -35,7 +33,6 @@ _SMALL: Final = 65_536
 
 _TIMEVAL: Final = Struct("ll") if sys.platform == "linux" else None
 """How the kernel is told a timeout; elsewhere Python keeps it, which takes a system call more."""
-
 
 _DONT_WAIT: Final = getattr(socket, "MSG_DONTWAIT", None)
 """Windows has no such flag: a client that sends much before it reads may be closed there."""
@@ -107,8 +104,6 @@ class Lane:
             self._idle.append(connection)
         else:
             connection.close()
-        if head.kind == ERROR:
-            raise read_error(content)
         return head, read_counts(content, head)
 
     def close(self) -> None:
@@ -121,13 +116,7 @@ class Lane:
 class LaneConnection:
     """One connection; `receive` gives the replies to what was sent, in any order.
 
-    Args:
-        address: `unix:PATH` or `tcp:HOST:PORT`.
-        spin_us: microseconds that a reply is asked for again and again before the thread sleeps.
-
-    Raises:
-        ValueError: that is no address of a lane.
-        OSError: nobody listens there.
+    The arguments and errors are those of `Lane`.
     """
 
     def __init__(self, address: str, spin_us: int = 0) -> None:

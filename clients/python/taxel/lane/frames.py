@@ -86,22 +86,16 @@ class ReplyHead(NamedTuple):
     compute_us: int
 
 
-def padded_path(path: str) -> bytes:
-    """A path as it stands in a request: with zero bytes up to a multiple of 4."""
-    encoded = path.encode()
-    return encoded.ljust(_padded(len(encoded)), b"\0")
-
-
 def pack_request_head(
     path: str, request_id: int, shape: tuple[int, ...], timeout_ms: float, *, spread: bool
 ) -> bytes:
     """The bytes of a request before its windows, (n, f) float32 of the shape given."""
-    encoded = padded_path(path)
+    encoded = path.encode()
+    padded = encoded.ljust(_padded(len(encoded)), b"\0")
     rows, columns = shape
-    size = HEAD_BYTES + len(encoded) + rows * columns * _FLOAT.itemsize
-    length = len(path.encode())
-    head = _REQUEST.pack(MAGIC, size, REQUEST, spread, length, request_id, rows, columns, timeout_ms)
-    return head + encoded
+    size = HEAD_BYTES + len(padded) + rows * columns * _FLOAT.itemsize
+    head = _REQUEST.pack(MAGIC, size, REQUEST, spread, len(encoded), request_id, rows, columns, timeout_ms)
+    return head + padded
 
 
 def read_request_head(data: bytes, at: int) -> RequestHead:
@@ -113,14 +107,14 @@ def read_request_head(data: bytes, at: int) -> RequestHead:
     magic, size, kind, flags, path_bytes, request_id, rows, columns, timeout_ms = _REQUEST.unpack_from(
         data, at
     )
-    data_at = HEAD_BYTES + (path_bytes + 3 & ~3)
+    data_at = HEAD_BYTES + _padded(path_bytes)
     if magic != MAGIC or kind != REQUEST or flags > _SPREAD:
         raise InvalidArgument(
             f"frame: it starts with {bytes(data[at : at + 10])!r}: expected {MAGIC!r} and a request"
         )
     if path_bytes > MAX_PATH_BYTES:
         raise InvalidArgument(f"frame: a path of {path_bytes} bytes: expected at most {MAX_PATH_BYTES}")
-    expected = data_at + 4 * rows * columns
+    expected = data_at + rows * columns * _FLOAT.itemsize
     if size != expected:
         raise InvalidArgument(
             f"frame: {size} bytes: expected {expected} "
@@ -176,7 +170,13 @@ def read_error(content: bytes | bytearray) -> RequestError:
 
 
 def read_counts(content: bytes | bytearray, head: ReplyHead) -> list[NDArray[np.float32]]:
-    """The counts (n, 21) of a reply, and its spread (n, 21) if it has it: views of its content."""
+    """The counts (n, 21) of a reply, and its spread (n, 21) if it has it: views of its content.
+
+    Raises:
+        RequestError: the reply is an error.
+    """
+    if head.kind == ERROR:
+        raise read_error(content)
     counts = np.frombuffer(content, _FLOAT)
     if not head.spread:
         return [counts.reshape(head.rows, _COLUMNS)]

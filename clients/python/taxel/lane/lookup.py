@@ -1,4 +1,4 @@
-"""Whether a client can take its server's lane: looked up once, and again after a connection was lost."""
+"""Whether a client can take its server's lane: looked up once, then ever less often if there is none."""
 
 import time
 from collections.abc import Callable
@@ -10,7 +10,10 @@ from taxel.lane.client import Lane
 from taxel.lane.offer import LaneOffer, machine_identity
 
 _PAUSE_S: Final = 1.0
-"""Between two attempts to find a lane that was lost."""
+"""Between two attempts to find a lane, while the server cannot be asked or has just been lost."""
+
+_LONGEST_PAUSE_S: Final = 60.0
+"""Pauses double up to this one while the server answers, but there is no lane to take."""
 
 
 class LaneLookup:
@@ -26,6 +29,7 @@ class LaneLookup:
         self._read_metadata = read_metadata
         self._lock = Lock()
         self._again_at = 0.0
+        self._pause_s = _PAUSE_S
         self.lane: Lane | None = None
         """The lane, as far as it is known."""
 
@@ -33,8 +37,8 @@ class LaneLookup:
         """The lane; None if the server has none, or is on another machine, or cannot be reached so."""
         with self._lock:
             if self.lane is None and time.monotonic() >= self._again_at:
-                self._again_at = time.monotonic() + _PAUSE_S
                 self.lane = self._looked_up()
+                self._again_at = time.monotonic() + self._pause_s
             return self.lane
 
     def lost(self, lane: Lane, *, again: bool) -> Lane | None:
@@ -51,7 +55,8 @@ class LaneLookup:
             if self.lane is lane:
                 lane.close()
                 self.lane = None
-                self._again_at = time.monotonic() + _PAUSE_S
+                self._pause_s = _PAUSE_S
+                self._again_at = time.monotonic() + self._pause_s
                 if again:
                     with suppress(OSError):
                         self.lane = Lane(lane.address, self._spin_us)
@@ -66,9 +71,12 @@ class LaneLookup:
                 self.lane = None
 
     def _looked_up(self) -> Lane | None:
+        pause_s, self._pause_s = self._pause_s, _PAUSE_S
         # Whatever is wrong with the lane, zenoh remains.
         with suppress(Exception):
             offer = LaneOffer.read(self._read_metadata())
+            # A look costs a query, which a window would wait for each time.
+            self._pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
             if offer is not None and offer.machine == machine_identity():
                 return Lane(offer.address, self._spin_us)
         return None

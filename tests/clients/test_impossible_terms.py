@@ -1,0 +1,60 @@
+"""Terms that a manifest may not have."""
+
+from typing import Any
+
+import pytest
+from pydantic import TypeAdapter, ValidationError
+
+from taxel.corrections import Term
+
+ONES = (1.0,) * 21
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        (
+            {"kind": "weighted", "shape": "unit", "features": ["fx"], "references": [], "weights": [ONES]},
+            "0 v",
+        ),
+        (
+            {
+                "kind": "weighted",
+                "shape": "unit",
+                "features": ["one"],
+                "references": [2],
+                "weights": [ONES],
+            },
+            "0",
+        ),
+        (
+            {
+                "kind": "weighted",
+                "shape": "signal",
+                "features": ["fx"],
+                "references": [0],
+                "weights": [ONES],
+            },
+            "rest",
+        ),
+        (
+            {"kind": "weighted", "shape": "unit", "features": ["fx"], "references": [0], "weights": [[1]]},
+            "21",
+        ),
+        (
+            {"kind": "weighted", "shape": "log", "features": ["fx"], "references": [0], "weights": [ONES]},
+            "shape",
+        ),
+        (
+            {"kind": "location", "centres": [[0, 0, 0]], "width": 1, "half_force": 1, "weights": []},
+            "expected 1",
+        ),
+        ({"kind": "crosstalk", "leaks": [["e1", "e20", 1]], "rest": ONES}, "no channel 'e20'"),
+        ({"kind": "fault", "channel": "tdc", "value": 1}, "no channel 'tdc'"),
+        ({"kind": "fault", "channel": "e1", "value": float("nan")}, "finite"),
+        ({"kind": "guess"}, "guess"),
+    ],
+)
+def test_impossible_terms_are_refused(fields: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValidationError, match=message):
+        TypeAdapter(Term).validate_python(fields)
