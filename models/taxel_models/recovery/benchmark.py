@@ -92,7 +92,7 @@ def _marked(number: int, injected: Planted, clean: float, naming: Naming) -> Rou
         number=number,
         truth=injected.truth,
         strength=injected.strength,
-        planted=injected.parameters,
+        injected=injected.parameters,
         found=found,
         named=naming.names,
         right=found in accepted if accepted else not naming.names,

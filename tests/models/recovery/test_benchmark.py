@@ -10,8 +10,15 @@ from taxel.channels import CHANNELS
 from taxel.errors import SettingsError
 from taxel_models.ground.ground import ALL_CHANNELS, Clean, predicted
 from taxel_models.ground.twins import contacts_of
+from taxel_models.loop.blocks import cut
+from taxel_models.loop.effects.registry import candidates
+from taxel_models.loop.inference.selection import JointSelection
+from taxel_models.loop.observations import gather
 from taxel_models.recordings import Recording
 from taxel_models.recovery.benchmark import all_named, run_round
+from taxel_models.recovery.injection import Injection
+from taxel_models.recovery.injectors import inject
+from taxel_models.recovery.naming import without_effects
 from taxel_models.recovery.planted import Draw, planted
 
 Make = Callable[..., Recording]
@@ -113,3 +120,22 @@ def test_a_round_is_marked_by_what_was_injected(smooth: Any, make: Make) -> None
     assert one.removed > 0.9
     assert one.all_named
     assert one.accepted == (("lag",),)
+
+
+def named_in(smooth: Any, recording: Recording) -> list[str]:
+    observations = gather(smooth, [recording], measured_temperature=True)
+    selection = JointSelection(observations, cut(observations, seed=1), candidates(observations))
+    return [named.name for named in selection.run().named]
+
+
+def test_a_recording_without_effects_is_clean_on_another_split(smooth: Any, make: Make) -> None:
+    clean = make()
+    injection = Injection.into(clean, 2, np.full(21, 12.0))
+    inject(injection, "offset", 1.0)
+    inject(injection, "rate", 0.5)
+    assert set(named_in(smooth, injection.recording)) == {"offset", "rate"}
+    found = without_effects(smooth, injection.recording, seed=0)
+    assert named_in(smooth, found) == []
+    # What was injected is gone, and nothing else.
+    change = (found.channels - clean.ticks().channels)[100:-100]
+    assert np.sqrt((change**2).mean()) < 1.5
