@@ -76,7 +76,7 @@ def loop_trial(
     intervals, parameter errors, and the share of the removable error that was removed.
     """
     from taxel_models.recovery.benchmark import RecoveryBenchmark
-    from taxel_models.recovery.planted import Draw
+    from taxel_models.recovery.injected import Draw
     from taxel_models.recovery.rounds import summarise
     from taxel_models.recovery.workers import run_rounds_on
 

@@ -12,8 +12,8 @@ from threadpoolctl import threadpool_limits
 from taxel.manifest import HeldOutResidual
 from taxel_models.ground.ground import Clean, Floats, Ground, predicted
 from taxel_models.loop.inference.reference import held_out_residual
+from taxel_models.recovery.injected import Draw, Injected, inject_drawn
 from taxel_models.recovery.naming import Naming, name_causes
-from taxel_models.recovery.planted import Draw, Planted, planted
 from taxel_models.recovery.rounds import NONE, UNEXPLAINED, Round
 
 WORTH_REMOVING: Final = 0.02
@@ -75,14 +75,14 @@ def run_round(
     """Injects causes, runs the loop and scores the result."""
     counts, rows = predicted(clean.model, clean.recording)
     measured = clean.recording.channels[rows]
-    injected = planted(clean, measured - counts, draw, random)
+    injected = inject_drawn(clean, measured - counts, draw, random)
     naming = name_causes(clean.model, injected.recording, number, reference, note)
     output_std = np.array(clean.model.manifest.normalisation.output_std)
     error = _norm_mae(measured, counts, naming.evaluation, output_std)
     return _marked(number, injected, error, naming)
 
 
-def _marked(number: int, injected: Planted, clean: float, naming: Naming) -> Round:
+def _marked(number: int, injected: Injected, clean: float, naming: Naming) -> Round:
     left = UNEXPLAINED if naming.structured else NONE
     found = naming.names[0] if naming.names else left
     accepted = set().union(*injected.accepted)
@@ -117,7 +117,7 @@ def _norm_mae(measured: Floats, counts: Floats, rows: NDArray[np.bool_], output_
     return float((np.abs(measured - counts)[rows].mean(axis=0) / output_std).mean())
 
 
-def _parameter_error(injected: Planted, naming: Naming) -> float | None:
+def _parameter_error(injected: Injected, naming: Naming) -> float | None:
     """For a single effect of the own injectors, which have the loop's parameters."""
     figure = FIGURES.get(injected.truth)
     if figure is None or figure not in injected.parameters:

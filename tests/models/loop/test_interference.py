@@ -17,9 +17,9 @@ from taxel_models.loop.observations import Observations, gather
 from taxel_models.loop.pipeline import LoopSettings, run_loop
 from taxel_models.loop.spectral_lines import find_lines, segments, sharpest
 from taxel_models.recordings import Recording
+from taxel_models.recovery.injected import inject_truth
 from taxel_models.recovery.injection import Injection
 from taxel_models.recovery.injectors import inject
-from taxel_models.recovery.planted import inject_truth
 
 Make = Callable[..., Recording]
 

@@ -16,10 +16,10 @@ from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.observations import gather
 from taxel_models.recordings import Recording
 from taxel_models.recovery.benchmark import all_named, run_round
+from taxel_models.recovery.injected import Draw, inject_drawn
 from taxel_models.recovery.injection import Injection
 from taxel_models.recovery.injectors import inject
 from taxel_models.recovery.naming import without_effects
-from taxel_models.recovery.planted import Draw, planted
 
 Make = Callable[..., Recording]
 
@@ -32,7 +32,7 @@ def clean_of(model: Any, recording: Recording, **others: Any) -> Clean:
 def injected(clean: Clean, draw: Draw, number: int) -> Any:
     counts, rows = predicted(clean.model, clean.recording)
     residual = clean.recording.channels[rows] - counts
-    return planted(clean, residual, draw, np.random.default_rng([0, number]))
+    return inject_drawn(clean, residual, draw, np.random.default_rng([0, number]))
 
 
 def test_rounds_are_drawn_as_the_rules_say() -> None:

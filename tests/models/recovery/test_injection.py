@@ -9,9 +9,9 @@ import pytest
 from taxel.errors import SettingsError
 from taxel_models.loop.effects.registry import NAMES, effect_named
 from taxel_models.recordings import Recording
+from taxel_models.recovery.injected import inject_truth
 from taxel_models.recovery.injection import USUAL_RESIDUAL, Injection
 from taxel_models.recovery.injectors import INJECTORS, inject
-from taxel_models.recovery.planted import inject_truth
 from taxel_models.recovery.unknown import UNKNOWN
 
 RESIDUAL = np.linspace(10.0, 30.0, 21)

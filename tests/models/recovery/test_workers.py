@@ -5,7 +5,7 @@ from distributed import LocalCluster
 
 from taxel_models.ground.twins import StoredModel, TwinGround
 from taxel_models.recovery.benchmark import RecoveryBenchmark
-from taxel_models.recovery.planted import Draw
+from taxel_models.recovery.injected import Draw
 from taxel_models.recovery.rounds import Round
 from taxel_models.recovery.workers import run_rounds_on
 from taxel_models.shipped import shipped_repository

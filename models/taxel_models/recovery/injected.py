@@ -7,7 +7,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from taxel.errors import SettingsError
-from taxel_models.foreign.planting import Planting
+from taxel_models.foreign.injection import ForeignInjection
 from taxel_models.foreign.registry import INJECTORS, Injector
 from taxel_models.foreign.registry import UNKNOWN as FOREIGN_UNKNOWN
 from taxel_models.ground.ground import Clean, Floats, predicted
@@ -72,7 +72,7 @@ class Draw:
 
 
 @dataclass(frozen=True)
-class Planted:
+class Injected:
     """A recording with what was injected into it.
 
     Attributes:
@@ -90,7 +90,7 @@ class Planted:
     accepted: tuple[tuple[str, ...], ...]
 
 
-def planted(clean: Clean, residual: Floats, draw: Draw, random: np.random.Generator) -> Planted:
+def inject_drawn(clean: Clean, residual: Floats, draw: Draw, random: np.random.Generator) -> Injected:
     """Draw causes and inject them.
 
     Args:
@@ -104,7 +104,7 @@ def planted(clean: Clean, residual: Floats, draw: Draw, random: np.random.Genera
 
 def _own(
     clean: Clean, residual: Floats, draw: Draw, random: np.random.Generator, kind: str, strength: float
-) -> Planted:
+) -> Injected:
     truths: list[str] = []
     if kind == "unknown":
         truths = [f"{UNKNOWN_KIND}{random.choice(sorted(UNKNOWN))}"]
@@ -121,7 +121,7 @@ def _own(
     found = {one["name"]: one.get("parameters", {}) for one in injection.truth}
     parameters = next(iter(found.values())) if len(found) == 1 else found
     accepted = tuple((truth,) for truth in truths if not truth.startswith(UNKNOWN_KIND))
-    return Planted(BOTH.join(truths) or NONE, strength, injection.recording, parameters, accepted)
+    return Injected(BOTH.join(truths) or NONE, strength, injection.recording, parameters, accepted)
 
 
 def _can_be_injected(name: str, clean: Clean) -> bool:
@@ -142,8 +142,8 @@ def inject_truth(injection: Injection, truth: str, strength: float) -> None:
 
 def _foreign(
     clean: Clean, residual: Floats, draw: Draw, random: np.random.Generator, kind: str, strength: float
-) -> Planted:
-    planting = Planting(
+) -> Injected:
+    injection = ForeignInjection(
         clean.recording,
         random,
         residual.std(axis=0),
@@ -153,21 +153,21 @@ def _foreign(
         _responding(clean),
         strength,
     )
-    drawn = _drawn(planting, draw, kind)
+    drawn = _drawn(injection, draw, kind)
     parameters: dict[str, Any] = {}
     for injector in drawn:
-        planting.parameters = parameters.setdefault(injector.name, {})
-        injector.plant(planting)
-    return Planted(
+        injection.parameters = parameters.setdefault(injector.name, {})
+        injector.inject(injection)
+    return Injected(
         BOTH.join(injector.name for injector in drawn) or NONE,
         strength,
-        planting.recording,
+        injection.recording,
         next(iter(parameters.values())) if len(drawn) == 1 else parameters,
         tuple(injector.right for injector in drawn if injector.right),
     )
 
 
-def _drawn(planting: Planting, draw: Draw, kind: str) -> list[Injector]:
+def _drawn(injection: ForeignInjection, draw: Draw, kind: str) -> list[Injector]:
     """A cause first, then its form, so that a cause of many forms is not drawn more often."""
     if kind == "clean":
         return []
@@ -176,15 +176,15 @@ def _drawn(planting: Planting, draw: Draw, kind: str) -> list[Injector]:
         for injector in INJECTORS
         if not draw.effects or injector.name in draw.effects or injector.cause in draw.effects
     ]
-    possible = [injector for injector in possible if injector.fits(planting)]
+    possible = [injector for injector in possible if injector.fits(injection)]
     drawn: list[Injector] = []
     for _ in range(2 if draw.pairs and kind == "named" else 1):
         if not possible:
             raise SettingsError(f"{', '.join(draw.effects)}: no cause, or no second one, fits this ground")
         causes = sorted({injector.cause for injector in possible})
-        cause = str(planting.random.choice(causes))
+        cause = str(injection.random.choice(causes))
         forms = [injector for injector in possible if injector.cause == cause]
-        drawn.append(forms[int(planting.random.integers(len(forms)))])
+        drawn.append(forms[int(injection.random.integers(len(forms)))])
         # Two causes with a name in common could not both be told.
         possible = [one for one in possible if not set(one.right) & set(drawn[-1].right)]
     return drawn

@@ -1,4 +1,4 @@
-"""Planting: puts a cause of a given strength into a recording of a ground."""
+"""A foreign injection: puts a cause of a given strength into a recording of a ground."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
@@ -24,7 +24,7 @@ LEAST_DEVIATION: Final = 0.3
 
 
 @dataclass
-class Planting:
+class ForeignInjection:
     """A recording that causes are put into, one after another.
 
     The strength of a cause is the standard deviation of what it changes over that of the clean residual,
