@@ -1,11 +1,10 @@
 """Causes with a memory of the load: creep, hysteresis, and what depends on its rate."""
 
 import numpy as np
-from scipy.signal import fftconvolve, lfilter
+from scipy.signal import fftconvolve
 
+from taxel.windows.history import TICK_S
 from taxel_models.foreign.injection import Floats, ForeignInjection
-
-TICK_S = 0.01
 
 
 def creep_power_law(injection: ForeignInjection) -> None:
@@ -23,16 +22,15 @@ def creep_two_constants(injection: ForeignInjection) -> None:
     """Two Kelvin-Voigt elements in series, one of tenths of seconds and one of seconds."""
     fast, slow = float(injection.random.uniform(0.2, 0.6)), float(injection.random.uniform(2.0, 6.0))
     share = float(injection.random.uniform(0.3, 0.7))
-    strain = share * _smoothed(injection, injection.load, fast) + (1.0 - share) * _smoothed(
-        injection, injection.load, slow
-    )
+    quick, late = (injection.low_passed(injection.load, tau) for tau in (fast, slow))
+    strain = share * quick + (1.0 - share) * late
     _weighted(injection, strain - injection.load, fast=fast, slow=slow)
 
 
 def creep_relaxing(injection: ForeignInjection) -> None:
     """The load less its low-pass: a stress that relaxes."""
     tau = float(np.exp(injection.random.uniform(np.log(0.5), np.log(5.0))))
-    _weighted(injection, injection.load - _smoothed(injection, injection.load, tau), time_constant=tau)
+    _weighted(injection, injection.load - injection.low_passed(injection.load, tau), time_constant=tau)
 
 
 def hysteresis_bouc_wen(injection: ForeignInjection) -> None:
@@ -68,15 +66,6 @@ def _weighted(injection: ForeignInjection, course: Floats, **parameters: float) 
     injection.add(course[:, None] * injection.free_weights(), **parameters)
 
 
-def _smoothed(injection: ForeignInjection, column: Floats, tau: float) -> Floats:
-    keep = float(np.exp(-TICK_S / tau))
-
-    def low_pass(part: Floats) -> Floats:
-        return np.asarray(lfilter([1.0 - keep], [1.0, -keep], part, zi=[keep * part[0]])[0])
-
-    return injection.in_segments(low_pass, column)
-
-
 def _yield(injection: ForeignInjection) -> float:
     return float(injection.random.uniform(0.2, 0.8) * injection.load.std())
 
@@ -95,5 +84,5 @@ def _bouc_wen(load: Floats, sharp: float, fading: float) -> Floats:
 
 
 def _rate(injection: ForeignInjection) -> Floats:
-    smooth = _smoothed(injection, injection.load, 0.03)
+    smooth = injection.low_passed(injection.load, 0.03)
     return injection.in_segments(lambda part: np.gradient(part, TICK_S), smooth)

@@ -4,7 +4,8 @@ from typing import Final
 
 import numpy as np
 
-from taxel.channels import COUNTS_MAX
+from taxel.channels import CHANNELS, COUNTS_MAX
+from taxel.windows.history import TICK_S
 from taxel_models.foreign.injection import Floats, ForeignInjection
 
 REFERENCE_OHM: Final = 10_000.0
@@ -54,7 +55,7 @@ def temperature_contact(injection: ForeignInjection) -> None:
     touch = injection.load / (injection.load + 0.5)
     # A gap between rows is time in the air.
     air = np.where(steps > 0.1, steps, 0.0)
-    steps = np.where(steps > 0.1, 0.01, steps)
+    steps = np.where(steps > 0.1, TICK_S, steps)
     state, states = 0.0, np.empty(len(injection))
     for row in range(len(injection)):
         state *= float(np.exp(-air[row] / cooling))
@@ -68,7 +69,7 @@ def _conducts(injection: ForeignInjection, warmth: Floats, **parameters: float) 
     """ln Z of each electrode shifts in proportion to a warmth (n,); tared electrodes shift in counts."""
     spread = float(warmth.std())
     warmer = (warmth - warmth.mean()) / spread if spread > 0 else np.zeros_like(warmth)
-    slopes = np.maximum(1.0 + 0.25 * injection.random.standard_normal(21), 0.3)
+    slopes = np.maximum(1.0 + 0.25 * injection.random.standard_normal(len(CHANNELS)), 0.3)
     slopes *= injection.random.choice([-1.0, 1.0])
     slopes[:2] = 0.0
     if injection.tared:

@@ -3,24 +3,15 @@
 from collections.abc import Callable
 
 import numpy as np
-from scipy.signal import lfilter
 
 from taxel_models.foreign.injection import Floats, ForeignInjection
-
-TICK_S = 0.01
 
 
 def lag_first_order(injection: ForeignInjection) -> None:
     """A filter of 8 to 150 ms in every channel."""
 
     def late(tau: float) -> Floats:
-        keep = float(np.exp(-TICK_S / tau))
-
-        def low_pass(part: Floats) -> Floats:
-            settled = keep * part[:1]
-            return np.asarray(lfilter([1.0 - keep], [1.0, -keep], part, axis=0, zi=settled)[0])
-
-        return injection.in_segments(low_pass, injection.counts)
+        return injection.low_passed(injection.counts, tau)
 
     _nearest(injection, late, np.geomspace(0.008, 0.15, 10), "time_constant")
 
