@@ -81,6 +81,10 @@ def test_what_a_ground_lacks_is_not_injected(smooth: Any, make: Make) -> None:
         np.testing.assert_array_equal(found.recording.channels[:, 1], recording.channels[:, 1])
     with pytest.raises(SettingsError, match="location: no cause, or no second one, fits this ground"):
         injected(clean, Draw("foreign", ("location",), clean_share=0.0, unknown_share=0.0), 0)
+    with pytest.raises(SettingsError, match="location: no cause, or no second one, fits this ground"):
+        injected(clean, Draw("own", ("location",), clean_share=0.0, unknown_share=0.0), 0)
+    with pytest.raises(SettingsError, match="gain: no cause, or no second one, fits this ground"):
+        injected(clean, Draw("own", ("gain",), pairs=True, clean_share=0.0, unknown_share=0.0), 0)
 
 
 @pytest.mark.parametrize("injector", ["own", "foreign"])
@@ -97,9 +101,9 @@ def test_pairs_are_two_causes_with_names_of_their_own(smooth: Any, make: Make, i
 def test_impossible_draws_are_refused() -> None:
     with pytest.raises(SettingsError, match="strengths 2 to 1: expected two above 0, the least first"):
         Draw(strengths=(2.0, 1.0))
-    with pytest.raises(SettingsError, match="wear: expected of creep, crosstalk"):
+    with pytest.raises(SettingsError, match="no cause wear: expected one of creep, crosstalk"):
         Draw("own", ("wear",))
-    with pytest.raises(SettingsError, match=r"^wear: expected of .*crosstalk: converter"):
+    with pytest.raises(SettingsError, match=r"^no cause wear: expected one of .*crosstalk: converter"):
         Draw("foreign", ("creep", "wear"))
 
 
