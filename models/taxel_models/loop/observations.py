@@ -143,6 +143,11 @@ class Observations:
             _history={},
         )
 
+    @cached_property
+    def usual_segment_s(self) -> float:
+        """The median length of a segment, s."""
+        return float(np.median(np.unique(self.segment, return_counts=True)[1])) * TICK_S
+
     def rows_before(self, ticks: int) -> NDArray[np.int64]:
         """(n,) the row so many ticks before each, in its segment; the row itself where there is none."""
         rows = np.arange(len(self))

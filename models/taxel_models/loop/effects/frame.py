@@ -32,7 +32,7 @@ class Frame(Effect):
     is_costly = True
     equation = "measured = model(R x + t, Q F)"
     source = "rigid motion; Gauss-Newton on finite differences of the model"
-    signature = "turning or shifting the inputs explains all channels with three common figures"
+    signature = "turning or shifting the inputs explains all channels with three common parameters"
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
