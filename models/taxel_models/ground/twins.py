@@ -23,9 +23,17 @@ from taxel_models.twin.constants import Constants
 from taxel_models.twin.sensor import Sensor
 
 WARM_S: Final = 4 * 3600.0
+"""A finger that is switched on for so long no longer warms up."""
+
 MOST_ON_FOR_S: Final = 3000.0
+"""The longest time that a finger is switched on before a round."""
+
 TOUCH_N: Final = 0.1
+"""More force than this begins a contact."""
+
 KINDS: Final = 5
+"""Materials."""
+
 REFERENCE_ROWS: Final = 20_000
 
 
