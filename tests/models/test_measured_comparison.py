@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from taxel_models.recordings.lasa import FINGERS
 from taxel_models.twin import simulate
 from taxel_models.twin.measured_comparison import (
     BINS_N,
-    FINGERS,
     MOVED,
     PRESSED,
     RISE,

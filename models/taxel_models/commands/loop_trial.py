@@ -76,7 +76,7 @@ def loop_trial(
     intervals, parameter errors, and the share of the removable error that was removed.
     """
     from taxel_models.recovery.benchmark import RecoveryBenchmark
-    from taxel_models.recovery.planted import Draw
+    from taxel_models.recovery.injected import Draw
     from taxel_models.recovery.rounds import summarise
     from taxel_models.recovery.workers import run_rounds_on
 
@@ -93,11 +93,11 @@ def loop_trial(
         task = progress.add_task("preparing the ground", total=trials)
         place = _ground(ground, injector, repository, model, data, rows, seed, jobs)
         benchmark = RecoveryBenchmark(place, ground, seed, draw)
-        for one in run_rounds_on(benchmark, trials, jobs, scheduler):
-            rounds.append(one)
-            progress.update(task, advance=1, description=f"{one.truth} found as {one.found}")
+        for finished in run_rounds_on(benchmark, trials, jobs, scheduler):
+            rounds.append(finished)
+            progress.update(task, advance=1, description=f"{finished.truth} found as {finished.found}")
             if output is not None:
-                _write(output, rounds, summarise(rounds))
+                _write(output, _content(rounds, summarise(rounds)))
     summary = summarise(rounds)
     if plots is not None:
         from taxel_models.recovery.pictures import write_pictures
@@ -144,15 +144,15 @@ def _ground(
 def _content(rounds: list["Round"], summary: "Summary") -> dict[str, object]:
     return {
         "summary": summary.model_dump(mode="json"),
-        "rounds": [played.model_dump(mode="json") for played in rounds],
+        "rounds": [each.model_dump(mode="json", by_alias=True) for each in rounds],
     }
 
 
-def _write(path: Path, rounds: list["Round"], summary: "Summary") -> None:
+def _write(path: Path, content: dict[str, object]) -> None:
     import json
 
     with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(_content(rounds, summary), indent=1) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 _RATES: Final = {
@@ -160,7 +160,7 @@ _RATES: Final = {
     "right_or_confounded": "right effect first, or reported as not to be told apart",
     "all_named": "every injected cause named",
     "false_alarms": "false alarms on clean recordings",
-    "unknown_left": "causes of no class left unexplained",
+    "unknown_left": "unknown causes left unexplained",
 }
 
 

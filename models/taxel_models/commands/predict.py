@@ -17,8 +17,7 @@ from taxel.dependencies import require
 from taxel.errors import SettingsError
 from taxel.predictor import Predictor
 from taxel.windows import Samples, build_windows
-
-_ROWS_A_REQUEST = 4096
+from taxel_models.model import ROWS_A_REQUEST
 
 
 def predict(
@@ -82,10 +81,10 @@ def _read(path: Path) -> tuple[Samples, NDArray[np.float64] | None, Mapping[str,
 
 
 def _predict_all(predictor: Predictor, windows: NDArray[np.float32], timeout: float) -> NDArray[np.float32]:
-    starts = range(0, len(windows), _ROWS_A_REQUEST)
+    starts = range(0, len(windows), ROWS_A_REQUEST)
     watched = track(starts, "predicting", console=ERR, disable=not ERR.is_terminal)
     parts = [
-        predictor.predict(windows[start : start + _ROWS_A_REQUEST], timeout=timeout) for start in watched
+        predictor.predict(windows[start : start + ROWS_A_REQUEST], timeout=timeout) for start in watched
     ]
     return np.concatenate([np.empty((0, len(CHANNELS)), np.float32), *parts])
 

@@ -1,1 +1,1 @@
-"""Foreign injectors: causes that share no code with the loop and, but for a few, no equation."""
+"""Foreign injectors: causes that share no code with the loop; most have other forms than it fits."""

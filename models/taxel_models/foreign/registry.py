@@ -6,7 +6,7 @@ from typing import Final
 
 from taxel.errors import SettingsError
 from taxel_models.foreign import electrodes, memory, signal, slow, steady, timing, unknown
-from taxel_models.foreign.planting import Planting
+from taxel_models.foreign.injection import ForeignInjection
 
 
 @dataclass(frozen=True)
@@ -15,13 +15,13 @@ class Injector:
 
     Attributes:
         name: `cause: form`.
-        plant: puts it into a recording.
+        inject: puts it into a recording.
         right: each of these names is right; none for a cause that no effect describes.
         needs: `skin` for positions on the skin, `tdc` for a temperature that changes, or a column.
     """
 
     name: str
-    plant: Callable[[Planting], None]
+    inject: Callable[[ForeignInjection], None]
     right: tuple[str, ...]
     needs: str = ""
 
@@ -30,13 +30,13 @@ class Injector:
         """What precedes the form."""
         return self.name.partition(":")[0]
 
-    def fits(self, planting: Planting) -> bool:
+    def fits(self, injection: ForeignInjection) -> bool:
         """Whether a recording has what it needs."""
         if self.needs == "skin":
-            return planting.on_skin
+            return injection.on_skin
         if self.needs == "tdc":
-            return float(planting.recording.auxiliary["tdc"].std()) > 0
-        return not self.needs or self.needs in planting.recording.covariates
+            return float(injection.recording.auxiliary["tdc"].std()) > 0
+        return not self.needs or self.needs in injection.recording.covariates
 
 
 INJECTORS: Final = (

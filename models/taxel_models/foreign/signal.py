@@ -6,90 +6,90 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from taxel.channels import CHANNELS
-from taxel_models.foreign.planting import Floats, Planting
+from taxel_models.foreign.injection import Floats, ForeignInjection
 
 
-def saturation(planting: Planting) -> None:
+def saturation(injection: ForeignInjection) -> None:
     """s / (1 + |s/L|^p)^(1/p): the signal bends towards a level L (Rapp's amplifier)."""
-    signal, power = planting.signal, float(planting.random.uniform(2.0, 5.0))
+    signal, power = injection.signal, float(injection.random.uniform(2.0, 5.0))
     highest = np.abs(signal).max(axis=0) + 1e-9
 
     def bent(level: float) -> Floats:
         ratio = np.abs(signal) / (level * highest)
         return np.asarray(signal * ((1.0 + ratio**power) ** (-1.0 / power) - 1.0))
 
-    planting.add_nearest(
+    injection.add_nearest(
         ((level, bent(level)) for level in np.geomspace(0.1, 3.0, 16)), "level", power=power
     )
 
 
-def crosstalk(planting: Planting) -> None:
+def crosstalk(injection: ForeignInjection) -> None:
     """The converter keeps some charge of the electrode that it read before, more while that one changes."""
-    columns = np.sort(planting.electrodes)
-    first = int(planting.random.integers(len(columns) - 4))
-    length = int(planting.random.integers(2, 5))
-    signal = planting.signal
-    rate = planting.in_segments(lambda part: np.gradient(part, axis=0), signal)
+    columns = np.sort(injection.electrodes)
+    first = int(injection.random.integers(len(columns) - 4))
+    length = int(injection.random.integers(2, 5))
+    signal = injection.signal
+    rate = injection.in_segments(lambda part: np.gradient(part, axis=0), signal)
     change = np.zeros_like(signal)
     for before, after in zip(columns[first:], columns[first + 1 : first + 1 + length], strict=False):
         leak = signal[:, before] + 2.0 * rate[:, before]
-        change[:, after] = leak * planting.deviation[after] / max(float(leak.std()), 1e-9)
-    planting.add(change, channels=[CHANNELS[one] for one in columns[first : first + length + 1]])
+        change[:, after] = leak * injection.deviation[after] / max(float(leak.std()), 1e-9)
+    injection.add(change, channels=[CHANNELS[one] for one in columns[first : first + length + 1]])
 
 
-def interference(planting: Planting) -> None:
+def interference(injection: ForeignInjection) -> None:
     """A frequency of 0.5 to 45 Hz with two harmonics, in 4 to 12 channels."""
-    random = planting.random
+    random = injection.random
     frequency = float(random.uniform(0.5, 45.0))
-    chosen = random.permutation(np.flatnonzero(planting.live))[: int(random.integers(4, 13))]
-    change = np.zeros_like(planting.counts)
+    chosen = random.permutation(np.flatnonzero(injection.live))[: int(random.integers(4, 13))]
+    change = np.zeros_like(injection.counts)
     for harmonic, size in ((1, 1.0), (2, 0.4), (3, 0.2)):
-        phase = 2 * np.pi * (harmonic * frequency * planting.time_s + random.random())
-        change[:, chosen] += size * np.sin(phase)[:, None] * planting.deviation[chosen]
-    planting.add(change, frequency=frequency, channels=[CHANNELS[one] for one in chosen])
+        phase = 2 * np.pi * (harmonic * frequency * injection.time_s + random.random())
+        change[:, chosen] += size * np.sin(phase)[:, None] * injection.deviation[chosen]
+    injection.add(change, frequency=frequency, channels=[CHANNELS[one] for one in chosen])
 
 
-def slipped_mounting(planting: Planting) -> None:
+def slipped_mounting(injection: ForeignInjection) -> None:
     """In the course of the recording the finger turns in its mounting; what is recorded does not."""
-    random, samples = planting.random, planting.recording.samples
+    random, samples = injection.random, injection.recording.samples
     axis = random.standard_normal(3)
     axis /= np.linalg.norm(axis)
-    begins = float(random.uniform(0.15, 0.5)) * planting.time_s[-1]
-    takes = float(random.uniform(0.02, 0.3)) * planting.time_s[-1]
-    course = np.clip((planting.time_s - begins) / takes, 0.0, 1.0)
+    begins = float(random.uniform(0.15, 0.5)) * injection.time_s[-1]
+    takes = float(random.uniform(0.02, 0.3)) * injection.time_s[-1]
+    course = np.clip((injection.time_s - begins) / takes, 0.0, 1.0)
 
     def turned(degrees: float) -> tuple[Floats, Floats]:
         turn = Rotation.from_rotvec(np.radians(degrees) * course[:, None] * axis)
-        position = turn.apply(samples.position) if planting.on_skin else samples.position
+        position = turn.apply(samples.position) if injection.on_skin else samples.position
         return position, turn.apply(samples.force)
 
-    still, angle, reached = planting.respond(samples.position, samples.force), 10.0, 0.0
+    still, angle, reached = injection.respond(samples.position, samples.force), 10.0, 0.0
     # The change is nearly in proportion to the angle: a few steps find it.
     for _ in range(3):
-        angle = float(np.clip(angle * planting.strength / reached if reached else angle, 1.0, 45.0))
-        reached = planting.strength_of(planting.respond(*turned(angle)) - still)
-    planting.replace_inputs(*turned(angle), angle=angle, reached=reached)
+        angle = float(np.clip(angle * injection.strength / reached if reached else angle, 1.0, 45.0))
+        reached = injection.strength_of(injection.respond(*turned(angle)) - still)
+    injection.replace_inputs(*turned(angle), angle=angle, reached=reached)
 
 
-def place_gain(planting: Planting) -> None:
+def place_gain(injection: ForeignInjection) -> None:
     """Sensitivity differs at a few places: Cauchy's bumps 1 / (1 + d²/w²)."""
-    _places(planting, lambda distance: 1.0 / (1.0 + distance**2))
+    _places(injection, lambda distance: 1.0 / (1.0 + distance**2))
 
 
-def place_patch(planting: Planting) -> None:
+def place_patch(injection: ForeignInjection) -> None:
     """Worn patches: raised cosines that end at a distance."""
-    _places(planting, lambda distance: np.where(distance < 2.0, 1.0 + np.cos(np.pi * distance / 2.0), 0.0))
+    _places(injection, lambda distance: np.where(distance < 2.0, 1.0 + np.cos(np.pi * distance / 2.0), 0.0))
 
 
-def _places(planting: Planting, bump: Callable[[Floats], Floats]) -> None:
+def _places(injection: ForeignInjection, bump: Callable[[Floats], Floats]) -> None:
     """At five places that were touched, each of 1.5 to 4 mm, the signals change by a share of their own."""
-    position = planting.recording.samples.position
-    touched = position[planting.load > np.quantile(planting.load, 0.5)]
-    change = np.zeros_like(planting.counts)
-    for centre in touched[planting.random.integers(len(touched), size=5)]:
-        width = float(planting.random.uniform(1.5e-3, 4e-3))
+    position = injection.recording.samples.position
+    touched = position[injection.load > np.quantile(injection.load, 0.5)]
+    change = np.zeros_like(injection.counts)
+    for centre in touched[injection.random.integers(len(touched), size=5)]:
+        width = float(injection.random.uniform(1.5e-3, 4e-3))
         distance = np.linalg.norm(position - centre, axis=1) / width
         change += (
-            planting.signal * bump(distance)[:, None] * planting.random.uniform(-1.0, 1.0, len(CHANNELS))
+            injection.signal * bump(distance)[:, None] * injection.random.uniform(-1.0, 1.0, len(CHANNELS))
         )
-    planting.add(change)
+    injection.add(change)

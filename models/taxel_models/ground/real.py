@@ -12,14 +12,15 @@ from scipy.ndimage import uniform_filter1d
 
 from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel.errors import RecordingError
+from taxel.windows import PERIOD_NS
 from taxel_models.ground.base_model import BaseModel
 from taxel_models.ground.ground import ALL_CHANNELS, Clean, Floats
 from taxel_models.recordings import Recording, read_slide
+from taxel_models.recordings.lasa import FINGERS, read_lasa_columns
 from taxel_models.twin.sensor import Sensor
 
 SLIDE: Final = "biotac_slide"
 LASA: Final = "lasa_contact"
-FINGERS: Final = ("F1", "F2")
 
 HELD_OUT: Final = {SLIDE: 0.35, LASA: 0.5}
 """The share of the trials that a round may draw from."""
@@ -36,7 +37,6 @@ LEAST_TRIALS: Final = 20
 PAUSE_S: Final = 4 * 3600.0
 """A longer pause ends a session: the slide data are from three days."""
 
-PERIOD_NS: Final = 10_000_000
 STRETCH: Final = 500
 CUT: Final = 20
 """LASA has no trials: it is cut into stretches of so many rows, and the first of each are left out."""
@@ -125,13 +125,9 @@ def read_lasa(folder: Path, finger: str, seed: int) -> Recording:
     constant, `pac0` and `pdc` as noise about a constant. Positions are estimated; see `estimated_place`.
 
     Raises:
-        RecordingError: the files are not there.
+        RecordingError: the files are not there, or hold other than numbers.
     """
-    try:
-        force = np.loadtxt(folder / f"{finger}_force.txt")
-        electrodes = np.loadtxt(folder / f"{finger}_electrodes.txt")
-    except OSError as error:
-        raise RecordingError(f"{folder}: {error}; expected the LASA contact data") from None
+    force, electrodes = read_lasa_columns(folder, finger)
     rows = len(force)
     random = np.random.default_rng([seed, 2])
     still = [np.rint(mean + sd * random.standard_normal(rows)) for mean, sd in _NOT_MEASURED.values()]

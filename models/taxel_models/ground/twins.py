@@ -5,7 +5,7 @@ between channels, but follow neither the force nor the place nor the past of the
 in it was injected.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Final
@@ -23,9 +23,17 @@ from taxel_models.twin.constants import Constants
 from taxel_models.twin.sensor import Sensor
 
 WARM_S: Final = 4 * 3600.0
+"""A finger that is switched on for so long no longer warms up."""
+
 MOST_ON_FOR_S: Final = 3000.0
+"""The longest time that a finger is switched on before a round."""
+
 TOUCH_N: Final = 0.1
+"""More force than this begins a contact."""
+
 KINDS: Final = 5
+"""Materials."""
+
 REFERENCE_ROWS: Final = 20_000
 
 
@@ -64,15 +72,16 @@ class TwinGround:
     model: StoredModel
     seed: int
     rows: int
-    _references: dict[int, Recording] = field(default_factory=dict, repr=False)
 
     def clean(self, number: int) -> Clean:
         """A twin of its own for each round."""
         recording = self._recording(number, self.rows)
-        # One reference serves all rounds.
-        if 0 not in self._references:
-            self._references[0] = self._recording(-1, min(self.rows, REFERENCE_ROWS))
-        return Clean(self.model, recording, self._references[0], True, ALL_CHANNELS, contacts_of(recording))
+        return Clean(self.model, recording, self._reference, True, ALL_CHANNELS, contacts_of(recording))
+
+    @cached_property
+    def _reference(self) -> Recording:
+        """One for all rounds."""
+        return self._recording(-1, min(self.rows, REFERENCE_ROWS))
 
     def _recording(self, number: int, rows: int) -> Recording:
         random = np.random.default_rng([self.seed, number + 1, 3])

@@ -1,15 +1,14 @@
 """Observations: a model's predictions, the measurements, and the other columns of each row."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.channels import CHANNELS
 from taxel.corrections import Frame
 from taxel.errors import RecordingError
 from taxel.manifest import Manifest
@@ -17,23 +16,8 @@ from taxel.windows import HistoryFeature, Samples, build_windows, extra_columns,
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.resting import are_raw, resting
+from taxel_models.model import Model, predict_all
 from taxel_models.recordings import Recording
-
-Predict = Callable[[NDArray[np.float32]], NDArray[np.float32]]
-
-
-class Model(Protocol):
-    """The model that the loop takes, such as a predictor of `taxel.load`."""
-
-    @property
-    def manifest(self) -> Manifest:
-        """Everything known of the model."""
-
-    def predict(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(n, 21) counts of windows (n, f)."""
-
-    def predict_base(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(n, 21) counts of the same windows without the effects of the manifest."""
 
 
 @dataclass(frozen=True)
@@ -159,6 +143,11 @@ class Observations:
             _history={},
         )
 
+    @cached_property
+    def usual_segment_s(self) -> float:
+        """The median length of a segment, s."""
+        return float(np.median(np.unique(self.segment, return_counts=True)[1])) * TICK_S
+
     def rows_before(self, ticks: int) -> NDArray[np.int64]:
         """(n,) the row so many ticks before each, in its segment; the row itself where there is none."""
         rows = np.arange(len(self))
@@ -196,7 +185,7 @@ def gather(model: Model, recordings: Sequence[Recording], *, measured_temperatur
     """Windows, predictions and measurements of recordings, aligned.
 
     Args:
-        model: is called with up to 4096 windows.
+        model: is called with up to `ROWS_A_REQUEST` windows.
         measured_temperature: whether a model that takes `tdc` gets the recording's. If not, it gets the
             default, and the loop does not use the temperature.
 
@@ -254,12 +243,6 @@ def gather(model: Model, recordings: Sequence[Recording], *, measured_temperatur
         samples=tuple(recording.samples for recording in ticks),
         rows=rows,
     )
-
-
-def predict_all(predict: Predict, windows: NDArray[np.float32]) -> Floats:
-    """(n, 21) counts, in requests of a size that any server takes."""
-    parts = [predict(windows[start : start + 4096]) for start in range(0, len(windows), 4096)]
-    return np.concatenate(parts).astype(np.float64)[:, : len(CHANNELS)]
 
 
 def _predictions(model: Model, windows: NDArray[np.float32]) -> tuple[Floats, Floats]:

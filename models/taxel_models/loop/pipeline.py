@@ -28,8 +28,9 @@ from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.intervals import parameters
 from taxel_models.loop.noise import NoiseFloor
-from taxel_models.loop.observations import Model, Observations, gather
+from taxel_models.loop.observations import Observations, gather
 from taxel_models.loop.residual_diagnostics import diagnose_residual
+from taxel_models.model import Model
 from taxel_models.recordings import Recording
 
 

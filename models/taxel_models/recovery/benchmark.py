@@ -6,21 +6,21 @@ from itertools import product
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from taxel.manifest import HeldOutResidual
-from taxel_models.ground.ground import Clean, Floats, Ground, predicted
+from taxel_models.evaluation.metrics import ErrorMetrics
+from taxel_models.ground.ground import Clean, Ground, predicted
 from taxel_models.loop.inference.reference import held_out_residual
+from taxel_models.recovery.injected import Draw, Injected, inject_drawn
 from taxel_models.recovery.naming import Naming, name_causes
-from taxel_models.recovery.planted import Draw, Planted, planted
 from taxel_models.recovery.rounds import NONE, UNEXPLAINED, Round
 
 WORTH_REMOVING: Final = 0.02
-"""The least share of the error that the truth itself must remove for the round to be scored."""
+"""The least share of the error that the truth itself must remove for that share to be marked."""
 
 FIGURES: Final = {"creep": "time_constant", "lag": "lag", "frame": "angle"}
-"""Parameters that are scored: time constants, delays, angles."""
+"""Parameters that are marked: time constants, delays, angles."""
 
 
 @dataclass(frozen=True)
@@ -72,27 +72,28 @@ def run_round(
     note: Callable[[str], None] | None = None,
     reference: HeldOutResidual | None = None,
 ) -> Round:
-    """Injects causes, runs the loop and scores the result."""
-    counts, rows = predicted(clean.model, clean.recording)
-    measured = clean.recording.channels[rows]
-    injected = planted(clean, measured - counts, draw, random)
+    """Injects causes, runs the loop and marks the result."""
+    counts, ticks = predicted(clean.model, clean.recording)
+    measured = clean.recording.channels[ticks]
+    injected = inject_drawn(clean, measured - counts, draw, random)
     naming = name_causes(clean.model, injected.recording, number, reference, note)
-    output_std = np.array(clean.model.manifest.normalisation.output_std)
-    error = _norm_mae(measured, counts, naming.evaluation, output_std)
-    return _marked(number, injected, error, naming)
+    rows = naming.evaluation
+    output_std = clean.model.manifest.normalisation.output_std
+    errors = ErrorMetrics.of(measured[rows], counts[rows], output_std)
+    return _marked(number, injected, errors.norm_mae, naming)
 
 
-def _marked(number: int, injected: Planted, clean: float, naming: Naming) -> Round:
+def _marked(number: int, injected: Injected, clean: float, naming: Naming) -> Round:
     left = UNEXPLAINED if naming.structured else NONE
     found = naming.names[0] if naming.names else left
     accepted = set().union(*injected.accepted)
     removable = naming.before - clean
-    scored = removable > WORTH_REMOVING * naming.before and naming.served
+    worth_marking = removable > WORTH_REMOVING * naming.before and naming.served
     return Round(
         number=number,
         truth=injected.truth,
         strength=injected.strength,
-        planted=injected.parameters,
+        injected=injected.parameters,
         found=found,
         named=naming.names,
         right=found in accepted if accepted else not naming.names,
@@ -100,7 +101,7 @@ def _marked(number: int, injected: Planted, clean: float, naming: Naming) -> Rou
         clean=clean,
         before=naming.before,
         after=naming.after,
-        removed=(naming.before - naming.after) / removable if scored else None,
+        removed=(naming.before - naming.after) / removable if worth_marking else None,
         parameter_error=_parameter_error(injected, naming),
         accepted=injected.accepted,
         all_named=bool(accepted) and all_named(injected.accepted, naming.names),
@@ -113,11 +114,7 @@ def all_named(accepted: Sequence[Sequence[str]], named: Sequence[str]) -> bool:
     return any(len(set(choice)) == len(choice) for choice in choices)
 
 
-def _norm_mae(measured: Floats, counts: Floats, rows: NDArray[np.bool_], output_std: Floats) -> float:
-    return float((np.abs(measured - counts)[rows].mean(axis=0) / output_std).mean())
-
-
-def _parameter_error(injected: Planted, naming: Naming) -> float | None:
+def _parameter_error(injected: Injected, naming: Naming) -> float | None:
     """For a single effect of the own injectors, which have the loop's parameters."""
     figure = FIGURES.get(injected.truth)
     if figure is None or figure not in injected.parameters:

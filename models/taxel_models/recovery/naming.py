@@ -13,8 +13,9 @@ from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.inference.selection import JointSelection
-from taxel_models.loop.observations import Model, gather
+from taxel_models.loop.observations import gather
 from taxel_models.loop.pipeline import LoopSettings, run_loop
+from taxel_models.model import Model
 from taxel_models.recordings import Recording
 
 CLEANINGS: Final = 5

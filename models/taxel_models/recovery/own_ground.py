@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass, field
 
-from taxel_models.ground.ground import ALL_CHANNELS, Clean, Model
+from taxel_models.ground.ground import ALL_CHANNELS, Clean
 from taxel_models.ground.twins import contacts_of
+from taxel_models.model import Model
 from taxel_models.recordings import Recording
 from taxel_models.recovery.naming import without_effects
 from taxel_models.twin import simulate

@@ -2,10 +2,10 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
-from pydantic import Field
+from pydantic import ConfigDict, Field
 from scipy import stats
 
 from taxel.schema import Schema
@@ -29,12 +29,12 @@ class Round(Schema):
     Attributes:
         truth: the injected cause, `none`, or `unknown:NAME`; two causes are joined by `BOTH`.
         strength: over the residual before.
-        planted: the parameters of what was injected.
+        injected: the parameters of what was injected; `planted` in JSON.
         found: the effect that explains most, `none` where nothing was named, `unexplained` where
             nothing was named and what is left is structured.
         named: all that were named.
         right: whether the first is right, nothing was named where there was nothing, or what no
-            class describes was left unexplained.
+            effect describes was left unexplained.
         confounded: whether a right name was reported as one that cannot be told from a named one.
         clean: normalised MAE on the evaluation blocks without the injected effect.
         before: with it.
@@ -47,10 +47,12 @@ class Round(Schema):
         injector: `own` or `foreign`.
     """
 
+    model_config = ConfigDict(populate_by_name=True)
+
     number: int
     truth: str
     strength: float
-    planted: dict[str, Any]
+    injected: Annotated[dict[str, Any], Field(alias="planted")]
     found: str
     named: tuple[str, ...]
     right: bool
@@ -71,7 +73,7 @@ class Round(Schema):
         return self.truth.startswith(UNKNOWN_KIND)
 
     @property
-    def injected(self) -> bool:
+    def nameable(self) -> bool:
         """Whether a cause was injected that has a name."""
         return self.truth != NONE and not self.unknown
 
@@ -94,7 +96,7 @@ class Summary(Schema):
         right_first: share of the rounds with an injected effect in which it was found first.
         right_or_confounded: likewise, or was reported as one that cannot be told from it.
         false_alarms: share of the clean rounds in which anything was named.
-        unknown_left: share of the rounds with a cause of no class in which nothing was named.
+        unknown_left: share of the rounds with an unknown cause in which nothing was named.
         removed: median share of the removable error that was removed where the effect was right.
         removed_mean: its mean, weighed by what there was to remove.
         parameters_within: share of the marked parameters within 20 %.
@@ -120,7 +122,7 @@ def summarise(rounds: Sequence[Round]) -> Summary:
     confusion: dict[str, Counter[str]] = {}
     for finished in rounds:
         confusion.setdefault(finished.truth, Counter())[finished.found] += 1
-    injected = [finished for finished in rounds if finished.injected]
+    injected = [finished for finished in rounds if finished.nameable]
     right = [finished for finished in injected if finished.right]
     marked = [finished for finished in right if finished.removed is not None]
     weight = sum(finished.before - finished.clean for finished in marked)

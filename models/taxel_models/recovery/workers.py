@@ -21,7 +21,7 @@ def run_rounds_on(
         scheduler: a Dask scheduler's address, such as `tcp://10.0.0.1:8786`, to play there instead.
 
     Raises:
-        Unavailable: no scheduler answers, or it has no workers.
+        Unavailable: no scheduler answers, it has no workers, or one is gone for good.
         SettingsError: a Dask worker runs several tasks at once.
     """
     if scheduler is not None:
@@ -46,12 +46,13 @@ def _play(number: int) -> Round:
 
 
 def _on_cluster(benchmark: RecoveryBenchmark, rounds: int, address: str) -> Iterator[Round]:
-    from taxel_models.training.cluster import connect
+    from taxel_models.training.cluster import connect, result_of
 
     with connect(address) as client:
         sent = client.scatter(benchmark, broadcast=True)
         futures = [
             client.submit(RecoveryBenchmark.play, sent, number, pure=False) for number in range(rounds)
         ]
-        for future in futures:
-            yield future.result()
+        for number, future in enumerate(futures):
+            played: Round = result_of(future, f"round {number}")
+            yield played

@@ -3,16 +3,15 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from distributed import CancelledError, Client, Future, KilledWorker, as_completed
+from distributed import Client, Future, as_completed
 
-from taxel.errors import Unavailable
 from taxel_models.families.family import Progress
 from taxel_models.study.cell import CellResult, compute
 from taxel_models.study.fold_data import fold_data
 from taxel_models.study.folds import Partition
 from taxel_models.study.run import Batch, Runner
 from taxel_models.study.study_settings import Protocol
-from taxel_models.training.cluster import connect
+from taxel_models.training.cluster import connect, result_of
 
 
 def cluster_runner(address: str, patience_s: float = 20.0) -> Runner:
@@ -35,18 +34,11 @@ def cluster_runner(address: str, patience_s: float = 20.0) -> Runner:
             futures = _submitted(client, partitions, batches)
             progress(0.0, f"{len(futures)} cells on {len(client.nthreads())} workers")
             for number, future in enumerate(as_completed(futures, loop=client.loop), start=1):
-                yield _result(future, futures[future])
+                result: CellResult = result_of(future, futures[future])
+                yield result
                 progress(number, f"finished {futures[future]}")
 
     return compute_there
-
-
-def _result(future: Future, name: str) -> CellResult:
-    try:
-        result: CellResult = future.result()
-    except (KilledWorker, CancelledError) as error:
-        raise Unavailable(f"{name}: its worker or the scheduler is gone ({error}); run again") from None
-    return result
 
 
 def _submitted(

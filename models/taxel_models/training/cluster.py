@@ -1,6 +1,8 @@
-"""A Dask cluster to fit on."""
+"""A Dask cluster to compute on."""
 
-from distributed import Client
+from typing import Any
+
+from distributed import CancelledError, Client, Future, KilledWorker
 
 from taxel.errors import SettingsError, Unavailable
 
@@ -31,3 +33,15 @@ def connect(address: str, patience_s: float = 20.0) -> Client:
             "start workers with `dask worker --nworkers N --nthreads 1`"
         )
     return client
+
+
+def result_of(future: Future, name: str) -> Any:
+    """What a task came to; `name` is that of the task.
+
+    Raises:
+        Unavailable: its worker or the scheduler is gone for good.
+    """
+    try:
+        return future.result()
+    except (KilledWorker, CancelledError) as error:
+        raise Unavailable(f"{name}: its worker or the scheduler is gone ({error}); run again") from None

@@ -20,11 +20,11 @@ from rich.table import Table
 
 from taxel.channels import ELECTRODE_COLUMNS
 from taxel_models.recordings import Recording
+from taxel_models.recordings.lasa import FINGERS, read_lasa_columns
 from taxel_models.twin.sensor import Sensor
 from taxel_models.twin.simulation import simulate
 from taxel_models.twin.skin import Skin
 
-FINGERS: Final = ("F1", "F2")
 BINS_N: Final = ((1.0, 3.0), (3.0, 4.0), (4.0, 5.0), (5.0, 6.0))
 REFERENCE_N: Final = 2.0
 UNTOUCHED_N: Final = 0.05
@@ -67,8 +67,8 @@ class Presses:
 
 def lasa(folder: Path, finger: str) -> Presses:
     """One of the LASA recordings, `F1` or `F2`."""
-    force = np.linalg.norm(np.loadtxt(folder / f"{finger}_force.txt"), axis=1)
-    electrodes = np.loadtxt(folder / f"{finger}_electrodes.txt")
+    forces, electrodes = read_lasa_columns(folder, finger)
+    force = np.linalg.norm(forces, axis=1)
     return Presses(force, electrodes - np.median(electrodes[force < REFERENCE_N], axis=0))
 
 

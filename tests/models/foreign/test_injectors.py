@@ -9,11 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 from taxel.errors import SettingsError
+from taxel_models.foreign.injection import ForeignInjection
 from taxel_models.foreign.memory import _bouc_wen
-from taxel_models.foreign.planting import Planting
 from taxel_models.foreign.registry import INJECTORS, UNKNOWN, injector_named
 from taxel_models.ground.twins import contacts_of
 from taxel_models.loop.effects.registry import NAMES
+from taxel_models.loop.inference import contact_offset
 from taxel_models.recordings import Recording
 
 DEVIATION = np.linspace(10.0, 30.0, 21)
@@ -31,16 +32,16 @@ REPLACING = {
 }
 """What these change has a size of its own; the others are scaled."""
 
-Plant = Callable[..., Planting]
+Inject = Callable[..., ForeignInjection]
 
 
 @pytest.fixture
-def plant(recording: Recording, smooth: Any) -> Plant:
-    def planted(
+def inject(recording: Recording, smooth: Any) -> Inject:
+    def injected(
         name: str, strength: float = 1.0, seed: int = 3, of: Recording = recording, **others: Any
-    ) -> Planting:
+    ) -> ForeignInjection:
         fields: dict[str, Any] = {"live": np.ones(21, bool), "on_skin": True, **others}
-        planting = Planting(
+        injection = ForeignInjection(
             of,
             np.random.default_rng(seed),
             DEVIATION.copy(),
@@ -49,14 +50,14 @@ def plant(recording: Recording, smooth: Any) -> Plant:
             strength=strength,
             **fields,
         )
-        injector_named(name).plant(planting)
-        return planting
+        injector_named(name).inject(injection)
+        return injection
 
-    return planted
+    return injected
 
 
-def test_right_names_are_those_of_the_loop_or_will_be() -> None:
-    names = {*NAMES, "offset:contact", "covariate:material"}
+def test_right_names_are_those_of_the_loop() -> None:
+    names = {*NAMES, contact_offset.NAME, "covariate:material"}
     assert {name for injector in INJECTORS for name in injector.right} <= names
     assert all(injector.right for injector in INJECTORS)
     assert not any(injector.right for injector in UNKNOWN)
@@ -64,9 +65,9 @@ def test_right_names_are_those_of_the_loop_or_will_be() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(set(ALL) - REPLACING))
-def test_the_strength_is_that_of_the_change(plant: Plant, recording: Recording, name: str) -> None:
+def test_the_strength_is_that_of_the_change(inject: Inject, recording: Recording, name: str) -> None:
     for strength in (0.5, 2.0):
-        change = plant(name, strength).recording.channels - recording.channels
+        change = inject(name, strength).recording.channels - recording.channels
         touched = np.abs(change).max(axis=0) > 0
         reached = np.sqrt(((change / DEVIATION)[:, touched] ** 2).mean())
         assert reached == pytest.approx(strength, rel=0.1)
@@ -75,15 +76,15 @@ def test_the_strength_is_that_of_the_change(plant: Plant, recording: Recording, 
 @pytest.mark.parametrize(
     "name", sorted(set(ALL) - {"offset", "fault: intermittent", "fault: stuck", "frame: slipped"})
 )
-def test_a_trained_model_has_absorbed_the_mean(plant: Plant, recording: Recording, name: str) -> None:
-    change = plant(name).recording.channels - recording.channels
+def test_a_trained_model_has_absorbed_the_mean(inject: Inject, recording: Recording, name: str) -> None:
+    change = inject(name).recording.channels - recording.channels
     # Counts are whole and end at 0 and 4095.
     assert (np.abs(change.mean(axis=0)) < 0.1 * DEVIATION).all()
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_a_seed_says_everything(plant: Plant, name: str) -> None:
-    first, again, other = plant(name), plant(name), plant(name, seed=5)
+def test_a_seed_says_everything(inject: Inject, name: str) -> None:
+    first, again, other = inject(name), inject(name), inject(name, seed=5)
     np.testing.assert_array_equal(first.recording.channels, again.recording.channels)
     np.testing.assert_array_equal(first.recording.samples.force, again.recording.samples.force)
     assert first.parameters == again.parameters
@@ -93,9 +94,9 @@ def test_a_seed_says_everything(plant: Plant, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_nothing_else_changes(plant: Plant, recording: Recording, name: str) -> None:
+def test_nothing_else_changes(inject: Inject, recording: Recording, name: str) -> None:
     live = np.arange(21) >= 2
-    found = plant(name, 2.0, live=live).recording
+    found = inject(name, 2.0, live=live).recording
     np.testing.assert_array_equal(found.channels, np.rint(found.channels))
     assert found.channels.min() >= 0
     assert found.channels.max() <= 4095
@@ -114,9 +115,9 @@ def test_nothing_else_changes(plant: Plant, recording: Recording, name: str) -> 
         np.testing.assert_array_equal(found.samples.force, recording.samples.force)
 
 
-def course(planting: Planting, before: Recording) -> NDArray[np.float64]:
+def course(injection: ForeignInjection, before: Recording) -> NDArray[np.float64]:
     """(n,) what an injection adds to the channel that it changes most, about its first value."""
-    change = planting.recording.channels - before.channels
+    change = injection.recording.channels - before.channels
     column = change[:, np.argmax(change.std(axis=0))]
     return np.asarray((column - column[0]) / np.abs(column - column[0]).max())
 
@@ -129,14 +130,14 @@ def stepped(recording: Recording, load: NDArray[np.float64]) -> Recording:
 
 
 def test_power_law_creep_grows_with_a_power_of_the_time_since_a_step(
-    plant: Plant, recording: Recording
+    inject: Inject, recording: Recording
 ) -> None:
     load = np.where(np.arange(len(recording)) < 1000, 1.0, 3.0)
     before = stepped(recording, load)
-    planting = plant("creep: power law", 5.0, of=before)
-    strain = np.abs(course(planting, before))
+    injection = inject("creep: power law", 5.0, of=before)
+    strain = np.abs(course(injection, before))
     assert (strain[:1001] == 0).all()
-    exponent = planting.parameters["exponent"]
+    exponent = injection.parameters["exponent"]
     assert strain[1400] / strain[5000] == pytest.approx((400 / 4000) ** exponent, rel=0.03)
 
 
@@ -152,34 +153,34 @@ def test_bouc_wen_depends_on_the_way_and_not_on_the_speed() -> None:
     assert abs(faded[-1]) < 1e-6
 
 
-def test_a_delay_reads_what_was_there_before(plant: Plant, make: Callable[..., Recording]) -> None:
+def test_a_delay_reads_what_was_there_before(inject: Inject, make: Callable[..., Recording]) -> None:
     parts = make(3000).rows(np.abs(np.arange(3000) - 1500) > 20)
-    planting = plant("lag: delay", of=parts)
-    late = planting.parameters["lag"]
+    injection = inject("lag: delay", of=parts)
+    late = injection.parameters["lag"]
     assert 0.005 <= late <= 0.1
     second = parts.segments[1]
     time = np.arange(second.stop - second.start) * 0.01
     for column in (5, 12):
         was = np.interp(time - late, time, parts.channels[second, column])
-        change = planting.recording.channels[second, column] - was
+        change = injection.recording.channels[second, column] - was
         # Only a constant and the rounding are between them.
         assert np.ptp(change) <= 1.0 + 1e-9
 
 
-def test_dropped_frames_repeat_all_channels(plant: Plant, recording: Recording) -> None:
-    found = plant("lag: dropped frames").recording.channels
+def test_dropped_frames_repeat_all_channels(inject: Inject, recording: Recording) -> None:
+    found = inject("lag: dropped frames").recording.channels
     held = (np.diff(found[:, 2:], axis=0) == 0).all(axis=1)
     assert not (np.diff(recording.channels[:, 2:], axis=0) == 0).all(axis=1).any()
     assert held.mean() > 0.03
 
 
-def test_electrodes_fail_as_they_should(plant: Plant, recording: Recording) -> None:
-    stuck = plant("fault: stuck")
+def test_electrodes_fail_as_they_should(inject: Inject, recording: Recording) -> None:
+    stuck = inject("fault: stuck")
     changed = np.flatnonzero((stuck.recording.channels != recording.channels).any(axis=0))
     assert len(changed) == 1
     since = stuck.parameters["since"]
     assert np.ptp(stuck.recording.channels[stuck.time_s >= since, changed[0]]) == 0
-    dying = plant("dying electrode: linear", 0.5)
+    dying = inject("dying electrode: linear", 0.5)
     (column,) = np.flatnonzero((dying.recording.channels != recording.channels).any(axis=0))
     late = dying.time_s > 0.9 * dying.time_s[-1]
     spreads = [one.channels[late, column].std() for one in (dying.recording, recording)]
@@ -188,19 +189,19 @@ def test_electrodes_fail_as_they_should(plant: Plant, recording: Recording) -> N
     assert spreads[0] / spreads[1] == pytest.approx(left + 0.05 * (1 - left), abs=0.1)
 
 
-def test_interference_has_its_frequency_in_some_channels(plant: Plant, recording: Recording) -> None:
-    planting = plant("interference", 2.0)
-    change = planting.recording.channels - recording.channels
+def test_interference_has_its_frequency_in_some_channels(inject: Inject, recording: Recording) -> None:
+    injection = inject("interference", 2.0)
+    change = injection.recording.channels - recording.channels
     touched = np.flatnonzero(np.abs(change).max(axis=0))
     assert 4 <= len(touched) <= 12
     spectrum = np.abs(np.fft.rfft(change[:, touched[0]] - change[:, touched[0]].mean()))
     peak = np.fft.rfftfreq(len(change), 0.01)[np.argmax(spectrum)]
-    assert peak == pytest.approx(planting.parameters["frequency"], abs=0.02)
+    assert peak == pytest.approx(injection.parameters["frequency"], abs=0.02)
 
 
-def test_a_contact_keeps_its_offset(plant: Plant, recording: Recording) -> None:
-    planting = plant("contact offset")
-    change = planting.recording.channels - recording.channels
+def test_a_contact_keeps_its_offset(inject: Inject, recording: Recording) -> None:
+    injection = inject("contact offset")
+    change = injection.recording.channels - recording.channels
     contacts = contacts_of(recording)
     within = [np.ptp(change[contacts == number, 7]) for number in np.unique(contacts)]
     means = [change[contacts == number, 7].mean() for number in np.unique(contacts)]
@@ -208,9 +209,9 @@ def test_a_contact_keeps_its_offset(plant: Plant, recording: Recording) -> None:
     assert np.std(means) > 0.5 * DEVIATION[7]
 
 
-def test_what_changes_nothing_or_is_not_known_is_refused(plant: Plant, recording: Recording) -> None:
+def test_what_changes_nothing_or_is_not_known_is_refused(inject: Inject, recording: Recording) -> None:
     still = stepped(recording, np.ones(len(recording)))
     with pytest.raises(SettingsError, match="what it depends on is constant"):
-        plant("creep: two constants", of=still)
+        inject("creep: two constants", of=still)
     with pytest.raises(SettingsError, match="no injector 'wear': expected one of offset, contact offset"):
         injector_named("wear")

@@ -11,6 +11,7 @@ from taxel.errors import RecordingError
 from taxel_models.ground.ground import Clean, predicted
 from taxel_models.ground.real import SLIDE, STRETCH, RealGround, estimated_place, read_lasa
 from taxel_models.recordings import read_slide
+from taxel_models.recordings.lasa import read_lasa_columns
 from taxel_models.twin.sensor import Sensor
 
 pytestmark = pytest.mark.measured
@@ -91,9 +92,8 @@ def test_lasa_is_cut_into_stretches_with_places_on_the_skin(data_folder: Path, l
     lengths = [part.stop - part.start for part in recording.segments]
     assert max(lengths) < STRETCH
     assert len(lengths) == 48
-    electrodes = np.loadtxt(data_folder / "lasa_contact" / "F2_electrodes.txt")
-    force = np.linalg.norm(np.loadtxt(data_folder / "lasa_contact" / "F2_force.txt"), axis=1)
-    place = estimated_place(electrodes, force) * 1e3
+    force, electrodes = read_lasa_columns(data_folder / "lasa_contact", "F2")
+    place = estimated_place(electrodes, np.linalg.norm(force, axis=1)) * 1e3
     axis = np.minimum(place[:, 0], 0.0)
     radius = np.linalg.norm(place - np.column_stack([axis, np.zeros((len(axis), 2))]), axis=1)
     np.testing.assert_allclose(radius, Sensor.biotac_2p().skin_radius)

@@ -11,8 +11,9 @@ from taxel.channels import CHANNELS
 from taxel.corrections import AppliedEffect, Correction, Frame, Weighted
 from taxel.errors import RecordingError
 from taxel.windows import Relaxation, history_columns
-from taxel_models.loop.observations import Observations, gather, predict_all
+from taxel_models.loop.observations import Observations, gather
 from taxel_models.loop.resting import are_raw, resting
+from taxel_models.model import predict_all
 from taxel_models.recordings import Recording
 
 

@@ -18,13 +18,13 @@ from taxel_models.loop.findings import Findings
 from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.inference.forms import prepared
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
-from taxel_models.loop.observations import Model
 from taxel_models.loop.pipeline import LoopResult, LoopSettings, run_loop
 from taxel_models.loop.report.drivers import axis_of
 from taxel_models.loop.report.effect_pictures import draw_effect
 from taxel_models.loop.report.error_pictures import bars
 from taxel_models.loop.report.partial import Partial
 from taxel_models.loop.report.report import REPORT, write_report
+from taxel_models.model import Model
 from taxel_models.recordings import Recording
 
 ROWS = 7000

@@ -10,9 +10,16 @@ from taxel.channels import CHANNELS
 from taxel.errors import SettingsError
 from taxel_models.ground.ground import ALL_CHANNELS, Clean, predicted
 from taxel_models.ground.twins import contacts_of
+from taxel_models.loop.blocks import cut
+from taxel_models.loop.effects.registry import candidates
+from taxel_models.loop.inference.selection import JointSelection
+from taxel_models.loop.observations import gather
 from taxel_models.recordings import Recording
 from taxel_models.recovery.benchmark import all_named, run_round
-from taxel_models.recovery.planted import Draw, planted
+from taxel_models.recovery.injected import Draw, inject_drawn
+from taxel_models.recovery.injection import Injection
+from taxel_models.recovery.injectors import inject
+from taxel_models.recovery.naming import without_effects
 
 Make = Callable[..., Recording]
 
@@ -25,7 +32,7 @@ def clean_of(model: Any, recording: Recording, **others: Any) -> Clean:
 def injected(clean: Clean, draw: Draw, number: int) -> Any:
     counts, rows = predicted(clean.model, clean.recording)
     residual = clean.recording.channels[rows] - counts
-    return planted(clean, residual, draw, np.random.default_rng([0, number]))
+    return inject_drawn(clean, residual, draw, np.random.default_rng([0, number]))
 
 
 def test_rounds_are_drawn_as_the_rules_say() -> None:
@@ -74,6 +81,10 @@ def test_what_a_ground_lacks_is_not_injected(smooth: Any, make: Make) -> None:
         np.testing.assert_array_equal(found.recording.channels[:, 1], recording.channels[:, 1])
     with pytest.raises(SettingsError, match="location: no cause, or no second one, fits this ground"):
         injected(clean, Draw("foreign", ("location",), clean_share=0.0, unknown_share=0.0), 0)
+    with pytest.raises(SettingsError, match="location: no cause, or no second one, fits this ground"):
+        injected(clean, Draw("own", ("location",), clean_share=0.0, unknown_share=0.0), 0)
+    with pytest.raises(SettingsError, match="gain: no cause, or no second one, fits this ground"):
+        injected(clean, Draw("own", ("gain",), pairs=True, clean_share=0.0, unknown_share=0.0), 0)
 
 
 @pytest.mark.parametrize("injector", ["own", "foreign"])
@@ -90,9 +101,9 @@ def test_pairs_are_two_causes_with_names_of_their_own(smooth: Any, make: Make, i
 def test_impossible_draws_are_refused() -> None:
     with pytest.raises(SettingsError, match="strengths 2 to 1: expected two above 0, the least first"):
         Draw(strengths=(2.0, 1.0))
-    with pytest.raises(SettingsError, match="wear: expected of creep, crosstalk"):
+    with pytest.raises(SettingsError, match="no cause wear: expected one of creep, crosstalk"):
         Draw("own", ("wear",))
-    with pytest.raises(SettingsError, match=r"^wear: expected of .*crosstalk: converter"):
+    with pytest.raises(SettingsError, match=r"^no cause wear: expected one of .*crosstalk: converter"):
         Draw("foreign", ("creep", "wear"))
 
 
@@ -113,3 +124,22 @@ def test_a_round_is_marked_by_what_was_injected(smooth: Any, make: Make) -> None
     assert one.removed > 0.9
     assert one.all_named
     assert one.accepted == (("lag",),)
+
+
+def named_in(smooth: Any, recording: Recording) -> list[str]:
+    observations = gather(smooth, [recording], measured_temperature=True)
+    selection = JointSelection(observations, cut(observations, seed=1), candidates(observations))
+    return [named.name for named in selection.run().named]
+
+
+def test_a_recording_without_effects_is_clean_on_another_split(smooth: Any, make: Make) -> None:
+    clean = make()
+    injection = Injection.into(clean, 2, np.full(21, 12.0))
+    inject(injection, "offset", 1.0)
+    inject(injection, "rate", 0.5)
+    assert set(named_in(smooth, injection.recording)) == {"offset", "rate"}
+    found = without_effects(smooth, injection.recording, seed=0)
+    assert named_in(smooth, found) == []
+    # What was injected is gone, and nothing else.
+    change = (found.channels - clean.ticks().channels)[100:-100]
+    assert np.sqrt((change**2).mean()) < 1.5

@@ -9,9 +9,9 @@ import pytest
 from taxel.errors import SettingsError
 from taxel_models.loop.effects.registry import NAMES, effect_named
 from taxel_models.recordings import Recording
+from taxel_models.recovery.injected import inject_truth
 from taxel_models.recovery.injection import USUAL_RESIDUAL, Injection
-from taxel_models.recovery.injectors import inject
-from taxel_models.recovery.planted import inject_truth
+from taxel_models.recovery.injectors import INJECTORS, inject
 from taxel_models.recovery.unknown import UNKNOWN
 
 RESIDUAL = np.linspace(10.0, 30.0, 21)
@@ -106,6 +106,19 @@ def test_what_changes_nothing_is_refused(recording: Recording, name: str) -> Non
     still = replace(recording.samples, force=np.zeros_like(recording.samples.force))
     with pytest.raises(SettingsError, match="what it depends on is constant"):
         injected(replace(recording, samples=still), name, 1.0)
+
+
+def test_every_effect_has_an_injector() -> None:
+    assert set(INJECTORS) == set(NAMES)
+
+
+@pytest.mark.parametrize(("values", "kinds"), [((1.0, 2.0, 4.0), True), ((1.0, 2.0, 4.5), False)])
+def test_a_column_of_whole_numbers_names_kinds(
+    recording: Recording, values: tuple[float, ...], kinds: bool
+) -> None:
+    column = np.resize(values, len(recording))
+    found = injected(replace(recording, covariates={"x": column}), "covariate:x", 1.0)
+    assert np.shape(found.truth[0]["parameters"]["weight"]) == ((3, 21) if kinds else (21,))
 
 
 def test_unknown_names_are_refused(recording: Recording) -> None:

@@ -32,6 +32,7 @@ def test_rounds_are_kept_and_drawn(app: typer.Typer, tmp_path: Path) -> None:
     assert one["truth"].startswith("gain")
     assert (one["number"], one["ground"], one["injector"]) == (0, "twin", "foreign")
     assert 1.5 <= one["strength"] <= 2
+    assert "reached" in one["planted"]
     assert kept["summary"]["rates"]["right_first"]["rounds"] == 1
     assert {path.name for path in plots.iterdir()} == {"confusion.png", "power.png"}
 
@@ -41,7 +42,7 @@ def test_rounds_are_kept_and_drawn(app: typer.Typer, tmp_path: Path) -> None:
     [
         (["--ground", "slide"], "--ground slide: expected --data, the folder of the real recordings"),
         (["--ground", "lasa", "--data", "nowhere"], "nowhere/lasa_contact: no such folder"),
-        (["--injector", "foreign", "--only", "wear"], "wear: expected of contact offset"),
+        (["--injector", "foreign", "--only", "wear"], "no cause wear: expected one of contact offset"),
         (["--strength", "2", "1"], "strengths 2 to 1: expected two above 0"),
     ],
 )

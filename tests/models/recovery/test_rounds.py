@@ -16,7 +16,7 @@ def made(truth: str, found: str, **others: Any) -> Round:
         "number": 0,
         "truth": truth,
         "strength": 1.0,
-        "planted": {},
+        "injected": {},
         "found": found,
         "named": named,
         "right": found == truth if truth in NAMES else not named,
@@ -106,6 +106,14 @@ def test_nothing_to_count_is_none() -> None:
 def test_a_summary_of_an_older_version_is_read() -> None:
     older = summarise(ROUNDS).model_dump(mode="json", exclude={"rates", "power"})
     assert Summary.model_validate(older).confusion["lag"] == {"none": 1}
+
+
+def test_an_earlier_round_is_read() -> None:
+    finished = made("lag", "lag", injected={"lag": 0.05})
+    kept = finished.model_dump(mode="json", by_alias=True)
+    assert kept["planted"] == {"lag": 0.05}
+    assert "injected" not in kept
+    assert Round.model_validate(kept) == finished
 
 
 def test_pictures_are_drawn_of_what_there_is(tmp_path: Path) -> None:

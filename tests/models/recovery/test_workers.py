@@ -3,12 +3,14 @@
 import pytest
 from distributed import LocalCluster
 
+from taxel.errors import Unavailable
 from taxel_models.ground.twins import StoredModel, TwinGround
 from taxel_models.recovery.benchmark import RecoveryBenchmark
-from taxel_models.recovery.planted import Draw
+from taxel_models.recovery.injected import Draw
 from taxel_models.recovery.rounds import Round
 from taxel_models.recovery.workers import run_rounds_on
 from taxel_models.shipped import shipped_repository
+from taxel_models.training.cluster import connect, result_of
 
 ROUNDS = 2
 
@@ -29,6 +31,17 @@ def test_processes_play_the_same_rounds(benchmark: RecoveryBenchmark, here: list
     assert [one.number for one in here] == [0, 1]
     assert all(one.injector == "foreign" for one in here)
     assert list(run_rounds_on(benchmark, ROUNDS, jobs=2)) == here
+
+
+def test_a_round_whose_worker_is_gone_is_told() -> None:
+    with (
+        LocalCluster(1, threads_per_worker=1, processes=False, dashboard_address=":0") as cluster,
+        connect(cluster.scheduler_address) as client,
+    ):
+        future = client.submit(abs, -1)
+        future.cancel()
+        with pytest.raises(Unavailable, match="round 7: its worker or the scheduler is gone"):
+            result_of(future, "round 7")
 
 
 def test_a_cluster_plays_the_same_rounds(benchmark: RecoveryBenchmark, here: list[Round]) -> None:

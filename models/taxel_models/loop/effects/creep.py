@@ -7,7 +7,7 @@ import numpy as np
 from typing_extensions import override
 
 from taxel.windows import Relaxation, RelaxationShare
-from taxel.windows.history import TICK_S, Followed
+from taxel.windows.history import Followed
 from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past, weighted
 from taxel_models.loop.observations import Observations
 
@@ -92,5 +92,4 @@ class Creep(Effect):
 
 def _longest_s(observations: Observations) -> float:
     """The longest time constant, s: a memory that outlasts the contacts cannot be told from a gain."""
-    usual = float(np.median(np.unique(observations.segment, return_counts=True)[1])) * TICK_S
-    return min(max(OBSERVED * usual, SHORTEST_S), LONGEST_S)
+    return min(max(OBSERVED * observations.usual_segment_s, SHORTEST_S), LONGEST_S)

@@ -29,7 +29,7 @@ class Fault(Effect):
     equation = "measured_c = v_c"
     source = "stuck channels and unconnected fingers in public logs"
     signature = (
-        "a value repeated for longer than chance allows, got to by a jump or while the prediction moves"
+        "one value for longer than chance allows, reached by a jump or kept while the prediction moves"
     )
 
     @override

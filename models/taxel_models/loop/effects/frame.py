@@ -10,7 +10,8 @@ from typing_extensions import override
 from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.effects.rigid_motion import after, fit_motion, turn_of
-from taxel_models.loop.observations import Observations, predict_all
+from taxel_models.loop.observations import Observations
+from taxel_models.model import predict_all
 
 TEST_ROWS: Final = 60_000
 """All channels share one motion, so it is fitted to at most so many rows."""
@@ -31,7 +32,7 @@ class Frame(Effect):
     is_costly = True
     equation = "measured = model(R x + t, Q F)"
     source = "rigid motion; Gauss-Newton on finite differences of the model"
-    signature = "turning or shifting the inputs explains all channels with three common figures"
+    signature = "turning or shifting the inputs explains all channels with three common parameters"
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:

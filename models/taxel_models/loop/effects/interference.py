@@ -209,12 +209,6 @@ def _moves(
     return own is not None and abs(own - frequency) < _SAME_HZ
 
 
-def _resolution(observations: Observations) -> float:
-    """Hz, of a segment of middle length."""
-    lengths = [part.stop - part.start for part in segments(observations.segment)]
-    return 1.0 / (float(np.median(lengths)) * TICK_S)
-
-
 def _repeats(observations: Observations, fit: NDArray[np.bool_], frequency: float) -> bool:
     """Whether a movement repeats so that the frequency is a multiple of its own."""
     pressed = observations.pressed[:, None]
@@ -224,6 +218,6 @@ def _repeats(observations: Observations, fit: NDArray[np.bool_], frequency: floa
     wave = fitted_wave(observations, pressed, fit, slow, [1])
     if wave[fit].var() < _REPEATS * pressed[fit].var():
         return False
-    resolution = _resolution(observations)
+    resolution = 1.0 / observations.usual_segment_s
     order = round(frequency / slow)
     return order <= _MULTIPLES and abs(frequency - order * slow) < resolution * (1.0 + 0.05 * order)

@@ -11,7 +11,8 @@ from taxel.corrections import Frame
 from taxel.schema import Matrix, Vector
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Remaining
-from taxel_models.loop.observations import Observations, predict_all
+from taxel_models.loop.observations import Observations
+from taxel_models.model import predict_all
 
 STEP_RAD: Final = np.radians(2.0)
 STEP_M: Final = 3e-4

@@ -12,7 +12,8 @@ from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.scoring import Scoring
 from taxel_models.loop.inference.whitening import Bins, NoiseShape
-from taxel_models.loop.observations import Model, gather
+from taxel_models.loop.observations import gather
+from taxel_models.model import Model
 from taxel_models.recordings import Recording
 
 KEPT: Final = 0.05

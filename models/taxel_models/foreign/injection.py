@@ -1,4 +1,4 @@
-"""Planting: puts a cause of a given strength into a recording of a ground."""
+"""A foreign injection: puts a cause of a given strength into a recording of a ground."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
@@ -7,9 +7,11 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from taxel.channels import CHANNELS, COUNTS_MAX, ELECTRODE_COLUMNS
 from taxel.errors import SettingsError
+from taxel.windows.history import TICK_S
 from taxel_models.recordings import Recording
 
 Floats = NDArray[np.float64]
@@ -24,7 +26,7 @@ LEAST_DEVIATION: Final = 0.3
 
 
 @dataclass
-class Planting:
+class ForeignInjection:
     """A recording that causes are put into, one after another.
 
     The strength of a cause is the standard deviation of what it changes over that of the clean residual,
@@ -100,6 +102,15 @@ class Planting:
     def in_segments(self, change: Callable[[Floats], Floats], column: Floats) -> Floats:
         """A column (n,) or (n, k) that is changed in each segment by itself."""
         return np.concatenate([change(column[part]) for part in self.recording.segments])
+
+    def low_passed(self, column: Floats, time_constant_s: float) -> Floats:
+        """A column (n,) or (n, k) behind a first-order filter that starts settled in each segment."""
+        keep = float(np.exp(-TICK_S / time_constant_s))
+
+        def low_pass(part: Floats) -> Floats:
+            return np.asarray(lfilter([1.0 - keep], [1.0, -keep], part, axis=0, zi=keep * part[:1])[0])
+
+        return self.in_segments(low_pass, column)
 
     def free_weights(self) -> Floats:
         """(21,) of any size and sign, counts."""

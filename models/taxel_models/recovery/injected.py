@@ -1,13 +1,13 @@
 """What a round injects: nothing, one cause or two, from the own injectors or the foreign ones."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
 import numpy as np
 
 from taxel.errors import SettingsError
-from taxel_models.foreign.planting import Planting
+from taxel_models.foreign.injection import ForeignInjection
 from taxel_models.foreign.registry import INJECTORS, Injector
 from taxel_models.foreign.registry import UNKNOWN as FOREIGN_UNKNOWN
 from taxel_models.ground.ground import Clean, Floats, predicted
@@ -19,6 +19,7 @@ from taxel_models.recovery.rounds import BOTH, NONE, UNKNOWN_KIND
 from taxel_models.recovery.unknown import UNKNOWN
 
 InjectorKind = Literal["own", "foreign"]
+RoundKind = Literal["clean", "unknown", "named"]
 
 CLEAN_SHARE: Final = 0.2
 UNKNOWN_SHARE: Final = 0.1
@@ -52,16 +53,18 @@ class Draw:
             raise SettingsError(
                 f"strengths {least:g} to {greatest:g}: expected two above 0, the least first"
             )
-        if unknown := [name for name in self.effects if name not in self._known]:
-            raise SettingsError(f"{', '.join(unknown)}: expected of {', '.join(sorted(self._known))}")
+        if unknown := [name for name in self.effects if name not in self.known]:
+            known = ", ".join(sorted(self.known))
+            raise SettingsError(f"no cause {', '.join(unknown)}: expected one of {known}")
 
     @property
-    def _known(self) -> set[str]:
+    def known(self) -> set[str]:
+        """Every name that may be drawn."""
         if self.injector == "own":
             return set(NAMES)
         return {name for injector in INJECTORS for name in (injector.name, injector.cause)}
 
-    def kind(self, random: np.random.Generator) -> tuple[str, float]:
+    def kind(self, random: np.random.Generator) -> tuple[RoundKind, float]:
         """Whether a round is clean, `unknown` or `named`, and its strength."""
         least, greatest = np.log(self.strengths)
         strength = float(np.exp(random.uniform(least, greatest)))
@@ -72,7 +75,7 @@ class Draw:
 
 
 @dataclass(frozen=True)
-class Planted:
+class Injected:
     """A recording with what was injected into it.
 
     Attributes:
@@ -90,7 +93,7 @@ class Planted:
     accepted: tuple[tuple[str, ...], ...]
 
 
-def planted(clean: Clean, residual: Floats, draw: Draw, random: np.random.Generator) -> Planted:
+def inject_drawn(clean: Clean, residual: Floats, draw: Draw, random: np.random.Generator) -> Injected:
     """Draw causes and inject them.
 
     Args:
@@ -103,16 +106,22 @@ def planted(clean: Clean, residual: Floats, draw: Draw, random: np.random.Genera
 
 
 def _own(
-    clean: Clean, residual: Floats, draw: Draw, random: np.random.Generator, kind: str, strength: float
-) -> Planted:
+    clean: Clean,
+    residual: Floats,
+    draw: Draw,
+    random: np.random.Generator,
+    kind: RoundKind,
+    strength: float,
+) -> Injected:
     truths: list[str] = []
     if kind == "unknown":
         truths = [f"{UNKNOWN_KIND}{random.choice(sorted(UNKNOWN))}"]
     elif kind == "named":
         possible = [name for name in draw.effects or NAMES if _can_be_injected(name, clean)]
-        truths = [str(random.choice(possible))]
-        if draw.pairs:
-            truths.append(str(random.choice([name for name in possible if name != truths[0]])))
+        for _ in range(2 if draw.pairs else 1):
+            _require_any(possible, draw)
+            truths.append(str(random.choice(possible)))
+            possible = [name for name in possible if name != truths[-1]]
     size = np.sqrt((residual**2).mean(axis=0))
     injection = Injection.into(clean.recording, int(random.integers(1 << 30)), size)
     injection.respond = _responding(clean)
@@ -121,7 +130,7 @@ def _own(
     found = {one["name"]: one.get("parameters", {}) for one in injection.truth}
     parameters = next(iter(found.values())) if len(found) == 1 else found
     accepted = tuple((truth,) for truth in truths if not truth.startswith(UNKNOWN_KIND))
-    return Planted(BOTH.join(truths) or NONE, strength, injection.recording, parameters, accepted)
+    return Injected(BOTH.join(truths) or NONE, strength, injection.recording, parameters, accepted)
 
 
 def _can_be_injected(name: str, clean: Clean) -> bool:
@@ -132,18 +141,22 @@ def _can_be_injected(name: str, clean: Clean) -> bool:
 
 def inject_truth(injection: Injection, truth: str, strength: float) -> None:
     """Put an effect, or a cause that no effect describes, into a recording."""
-    kind, _, name = truth.partition(":")
-    if kind == "unknown":
+    if truth.startswith(UNKNOWN_KIND):
         injection.begin(truth, strength)
-        UNKNOWN[name](injection)
-    elif truth != NONE:
+        UNKNOWN[truth.removeprefix(UNKNOWN_KIND)](injection)
+    else:
         inject(injection, truth, strength)
 
 
 def _foreign(
-    clean: Clean, residual: Floats, draw: Draw, random: np.random.Generator, kind: str, strength: float
-) -> Planted:
-    planting = Planting(
+    clean: Clean,
+    residual: Floats,
+    draw: Draw,
+    random: np.random.Generator,
+    kind: RoundKind,
+    strength: float,
+) -> Injected:
+    injection = ForeignInjection(
         clean.recording,
         random,
         residual.std(axis=0),
@@ -153,41 +166,47 @@ def _foreign(
         _responding(clean),
         strength,
     )
-    drawn = _drawn(planting, draw, kind)
+    drawn = _drawn(injection, draw, kind)
     parameters: dict[str, Any] = {}
     for injector in drawn:
-        planting.parameters = parameters.setdefault(injector.name, {})
-        injector.plant(planting)
-    return Planted(
+        injection.parameters = parameters.setdefault(injector.name, {})
+        injector.inject(injection)
+    return Injected(
         BOTH.join(injector.name for injector in drawn) or NONE,
         strength,
-        planting.recording,
+        injection.recording,
         next(iter(parameters.values())) if len(drawn) == 1 else parameters,
         tuple(injector.right for injector in drawn if injector.right),
     )
 
 
-def _drawn(planting: Planting, draw: Draw, kind: str) -> list[Injector]:
+def _drawn(injection: ForeignInjection, draw: Draw, kind: RoundKind) -> list[Injector]:
     """A cause first, then its form, so that a cause of many forms is not drawn more often."""
     if kind == "clean":
         return []
-    possible = [injector for injector in FOREIGN_UNKNOWN if kind == "unknown"] or [
-        injector
-        for injector in INJECTORS
-        if not draw.effects or injector.name in draw.effects or injector.cause in draw.effects
-    ]
-    possible = [injector for injector in possible if injector.fits(planting)]
+    wanted: tuple[Injector, ...] = FOREIGN_UNKNOWN
+    if kind == "named":
+        names = draw.effects or draw.known
+        wanted = tuple(one for one in INJECTORS if one.name in names or one.cause in names)
+    possible = [injector for injector in wanted if injector.fits(injection)]
     drawn: list[Injector] = []
     for _ in range(2 if draw.pairs and kind == "named" else 1):
-        if not possible:
-            raise SettingsError(f"{', '.join(draw.effects)}: no cause, or no second one, fits this ground")
+        _require_any(possible, draw)
         causes = sorted({injector.cause for injector in possible})
-        cause = str(planting.random.choice(causes))
+        cause = str(injection.random.choice(causes))
         forms = [injector for injector in possible if injector.cause == cause]
-        drawn.append(forms[int(planting.random.integers(len(forms)))])
+        drawn.append(forms[int(injection.random.integers(len(forms)))])
         # Two causes with a name in common could not both be told.
         possible = [one for one in possible if not set(one.right) & set(drawn[-1].right)]
     return drawn
+
+
+def _require_any(possible: Sequence[object], draw: Draw) -> None:
+    if not possible:
+        names = ", ".join(draw.effects) or "all causes"
+        raise SettingsError(
+            f"{names}: no cause, or no second one, fits this ground; expected other names, or more of them"
+        )
 
 
 def _responding(clean: Clean) -> Callable[[Floats, Floats], Floats]:
