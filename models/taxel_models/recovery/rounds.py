@@ -169,7 +169,7 @@ def power(injected: Sequence[Round]) -> dict[str, dict[str, Rate]]:
     Forms of a cause are counted together. Of two causes, each counts where it was named at all.
     """
     marks: dict[str, dict[str, list[bool]]] = {}
-    for finished in sorted(injected, key=lambda one: (one.truth, one.strength)):
+    for finished in sorted(injected, key=lambda one: one.strength):
         place = int(np.searchsorted(POWER_EDGES[1:-1], finished.strength, side="right"))
         name = range_name(POWER_EDGES[place], POWER_EDGES[place + 1])
         truths = finished.truth.split(BOTH)
@@ -178,7 +178,9 @@ def power(injected: Sequence[Round]) -> dict[str, dict[str, Rate]]:
             if len(truths) > 1:
                 right = bool(set(finished.accepted[number]) & set(finished.named))
             marks.setdefault(truth.partition(": ")[0], {}).setdefault(name, []).append(right)
-    return {cause: {name: rate(values) for name, values in own.items()} for cause, own in marks.items()}
+    return {
+        cause: {name: rate(values) for name, values in own.items()} for cause, own in sorted(marks.items())
+    }
 
 
 def range_name(low: float, high: float) -> str:

@@ -83,6 +83,12 @@ def test_power_counts_forms_together_and_each_of_two_causes() -> None:
     assert set(power) == {"creep", "drift"}
 
 
+def test_the_power_of_all_forms_is_told_by_rising_strength() -> None:
+    strengths = {"creep: power law": 1.9, "creep: relaxing": 0.6, "creep: two constants": 1.1}
+    rounds = [made(truth, "creep", strength=strength) for truth, strength in strengths.items()]
+    assert list(summarise(rounds).power["creep"]) == ["0.5 to 0.71", "1 to 1.4", "1.4 to 2"]
+
+
 def test_intervals_are_exact() -> None:
     # Hanley and Lippman-Hand 1983: none of 300 bounds a rate at about 3 of 300, here two-sided.
     none = rate([False] * 300)
