@@ -14,7 +14,7 @@ from taxel_models.foreign.memory import _bouc_wen
 from taxel_models.foreign.registry import INJECTORS, UNKNOWN, injector_named
 from taxel_models.ground.twins import contacts_of
 from taxel_models.loop.effects.registry import NAMES
-from taxel_models.loop.inference import contact_offset
+from taxel_models.loop.inference.contact_offset import ContactOffset
 from taxel_models.recordings import Recording
 
 DEVIATION = np.linspace(10.0, 30.0, 21)
@@ -57,7 +57,7 @@ def inject(recording: Recording, smooth: Any) -> Inject:
 
 
 def test_right_names_are_those_of_the_loop() -> None:
-    names = {*NAMES, contact_offset.NAME, "covariate:material"}
+    names = {*NAMES, ContactOffset.name, "covariate:material"}
     assert {name for injector in INJECTORS for name in injector.right} <= names
     assert all(injector.right for injector in INJECTORS)
     assert not any(injector.right for injector in UNKNOWN)
