@@ -1,7 +1,8 @@
 """Many fingertips of a simulator at once: one call a step, from contacts to the newest channels."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Literal
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +14,14 @@ from taxel.windows.fingers import FingerWindows
 
 if TYPE_CHECKING:
     from taxel.predictor import Predictor
+
+
+class _Asked(NamedTuple):
+    """A request under way: for which fingertips, and how often each had been reset by then."""
+
+    answer: Future[NDArray[np.float32]]
+    ids: NDArray[np.int64]
+    resets: NDArray[np.int64]
 
 
 class Fingers:
@@ -49,6 +58,11 @@ class Fingers:
         self._prime_at_rest = prime == "rest"
         self.channels = np.full((count, len(CHANNELS)), np.nan, np.float32)
         self.delay_s = predictor.window.delay_s
+        self._asking: ThreadPoolExecutor | None = None
+        self._asked: _Asked | None = None
+        self._waiting: NDArray[np.float32] | None = None
+        self._waits = np.zeros(count, np.bool_)
+        self._resets = np.zeros(count, np.int64)
         self.reset()
 
     def __len__(self) -> int:
@@ -62,6 +76,7 @@ class Fingers:
         *,
         extras: Mapping[str, ArrayLike] | None = None,
         timeout: float | None = None,
+        wait: bool = True,
     ) -> NDArray[np.float32]:
         """Take one sample of every fingertip and give the newest channels.
 
@@ -75,6 +90,8 @@ class Fingers:
             extras: extra features that the caller gives, such as `{"tdc": 1960.0}`: a number or (count,).
                 A value holds until the next one.
             timeout: seconds to wait for a server's answer.
+            wait: False: do not wait for this step's predictions. A thread asks for them; the newest that
+                have come are given. While it asks, the newest window of each fingertip waits.
 
         Returns:
             (count, 21) float32, counts, columns as `taxel.CHANNELS`; a new array at each step, of which
@@ -83,7 +100,8 @@ class Fingers:
         Raises:
             InvalidArgument: a shape is wrong, a number is not finite or not positive, an extra is none or
                 is computed. Nothing is changed.
-            RequestError: no prediction could be had. The samples are taken; `channels` stay as they were.
+            RequestError: no prediction could be had, in this step or, without waiting, in an earlier one.
+                The samples are taken; `channels` stay as they were.
         """
         count = len(self)
         places = _numbers("position", position, (count, 3))
@@ -95,7 +113,10 @@ class Fingers:
         self._check_names(given)
         dt_ns = np.broadcast_to(np.rint(np.asarray(seconds) * 1e9).astype(np.int64), (count,))
         ids, windows = self._windows.step(places, forces, dt_ns, given)
-        self._predict(ids, windows, timeout)
+        if wait:
+            self._settle(ids, self._predictor.predict(windows, timeout=timeout) if len(ids) else None)
+        else:
+            self._ask(ids, windows, timeout)
         return self.channels
 
     def reset(self, ids: ArrayLike | None = None) -> None:
@@ -106,6 +127,7 @@ class Fingers:
         """
         which = self._ids(ids)
         self._windows.reset(which)
+        self._forget(which)
         channels = self.channels.copy()
         channels[which] = np.nan
         self.channels = channels
@@ -127,11 +149,42 @@ class Fingers:
         places = _numbers("position", position, (len(which), 3))
         forces = _numbers("force", force, (len(which), 3))
         self._windows.prime(which, places, forces)
+        self._forget(which)
 
-    def _predict(self, ids: NDArray[np.int64], windows: NDArray[np.float32], timeout: float | None) -> None:
-        if not len(ids):
+    def _forget(self, ids: NDArray[np.int64]) -> None:
+        """Do not take answers that these fingertips still wait for."""
+        self._resets[ids] += 1
+        self._waits[ids] = False
+
+    def close(self) -> None:
+        """End the thread that asks for predictions, if there is one; a request under way is waited for."""
+        if self._asking is not None:
+            self._asking.shutdown()
+            self._asking = None
+
+    def _ask(self, ids: NDArray[np.int64], windows: NDArray[np.float32], timeout: float | None) -> None:
+        """Take the answer that has come, and ask for what waits if nobody is asking."""
+        if self._waiting is None:
+            self._waiting = np.zeros((len(self), windows.shape[1]), np.float32)
+        self._waiting[ids] = windows
+        self._waits[ids] = True
+        if self._asked is not None and self._asked.answer.done():
+            asked, self._asked = self._asked, None
+            # A fingertip that was reset since then does not take an answer of its past.
+            current = self._resets[asked.ids] == asked.resets
+            self._settle(asked.ids[current], asked.answer.result()[current])
+        if self._asked is None and self._waits.any():
+            if self._asking is None:
+                self._asking = ThreadPoolExecutor(1, thread_name_prefix="taxel-fingers")
+            due = np.flatnonzero(self._waits)
+            self._waits[:] = False
+            answer = self._asking.submit(self._predictor.predict, self._waiting[due], timeout=timeout)
+            self._asked = _Asked(answer, due, self._resets[due])
+
+    def _settle(self, ids: NDArray[np.int64], predicted: NDArray[np.float32] | None) -> None:
+        """Give fingertips their new channels, in an array of their own: a caller may keep the old one."""
+        if predicted is None or not len(ids):
             return
-        predicted = self._predictor.predict(windows, timeout=timeout)
         if len(ids) < len(self):
             channels = self.channels.copy()
             channels[ids] = predicted
