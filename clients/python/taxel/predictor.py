@@ -3,12 +3,13 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taxel.errors import InvalidArgument
+from taxel.fingers import Fingers
 from taxel.manifest import Manifest, WindowLayout
 from taxel.windows import WindowSpec, WindowStream
 from taxel.windows.checks import check_windows
@@ -80,6 +81,21 @@ class Predictor(ABC):
         """A builder of this model's windows, extra features included, from live samples."""
         extras = self.manifest.window.extras
         return WindowStream(self.window, rate_hz=rate_hz, fingers=fingers, extras=extras)
+
+    def fingers(
+        self, count: int, *, rate_hz: float = 100.0, prime: Literal["rest"] | None = "rest"
+    ) -> Fingers:
+        """Many fingertips of a simulator, each with a clock, a reset and a past of its own.
+
+        Args:
+            count: how many there are.
+            rate_hz: how often their `step` is called.
+            prime: `"rest"`: begin as if nothing had touched for long. None: without a past.
+
+        Raises:
+            InvalidArgument: `count` is below 1, or the rate is no positive number.
+        """
+        return Fingers(self, count, rate_hz=rate_hz, prime=prime)
 
     @abstractmethod
     def predict(self, windows: NDArray[Any], *, timeout: float | None = None) -> NDArray[np.float32]:

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_models.twin.geometry import Patch, patch
+from taxel.skin import Patch, patch
 from taxel_models.twin.lag import PERIOD_S, lagged
 
 PHASES_S: Final = {
