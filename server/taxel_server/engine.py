@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from threading import Lock
 from typing import Final
@@ -38,7 +39,12 @@ class LoadedModel:
         """Name and version, for messages."""
         return f"{self.manifest.name}/{self.manifest.version}"
 
-    @property
+    @cached_property
+    def features(self) -> int:
+        """Values in one window."""
+        return len(self.manifest.window.features)
+
+    @cached_property
     def columns(self) -> int:
         """The number of outputs: 21 channels, and 21 spreads if the model gives them."""
         return len(CHANNELS) * len(self.manifest.outputs)

@@ -163,7 +163,12 @@ def test_a_single_window_is_answered_on_return_where_nothing_is_to_be_done(
             batcher.run(job)
             assert job.answers
             assert values_of(job) == [value]
-        assert runtime.threads == [here, here]
+        small = batcher.evaluate_if_idle(model, windows_of(*range(16)))
+        assert small is not None
+        np.testing.assert_array_equal(small.counts[:, 20], range(16))
+        assert runtime.threads == [here] * 3
+        assert batcher.evaluate_if_idle(model, windows_of(*range(17))) is None
+        assert batcher.evaluate_if_idle(model, np.zeros((1, 5), np.float32)) is None
         two = MemoryJob(model, windows_of(3, 4))
         batcher.run(two)
         assert values_of(two) == [3, 4]
@@ -171,9 +176,11 @@ def test_a_single_window_is_answered_on_return_where_nothing_is_to_be_done(
             waiting = MemoryJob(model, windows_of(5))
             batcher.run(waiting)
             assert not waiting.answers
+            assert batcher.evaluate_if_idle(model, windows_of(6)) is None
         assert values_of(waiting) == [5]
-        assert here not in runtime.threads[2:]
+        assert here not in runtime.threads[3:]
         assert batcher.queued_rows == 0
+        assert batcher.statistics(model)["rows"] == 1 + 1 + 16 + 2 + 1 + 1
 
 
 def test_what_is_answered_on_return_is_refused_and_fails_as_any_other(

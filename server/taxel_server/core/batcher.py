@@ -7,30 +7,47 @@ block the others, and deadlines and stopping reach it.
 
 import logging
 import time
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Sequence
 from math import inf
 from queue import Empty, SimpleQueue
 from threading import Lock, Thread
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.errors import DeadlineExceeded, Internal, RequestError, ResourceExhausted, Unavailable
+from taxel.channels import CHANNELS
+from taxel.errors import Internal, RequestError, ResourceExhausted, Unavailable
 from taxel.protocol import InferResponse
-from taxel_server.core.jobs import Job, Work, checked_request, response_of
+from taxel.windows.checks import check_finite
+from taxel_server.core.jobs import Job, Work
 from taxel_server.core.statistics import ModelStatistics
 from taxel_server.engine import LoadedModel
 
 _LOG: Final = logging.getLogger(__name__)
 
+_CHANNELS: Final = len(CHANNELS)
+
+_AT_ONCE_ROWS: Final = 16
+"""The most windows that are evaluated by the thread that receives them, if nothing else is open."""
+
+_MOST_UNCOUNTED: Final = 256
+"""Requests whose statistics wait to be counted together: this takes less time for each."""
+
 Piece = tuple[Work, int]
 """A request and how many of its windows a batch takes."""
 
 
+class AtOnce(NamedTuple):
+    """A request that was evaluated at once: counts (n, 21) float32, and how long it took."""
+
+    counts: NDArray[np.float32]
+    compute_us: int
+
+
 class Batcher:
-    """Answers every job exactly once, in a worker thread, or at once if it is idle.
+    """Answers every job exactly once, in a worker thread; evaluates a small request at once if it is idle.
 
     Args:
         max_batch_rows: most windows evaluated in one go.
@@ -51,6 +68,8 @@ class Batcher:
         self._draining = False
         self._give_up_at = inf
         self._statistics: defaultdict[LoadedModel, ModelStatistics] = defaultdict(ModelStatistics)
+        self._alone: deque[tuple[LoadedModel, int, int]] = deque()
+        """Evaluated at once and not counted yet: model, rows, time in µs."""
         self._worker = Thread(target=self._run, name="taxel-batcher", daemon=True)
 
     def start(self) -> None:
@@ -69,36 +88,61 @@ class Batcher:
             self._queue.put(job)
 
     def run(self, job: Job) -> None:
-        """Like `submit`, but if the batcher is idle, a single window is answered before this returns.
+        """Like `submit`, but a single window is answered before this returns if nothing else is open."""
+        if not self._answered_at_once(job):
+            self.submit(job)
 
-        Waking the worker would take as long as evaluating a window.
-        """
-        with self._lock:
-            busy = bool(self._open)
-            self._enter(job)
-            if busy or job.rows > 1:
-                self._queue.put(job)
-                return
+    def _answered_at_once(self, job: Job) -> bool:
+        if job.rows > 1:
+            return False
         try:
-            response = self._answer_at_once(job)
+            request = job.decode()
         except Exception:
-            # The way of a batch takes longer, and knows what to say of each failure.
-            if (work := self._admit(job)) is not None:
-                self._evaluate(job.model, [(work, work.left)])
-        else:
-            self._settle(job, response, batch_rows=1)
+            return False  # The way of a batch knows what to say of each failure.
+        waited_ms = (time.monotonic() - job.arrived) * 1e3
+        late = request.timeout_ms is not None and waited_ms > request.timeout_ms
+        done = None if late or request.spread else self.evaluate_if_idle(job.model, request.windows)
+        if done is None:
+            return False
+        name, version, counts = job.model.manifest.name, job.model.manifest.version, done.counts
+        _give(job, InferResponse(counts, name, version, request.id, 0, done.compute_us, len(counts)))
+        return True
 
-    def _answer_at_once(self, job: Job) -> InferResponse:
-        """The answer to a single window, without a batch."""
-        request = checked_request(job)
+    def evaluate_if_idle(self, model: LoadedModel, windows: NDArray[np.float32]) -> AtOnce | None:
+        """The counts of a small request, evaluated before this returns; None if something is in the way.
+
+        Then the request must be submitted: it waits for others, or is refused with the right error. Waking
+        the worker would take longer than evaluating a window, so nothing is queued, and no lock is held.
+
+        Args:
+            model: what is asked.
+            windows: (n, c) float32, C-contiguous.
+        """
+        rows, columns = windows.shape
+        if self._open or self._stopping or not 0 < rows <= _AT_ONCE_ROWS or columns != model.features:
+            return None
         started = time.monotonic()
-        timeout_ms = inf if request.timeout_ms is None else request.timeout_ms
-        if started >= self._give_up_at or (started - job.arrived) * 1e3 > timeout_ms:
-            raise DeadlineExceeded
-        outputs = job.model.evaluate(request.windows)
-        if outputs.shape != (1, job.model.columns):
-            raise ValueError
-        return response_of(job, request, outputs, started, time.monotonic() - started, 1)
+        try:
+            check_finite(windows, model.manifest.window.features)
+            outputs = model.evaluate(windows)
+        except Exception:
+            return None
+        if outputs.shape[1] != _CHANNELS:
+            outputs = outputs[:, :_CHANNELS]
+        if outputs.shape != (rows, _CHANNELS):
+            return None
+        compute_us = round((time.monotonic() - started) * 1e6)
+        self._alone.append((model, rows, compute_us))
+        if len(self._alone) >= _MOST_UNCOUNTED:
+            with self._lock:
+                self._count_alone()
+        return AtOnce(outputs, compute_us)
+
+    def _count_alone(self) -> None:
+        """Count what was evaluated at once; call it under the lock."""
+        while self._alone:
+            model, rows, compute_us = self._alone.popleft()
+            self._statistics[model].add_alone(rows, compute_us)
 
     def _enter(self, job: Job) -> None:
         """Accept a job, if there is room; call it under the lock."""
@@ -122,6 +166,7 @@ class Batcher:
     def statistics(self, model: LoadedModel) -> dict[str, Any]:
         """The statistics of a model."""
         with self._lock:
+            self._count_alone()
             return self._statistics[model].as_dict()
 
     def stop(self, drain_seconds: float) -> None:
@@ -222,29 +267,25 @@ class Batcher:
             else:
                 self._settle(work.job, work.response())
 
-    def _settle(self, job: Job, result: InferResponse | RequestError, batch_rows: int = 0) -> None:
-        """Answer a job and remove it from the open jobs, unless `abandon` has done so.
-
-        Args:
-            job: to answer.
-            result: its answer.
-            batch_rows: of an evaluation that was not counted yet.
-        """
+    def _settle(self, job: Job, result: InferResponse | RequestError) -> None:
+        """Answer a job and remove it from the open jobs, unless `abandon` has done so."""
         with self._lock:
             if job not in self._open:
                 return
             self._open.remove(job)
             self._rows -= job.rows
-            if batch_rows:
-                self._statistics[job.model].add_batch(batch_rows)
             if isinstance(result, RequestError):
                 self._statistics[job.model].add_error(result.code)
             else:
                 self._statistics[job.model].add_response(result)
         if isinstance(result, RequestError):
             _LOG.debug("%s: %s: %s", job.model.label, result.code, result)
-        try:
-            job.answer(result)
-        except Exception:
-            # The worker must survive a caller that has gone.
-            _LOG.exception("%s: an answer could not be given", job.model.label)
+        _give(job, result)
+
+
+def _give(job: Job, result: InferResponse | RequestError) -> None:
+    try:
+        job.answer(result)
+    except Exception:
+        # Whoever answers must survive a caller that has gone.
+        _LOG.exception("%s: an answer could not be given", job.model.label)

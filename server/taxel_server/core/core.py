@@ -15,7 +15,8 @@ from taxel_server.options import ServerOptions
 class Core:
     """Admits, batches and answers requests between `start` and `drain`. Thread-safe.
 
-    A transport finds a request's model with `model_at`, and gives it as a job to `run` or `submit`.
+    A transport finds a request's model with `model_at`, and gives it as a job to `run` or `submit`; or it
+    answers a small request by itself, with what `evaluate_if_idle` gives.
 
     Args:
         engine: its models are loaded and warmed up.
@@ -41,6 +42,7 @@ class Core:
         """The model of an inference request's path, such as `v2/models/xgb/infer`; None if it is none."""
         self.submit: Callable[[Job], None] = self._batcher.submit
         self.run: Callable[[Job], None] = self._batcher.run
+        self.evaluate_if_idle = self._batcher.evaluate_if_idle
 
     @property
     def queued_rows(self) -> int:

@@ -54,43 +54,6 @@ class Job(ABC):
         """Give the one answer."""
 
 
-def checked_request(job: Job) -> InferRequest:
-    """The decoded request of a job.
-
-    Raises:
-        RequestError: the request is wrong, or wrong for its model.
-    """
-    request = job.decode()
-    manifest = job.model.manifest
-    check_shape(job.model, request.windows.shape)
-    check_finite(request.windows, manifest.window.features)
-    if request.spread and not manifest.gives_spread:
-        raise InvalidArgument(f"outputs[1]: {job.model.label} gives no spread: expected an ensemble")
-    return request
-
-
-def response_of(
-    job: Job,
-    request: InferRequest,
-    outputs: NDArray[np.float32],
-    started: float,
-    compute_s: float,
-    batch_rows: int,
-) -> InferResponse:
-    """The answer to a request, from the outputs (n, columns) of all its windows and their times."""
-    manifest = job.model.manifest
-    return InferResponse(
-        outputs if outputs.shape[1] == _CHANNELS else outputs[:, :_CHANNELS],
-        manifest.name,
-        manifest.version,
-        request.id,
-        round((started - job.arrived) * 1e6),
-        round(compute_s * 1e6),
-        batch_rows,
-        outputs[:, _CHANNELS:] if request.spread else None,
-    )
-
-
 class Work:
     """A decoded request, evaluated at once or, if it is large, piece by piece.
 
@@ -100,8 +63,13 @@ class Work:
 
     def __init__(self, job: Job) -> None:
         self.job: Final = job
-        self._request: Final = checked_request(job)
+        self._request: Final = job.decode()
         request = self._request
+        features = job.model.manifest.window.features
+        check_shape(job.model, request.windows.shape)
+        check_finite(request.windows, features)
+        if request.spread and not job.model.manifest.gives_spread:
+            raise InvalidArgument(f"outputs[1]: {job.model.label} gives no spread: expected an ensemble")
         self._timeout_s: Final = inf if request.timeout_ms is None else request.timeout_ms / 1e3
         self._outputs: NDArray[np.float32] | None = None
         self._done = 0
@@ -147,6 +115,14 @@ class Work:
         """The answer, once nothing is left."""
         assert self._outputs is not None
         assert self._started is not None
-        return response_of(
-            self.job, self._request, self._outputs, self._started, self._compute_s, self._batch_rows
+        manifest, outputs = self.job.model.manifest, self._outputs
+        return InferResponse(
+            outputs[:, :_CHANNELS],
+            manifest.name,
+            manifest.version,
+            self._request.id,
+            round((self._started - self.job.arrived) * 1e6),
+            round(self._compute_s * 1e6),
+            self._batch_rows,
+            outputs[:, _CHANNELS:] if self._request.spread else None,
         )

@@ -48,6 +48,14 @@ class ModelStatistics:
         self._queue_us.add(response.queue_us)
         self._compute_us.add(response.compute_us)
 
+    def add_alone(self, rows: int, compute_us: int) -> None:
+        """Count a request that was evaluated at once, by itself."""
+        self._requests += 1
+        self._rows += rows
+        self._batch_rows.add(rows)
+        self._queue_us.add(0)
+        self._compute_us.add(compute_us)
+
     def add_error(self, code: str) -> None:
         """Count a request that was refused or failed."""
         self._requests += 1

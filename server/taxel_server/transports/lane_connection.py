@@ -16,15 +16,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.errors import Internal, InvalidArgument, NotFound, RequestError, ResourceExhausted
-from taxel.lane.frames import HEAD_BYTES, ID_AT, RequestHead, pack_reply, read_request_head
+from taxel.lane.frames import (
+    HEAD_BYTES,
+    ID_AT,
+    ID_END,
+    RequestHead,
+    pack_predictions,
+    pack_reply,
+    read_request_head,
+)
 from taxel_server.core.core import Core
-from taxel_server.core.jobs import Job, check_shape
+from taxel_server.core.jobs import check_shape
 from taxel_server.engine import LoadedModel
-from taxel_server.transports.lane_requests import Arriving, Budget, LaneJob, Last
+from taxel_server.transports.lane_requests import Arriving, Budget, LaneJob, Repeated, may_be_repeated
+from taxel_server.transports.poller import READ
 
 _LOG: Final = logging.getLogger(__name__)
 
-_RECEIVE_BYTES: Final = 65_536
+RECEIVE_BYTES: Final = 65_536
+"""The most that is received at once."""
+
+_KINDS: Final = 16
+"""Sizes of requests that are remembered."""
 
 
 class LaneConnection:
@@ -34,6 +47,7 @@ class LaneConnection:
         client: its socket, which does not block.
         core: what answers.
         budget: of requests in part and of replies that wait.
+        buffer: to receive into, of `RECEIVE_BYTES`; all clients share it.
         notify: tells the lane's thread that the outbox is no longer empty, or that the client has gone.
     """
 
@@ -42,9 +56,12 @@ class LaneConnection:
         client: socket.socket,
         core: Core,
         budget: Budget,
+        buffer: bytearray,
         notify: Callable[["LaneConnection"], None],
     ) -> None:
         self.socket = client
+        self.awaited = READ
+        """Which event the lane's thread waits for."""
         self.progressed_at = 0.0
         """When bytes last moved while a request or a reply was under way."""
         self._core = core
@@ -53,7 +70,11 @@ class LaneConnection:
         self._rest = b""
         """The start of a request whose head or path is not there yet."""
         self._arriving: Arriving | None = None
-        self._last: Last | None = None
+        self._buffer = buffer
+        self._received: bytes | None = None
+        """What was read and not looked at."""
+        self._repeated: dict[int, Repeated] = {}
+        """The last request of each size: a control loop sends the same again, with other windows."""
         self._to_skip = 0
         """Bytes of a refused request that are still to come."""
         self._outbox: deque[memoryview] = deque()
@@ -76,16 +97,35 @@ class LaneConnection:
         """Whether a reply could not be sent or kept, so that the client must go."""
         return self._closed
 
-    def read(self, alone: bool) -> bool:
-        """Take what has arrived and pass whole requests on; False if the client has gone or must go.
+    def answer_alone(self) -> bool:
+        """Read, and answer a small request that is like an earlier one; False if there is more to do.
 
-        Args:
-            alone: no other client has sent anything, so that a single window may be answered at once.
+        No other client has sent anything. What was read otherwise waits for `read`.
         """
+        if self._arriving is not None or self.is_under_way:
+            return False
+        buffer = self._buffer
+        size = self.socket.recv_into(buffer)
+        repeated = self._repeated.get(size)
+        if repeated is not None and repeated.is_there():
+            done = self._core.evaluate_if_idle(repeated.model, repeated.windows)
+            if done is not None:
+                request_id = int.from_bytes(buffer[ID_AT:ID_END], "little")
+                self.send(pack_predictions(request_id, done.counts, len(done.counts), 0, done.compute_us))
+                return not self._closed
+        self._received = bytes(memoryview(buffer)[:size])
+        return False
+
+    def read(self) -> bool:
+        """Take what has arrived and pass whole requests on; False if the client has gone or must go."""
         self.progressed_at = time.monotonic()
         if self._arriving is not None:
             return self._read_into(self._arriving)
-        data = self.socket.recv(_RECEIVE_BYTES)
+        data = self._received
+        if data is None:
+            size = self.socket.recv_into(self._buffer)
+            data = bytes(memoryview(self._buffer)[:size])
+        self._received = None
         if not data:
             return False
         if self._to_skip:
@@ -96,7 +136,7 @@ class LaneConnection:
             data = self._rest + data
             self._rest = b""
         try:
-            self._take_requests(data, alone)
+            self._take_requests(data)
         except InvalidArgument as error:
             # Where the next request starts is not known any more.
             self.send(pack_reply(0, error))
@@ -161,11 +201,12 @@ class LaneConnection:
 
     def _read_into(self, arriving: Arriving) -> bool:
         size = self.socket.recv_into(arriving.missing)
+        self.progressed_at = time.monotonic()
         arriving.missing = arriving.missing[size:]
         if not arriving.missing:
             self._forget_arriving()
             head = arriving.head
-            self._hand_on(arriving.model, head, head.id, arriving.windows, self._core.submit)
+            self._hand_on(arriving.model, head, arriving.windows)
         return size > 0
 
     def _forget_arriving(self) -> None:
@@ -173,22 +214,14 @@ class LaneConnection:
             self._budget.give(self._arriving.windows.nbytes)
             self._arriving = None
 
-    def _take_requests(self, data: bytes, alone: bool) -> None:
+    def _take_requests(self, data: bytes) -> None:
         """Pass on the requests in `data`, which starts with the head of one."""
-        last = self._last
-        if alone and last is not None and last.is_like(data):
-            head = last.head
-            windows = np.frombuffer(data, "<f4", offset=head.data_at).reshape(head.rows, head.columns)
-            request_id = int.from_bytes(data[ID_AT : ID_AT + 4], "little")
-            self._hand_on(last.model, head, request_id, windows, self._core.run)
-            return
         at, end = 0, len(data)
         while end - at >= HEAD_BYTES:
             head = read_request_head(data, at)
             start, stop = at + head.data_at, at + head.size
             if start > end:
                 break
-            infer = self._core.run if alone and stop == end and not at else self._core.submit
             try:
                 model = self._model_of(head, data[at + HEAD_BYTES : at + HEAD_BYTES + head.path_bytes])
                 if stop > end:
@@ -203,11 +236,17 @@ class LaneConnection:
                     # A window that waits must not keep all the bytes that it came with.
                     if head.size < end:
                         windows = windows.copy()
-                    self._hand_on(model, head, head.id, windows, infer)
-                    if not at:
-                        self._last = Last(data[:ID_AT], data[ID_AT + 4 : start], head, model)
+                    self._hand_on(model, head, windows)
+                    if head.size == end <= RECEIVE_BYTES and may_be_repeated(head):
+                        self._remember(data, head, model)
             at = stop
         self._rest = data[at:]
+
+    def _remember(self, data: bytes, head: RequestHead, model: LoadedModel) -> None:
+        """Expect more requests like this one."""
+        if head.size in self._repeated or len(self._repeated) < _KINDS:
+            self._buffer[: len(data)] = data
+            self._repeated[head.size] = Repeated(self._buffer, head, model)
 
     def _await_rest(self, head: RequestHead, model: LoadedModel, data: memoryview) -> None:
         size = head.size - head.data_at
@@ -231,19 +270,12 @@ class LaneConnection:
             )
         return model
 
-    def _hand_on(
-        self,
-        model: LoadedModel,
-        head: RequestHead,
-        request_id: int,
-        windows: NDArray[np.float32],
-        infer: Callable[[Job], None],
-    ) -> None:
+    def _hand_on(self, model: LoadedModel, head: RequestHead, windows: NDArray[np.float32]) -> None:
         try:
-            infer(LaneJob(self.send, model, head, request_id, windows))
+            self._core.submit(LaneJob(self.send, model, head, windows))
         except RequestError as error:
             _LOG.debug("%s: %s: %s", model.label, error.code, error)
-            self.send(pack_reply(request_id, error))
+            self.send(pack_reply(head.id, error))
         except Exception:
             _LOG.exception("a request could not be handed on")
-            self.send(pack_reply(request_id, Internal("the request failed: the server's log says more")))
+            self.send(pack_reply(head.id, Internal("the request failed: the server's log says more")))

@@ -1,15 +1,15 @@
 """Requests of the lane: as jobs, while they arrive, and the last one of a client."""
 
 from collections.abc import Callable
+from math import inf
 from threading import Lock
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
 from taxel.errors import RequestError
-from taxel.lane.frames import ID_AT, RequestHead, pack_reply
+from taxel.lane.frames import ID_AT, ID_END, RequestHead, pack_reply
 from taxel.protocol import InferRequest, InferResponse, checked_timeout_ms
 from taxel_server.core.jobs import Job
 from taxel_server.engine import LoadedModel
@@ -44,13 +44,11 @@ class LaneJob(Job):
         send: Callable[[bytes], None],
         model: LoadedModel,
         head: RequestHead,
-        request_id: int,
         windows: NDArray[np.float32],
     ) -> None:
         super().__init__(model, head.rows)
         self._send = send
         self._head = head
-        self._id = request_id
         self._windows = windows
 
     @override
@@ -60,7 +58,7 @@ class LaneJob(Job):
 
     @override
     def answer(self, result: InferResponse | RequestError) -> None:
-        self._send(pack_reply(self._id, result))
+        self._send(pack_reply(self._head.id, result))
 
 
 class Arriving:
@@ -78,25 +76,31 @@ class Arriving:
         self.missing = self.missing[len(data) :]
 
 
-class Last(NamedTuple):
-    """The last request: in a control loop, the next one differs only in its id and its windows.
+def may_be_repeated(head: RequestHead) -> bool:
+    """Whether the next request that differs only in its id and its windows needs no other checks."""
+    return not head.spread and 0 <= head.timeout_ms < inf
+
+
+class Repeated:
+    """A request as a control loop sends it: the next one differs only in its id and its windows.
+
+    Args:
+        buffer: that requests are received into.
+        head: of the request that `buffer` holds, as `may_be_repeated` accepts it.
+        model: that it asks.
 
     Attributes:
-        before: the bytes before the id.
-        after: the bytes between the id and the windows.
-        head: of the request.
-        model: that it asks.
+        windows: (n, f) float32, a view of those that the buffer holds now.
     """
 
-    before: bytes
-    after: bytes
-    head: RequestHead
-    model: LoadedModel
+    def __init__(self, buffer: bytearray, head: RequestHead, model: LoadedModel) -> None:
+        self.model = model
+        self.windows = np.ndarray((head.rows, head.columns), "<f4", buffer, head.data_at)
+        self.windows.flags.writeable = False
+        self._buffer = buffer
+        self._before = bytes(buffer[:ID_AT])
+        self._after = bytes(buffer[ID_END : head.data_at])
 
-    def is_like(self, data: bytes) -> bool:
-        """Whether `data` is one request that differs in nothing else, so that its checks need no repeat."""
-        return (
-            len(data) == self.head.size
-            and data[:ID_AT] == self.before
-            and data[ID_AT + 4 : self.head.data_at] == self.after
-        )
+    def is_there(self) -> bool:
+        """Whether the buffer starts with a request that differs in nothing else."""
+        return self._buffer.startswith(self._before) and self._buffer.startswith(self._after, ID_END)

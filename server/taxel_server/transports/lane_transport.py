@@ -6,7 +6,6 @@ bytes, or does not read its replies, is closed after the lane's patience.
 
 import logging
 import os
-import selectors
 import socket
 import time
 from collections import deque
@@ -18,9 +17,10 @@ from taxel.errors import TaxelError
 from taxel.lane.offer import LaneOffer, machine_identity, of_this_user
 from taxel_server.core.core import Core
 from taxel_server.options import ServerOptions
-from taxel_server.transports.lane_connection import LaneConnection
+from taxel_server.transports.lane_connection import RECEIVE_BYTES, LaneConnection
 from taxel_server.transports.lane_requests import Budget
 from taxel_server.transports.lane_socket import LaneSocket, automatic_address
+from taxel_server.transports.poller import READ, WRITE, open_poller
 
 _LOG: Final = logging.getLogger(__name__)
 
@@ -53,7 +53,9 @@ class LaneTransport:
         self._core = core
         self._options = options
         self._budget = Budget(_MOST_BYTES)
-        self._clients: dict[socket.socket, LaneConnection] = {}
+        self._buffer = bytearray(RECEIVE_BYTES)
+        self._clients: dict[int, LaneConnection] = {}
+        """By the socket's descriptor."""
         self._under_way: set[LaneConnection] = set()
         self._notified: deque[LaneConnection] = deque()
         self._accepts_again_at = 0.0
@@ -86,9 +88,9 @@ class LaneTransport:
         self._waker, self._woken = socket.socketpair()
         self._waker.setblocking(False)
         self._woken.setblocking(False)
-        self._selector = selectors.DefaultSelector()
-        self._selector.register(self._listener, selectors.EVENT_READ)
-        self._selector.register(self._woken, selectors.EVENT_READ)
+        self._poller = open_poller()
+        self._poller.register(self._listener, READ)
+        self._poller.register(self._woken, READ)
         self._thread = Thread(target=self._run, name="taxel-lane", daemon=True)
         self._thread.start()
 
@@ -110,7 +112,7 @@ class LaneTransport:
                 _LOG.exception("the lane failed at a client")
         for connection in list(self._clients.values()):
             self._drop(connection)
-        self._selector.close()
+        self._poller.close()
         self._waker.close()
         self._woken.close()
 
@@ -124,34 +126,36 @@ class LaneTransport:
         idle = not self._under_way and not self._accepts_again_at and self._stop_at is None
         events = self._spin() if self._options.spin_us else []
         if not events:
-            events = self._selector.select(None if idle else _SWEEP_S)
+            events = self._poller.poll(None if idle else _SWEEP_S)
         alone = len(events) == 1
-        for key, mask in events:
-            connection = key.data
+        for descriptor, event in events:
+            connection = self._clients.get(descriptor)
             if connection is not None:
-                self._serve(connection, mask, alone)
-            elif key.fileobj is self._listener:
-                self._accept()
-            else:
+                self._serve(connection, event, alone)
+            elif descriptor == self._woken.fileno():
                 self._hear()
+            elif descriptor == self._listener.fileno():
+                self._accept()
         if not idle:
             self._sweep()
 
-    def _spin(self) -> list[tuple[selectors.SelectorKey, int]]:
+    def _spin(self) -> list[tuple[int, int]]:
         """Ask again and again for clients that are ready, for as long as the options say."""
         ends = time.monotonic() + self._options.spin_us / 1e6
-        while not (events := self._selector.select(0)) and time.monotonic() < ends:
+        while not (events := self._poller.poll(0)) and time.monotonic() < ends:
             _give_way()
         return events
 
-    def _serve(self, connection: LaneConnection, mask: int, alone: bool) -> None:
+    def _serve(self, connection: LaneConnection, event: int, alone: bool) -> None:
         """Read from a client, or send what it takes."""
         try:
-            if mask & selectors.EVENT_WRITE:
+            if event & WRITE:
                 connection.flush()
                 stays = True
+            elif alone and connection.answer_alone():
+                return
             else:
-                stays = connection.read(alone)
+                stays = connection.read()
         except BlockingIOError:
             return
         except OSError:
@@ -170,14 +174,15 @@ class LaneTransport:
             self._under_way.add(connection)
         else:
             self._under_way.discard(connection)
-        wanted = selectors.EVENT_WRITE if connection.has_outbox else selectors.EVENT_READ
-        if self._selector.get_key(connection.socket).events != wanted:
-            self._selector.modify(connection.socket, wanted, connection)
+        wanted = WRITE if connection.has_outbox else READ
+        if connection.awaited != wanted:
+            self._poller.modify(connection.socket, wanted)
+            connection.awaited = wanted
 
     def _drop(self, connection: LaneConnection) -> None:
         self._under_way.discard(connection)
-        if self._clients.pop(connection.socket, None) is not None:
-            self._selector.unregister(connection.socket)
+        if self._clients.pop(connection.socket.fileno(), None) is not None:
+            self._poller.unregister(connection.socket)
             connection.close()
 
     def _accept(self) -> None:
@@ -187,7 +192,7 @@ class LaneTransport:
             return
         except OSError as error:
             _LOG.warning("the lane cannot take a client: %s", error)
-            self._selector.unregister(self._listener)
+            self._poller.unregister(self._listener)
             self._accepts_again_at = time.monotonic() + _SWEEP_S
             return
         unix = client.family not in (socket.AF_INET, socket.AF_INET6)
@@ -197,8 +202,10 @@ class LaneTransport:
         client.setblocking(False)
         if not unix:
             client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._clients[client] = connection = LaneConnection(client, self._core, self._budget, self._notify)
-        self._selector.register(client, selectors.EVENT_READ, connection)
+        self._clients[client.fileno()] = LaneConnection(
+            client, self._core, self._budget, self._buffer, self._notify
+        )
+        self._poller.register(client, READ)
 
     def _notify(self, connection: LaneConnection) -> None:
         """Called by any thread: a client's outbox has filled, or it has gone."""
@@ -217,7 +224,7 @@ class LaneTransport:
             connection = self._notified.popleft()
             if connection.is_closed:
                 self._drop(connection)
-            elif connection.socket in self._clients:
+            elif self._clients.get(connection.socket.fileno()) is connection:
                 self._watch(connection)
 
     def _sweep(self) -> None:
@@ -229,4 +236,4 @@ class LaneTransport:
                 self._drop(connection)
         if self._accepts_again_at and now >= self._accepts_again_at:
             self._accepts_again_at = 0.0
-            self._selector.register(self._listener, selectors.EVENT_READ)
+            self._poller.register(self._listener, READ)

@@ -7,16 +7,18 @@ import socket
 import sys
 import time
 from struct import Struct
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel.channels import CHANNELS
 from taxel.errors import DeadlineExceeded, Internal
 from taxel.lane.frames import (
     HEAD_BYTES,
     ID_AT,
     ReplyHead,
+    pack_predictions,
     pack_request_head,
     read_counts,
     read_reply_head,
@@ -30,6 +32,15 @@ _KEPT_HEADS: Final = 64
 _RECEIVE_BYTES: Final = 65_536
 _SMALL: Final = 65_536
 """A request with so many bytes of windows is put together before it is sent."""
+
+_LEAST_BYTES: Final = 4096
+"""Room for a reply, where an error may come in place of few counts."""
+
+_SAME_BYTES: Final = 20
+"""The first bytes of replies with the same number of counts to requests with the same id are the same."""
+
+_FLOAT: Final = np.dtype(np.float32)
+_WIRE_FLOAT: Final = np.dtype("<f4")
 
 _TIMEVAL: Final = Struct("ll") if sys.platform == "linux" else None
 """How the kernel is told a timeout; elsewhere Python keeps it, which takes a system call more."""
@@ -46,6 +57,50 @@ class ConnectionLost(Exception):
     """
 
     new = False
+
+
+def _closed(connection: "LaneConnection", error: BaseException) -> BaseException:
+    """The error of a call, whose connection is closed: a late reply must not answer the next call."""
+    if isinstance(error, ConnectionLost):
+        error.new = not connection.has_answered
+    connection.close()
+    return error
+
+
+class RepeatedRequest:
+    """Requests of a control loop, which differ only in their windows: all other bytes are made once.
+
+    Each has a connection to itself, so their ids need not differ.
+
+    Args:
+        path: of the requests, such as `v2/models/xgb/infer`.
+        shape: (n, f) of their windows.
+        timeout_s: the deadline that the server is told.
+        wait_s: how long an answer is waited for.
+
+    Attributes:
+        head: the bytes before the windows.
+        reply_head: the first bytes of a reply with counts, up to what differs.
+        reply_size: bytes of such a reply.
+    """
+
+    def __init__(self, path: str, shape: tuple[int, ...], timeout_s: float, wait_s: float) -> None:
+        self.head = pack_request_head(path, 1, shape, timeout_s * 1e3, spread=False)
+        reply = pack_predictions(1, np.zeros((shape[0], len(CHANNELS)), np.float32), 0, 0, 0)
+        self.reply_head = reply[:_SAME_BYTES]
+        self.reply_size = len(reply)
+        self.wait_s = wait_s
+        self._counts_shape = shape[0], len(CHANNELS)
+
+    def takes(self, windows: NDArray[Any]) -> bool:
+        """Whether windows of its shape can be sent as they are. The server checks that they are finite."""
+        return type(windows) is np.ndarray and windows.dtype is _FLOAT
+
+    def counts_in(self, reply: bytes) -> NDArray[np.float32] | None:
+        """The counts (n, 21) of a reply; None if it is another one, or not all of it."""
+        if len(reply) == self.reply_size and reply.startswith(self.reply_head):
+            return np.ndarray(self._counts_shape, _WIRE_FLOAT, reply, HEAD_BYTES)
+        return None
 
 
 class Lane:
@@ -86,25 +141,38 @@ class Lane:
             ConnectionLost: the connection ended; a new one may do better.
             OSError: nobody listens any more.
         """
-        try:
-            connection = self._idle.pop()
-        except IndexError:
-            connection = LaneConnection(self.address, self.spin_us)
+        connection = self._taken()
         try:
             connection.send(path, windows, timeout_s, wait_s, spread=spread)
             head, content = connection.receive(wait_s)
-        except ConnectionLost as lost:
-            lost.new = not connection.has_answered
-            connection.close()
-            raise
-        except BaseException:
-            connection.close()
-            raise
+        except BaseException as error:
+            raise _closed(connection, error) from None
+        self._give_back(connection)
+        return head, read_counts(content, head)
+
+    def repeat(self, request: RepeatedRequest, windows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The counts (n, 21) of windows that the request takes; errors as in `infer`."""
+        connection = self._taken()
+        try:
+            counts = connection.repeat(request, windows)
+            if counts is None:
+                head, content = connection.receive(request.wait_s)
+        except BaseException as error:
+            raise _closed(connection, error) from None
+        self._give_back(connection)
+        return read_counts(content, head)[0] if counts is None else counts
+
+    def _taken(self) -> "LaneConnection":
+        try:
+            return self._idle.pop()
+        except IndexError:
+            return LaneConnection(self.address, self.spin_us)
+
+    def _give_back(self, connection: "LaneConnection") -> None:
         if len(self._idle) < _MOST_IDLE and not self._closed:
             self._idle.append(connection)
         else:
             connection.close()
-        return head, read_counts(content, head)
 
     def close(self) -> None:
         """Close all connections; those in use are closed after their calls."""
@@ -158,6 +226,34 @@ class LaneConnection:
             raise ConnectionLost(str(error)) from None
         self._in_flight += 1
         return number
+
+    def repeat(self, request: RepeatedRequest, windows: NDArray[np.float32]) -> NDArray[np.float32] | None:
+        """Send windows as one more request of its kind, and wait; call it where nothing else is in flight.
+
+        Returns:
+            The counts (n, 21); None if the reply is another one, or not all of it: `receive` then gives it.
+
+        Raises:
+            DeadlineExceeded: the reply does not come in time.
+            ConnectionLost: the server has gone.
+        """
+        wait_s = request.wait_s
+        if wait_s != self._wait_s:
+            self._set_wait(wait_s)
+        try:
+            self.socket.sendall(request.head + windows.tobytes())
+        except (BlockingIOError, TimeoutError):
+            raise self._late(wait_s) from None
+        except OSError as error:
+            raise ConnectionLost(str(error)) from None
+        received = self._some(wait_s, max(request.reply_size, _LEAST_BYTES))
+        counts = request.counts_in(received)
+        if counts is None:
+            self._received = received
+            self._in_flight += 1
+        else:
+            self.has_answered = True
+        return counts
 
     def receive(self, wait_s: float) -> tuple[ReplyHead, bytes | bytearray]:
         """The next reply, and its content.
@@ -214,11 +310,11 @@ class LaneConnection:
                 elif not writable:
                     raise
 
-    def _some(self, wait_s: float) -> bytes:
+    def _some(self, wait_s: float, most: int = _RECEIVE_BYTES) -> bytes:
         try:
             received = self._spun() if self._spin_s else None
             if received is None:
-                received = self.socket.recv(_RECEIVE_BYTES)
+                received = self.socket.recv(most)
         except (BlockingIOError, TimeoutError):
             raise self._late(wait_s) from None
         except OSError as error:

@@ -19,6 +19,7 @@ MAGIC: Final = b"TXL1"
 
 HEAD_BYTES: Final = 32
 ID_AT: Final = 12
+ID_END: Final = ID_AT + 4
 """Where the four bytes of the id stand in a head."""
 
 MAX_PATH_BYTES: Final = 512
@@ -130,20 +131,35 @@ def pack_reply(request_id: int, result: InferResponse | RequestError) -> bytes:
         content = content.ljust(_padded(len(content)), b"\0")
         size = HEAD_BYTES + len(content)
         return _REPLY.pack(MAGIC, size, ERROR, 0, 0, request_id, 0, 0, 0, 0) + content
-    content = result.outputs.astype(_FLOAT, copy=False).tobytes()
-    if result.spread is not None:
-        content += result.spread.astype(_FLOAT, copy=False).tobytes()
+    return pack_predictions(
+        request_id, result.outputs, result.batch_rows, result.queue_us, result.compute_us, result.spread
+    )
+
+
+def pack_predictions(
+    request_id: int,
+    counts: NDArray[np.float32],
+    batch_rows: int,
+    queue_us: int,
+    compute_us: int,
+    spread: NDArray[np.float32] | None = None,
+) -> bytes:
+    """The frame of a reply with counts (n, 21), and the spread (n, 21) if it was asked for."""
+    content = counts.astype(_FLOAT, copy=False).tobytes()
+    if spread is not None:
+        content += spread.astype(_FLOAT, copy=False).tobytes()
+    size = HEAD_BYTES + len(content)
     head = _REPLY.pack(
         MAGIC,
-        HEAD_BYTES + len(content),
+        size,
         PREDICTIONS,
-        result.spread is not None,
+        spread is not None,
         _COLUMNS,
         request_id,
-        len(result.outputs),
-        result.batch_rows,
-        result.queue_us,
-        result.compute_us,
+        len(counts),
+        batch_rows,
+        queue_us,
+        compute_us,
     )
     return head + content
 
