@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from taxel.errors import Unavailable
 
@@ -26,12 +26,26 @@ def running_server(repository: Path, *arguments: str) -> Iterator[str]:
     Raises:
         Unavailable: the server stopped before it was ready; its last output says why.
     """
+    with running_server_process(repository, *arguments) as server:
+        yield server.endpoint
+
+
+class RunningServer(NamedTuple):
+    """Where a server listens, and its process."""
+
+    endpoint: str
+    pid: int
+
+
+@contextmanager
+def running_server_process(repository: Path, *arguments: str) -> Iterator[RunningServer]:
+    """As `running_server`, with the server's process beside its endpoint."""
     endpoint = f"tcp/{ADDRESS}:{free_port()}"
     command = [*serve_command(repository, endpoint), *arguments, "--json"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         _wait_until_ready(process)
-        yield endpoint
+        yield RunningServer(endpoint, process.pid)
     finally:
         process.terminate()
         process.communicate()

@@ -81,7 +81,13 @@ def measure(server: ServerUnderTest, seconds: float, gaps_ms: Sequence[float]) -
     in_flight, in_flight_cpu_s = _requested(server, do="in_flight", at_once=AT_ONCE, seconds=seconds)
     bulk, _ = _requested(server, do="sequential", rows=BULK_ROWS, seconds=seconds)
     batch, _ = _requested(server, do="sequential", rows=BATCH_ROWS, seconds=seconds)
-    gaps = {f"{gap_ms:g}": _measure_gap(server, seconds, gap_ms) for gap_ms in gaps_ms}
+    gaps = {}
+    for gap_ms in gaps_ms:
+        queries, cpu_s = sequential, sequential_cpu_s
+        if gap_ms:
+            queries, cpu_s = _requested(server, do="sequential", rows=1, seconds=seconds, gap_ms=gap_ms)
+        p50_ms, p99_ms = np.percentile(queries["latencies"], (50, 99)) * 1e3
+        gaps[f"{gap_ms:g}"] = Gap(float(p50_ms), float(p99_ms), cpu_s / queries["queries"] * 1e6)
     return Figures(
         sequential_p50_ms=median(sequential["latencies"]) * 1e3,
         sequential_cpu_us=sequential_cpu_s / sequential["queries"] * 1e6,
@@ -91,12 +97,6 @@ def measure(server: ServerUnderTest, seconds: float, gaps_ms: Sequence[float]) -
         batch_p50_ms=median(batch["latencies"]) * 1e3,
         gaps=gaps,
     )
-
-
-def _measure_gap(server: ServerUnderTest, seconds: float, gap_ms: float) -> Gap:
-    queries, cpu_s = _requested(server, do="sequential", rows=1, seconds=seconds, gap_ms=gap_ms)
-    p50_ms, p99_ms = np.percentile(queries["latencies"], (50, 99)) * 1e3
-    return Gap(float(p50_ms), float(p99_ms), cpu_s / queries["queries"] * 1e6)
 
 
 def _requested(server: ServerUnderTest, **what: Any) -> tuple[dict[str, Any], float]:

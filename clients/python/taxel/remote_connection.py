@@ -11,6 +11,7 @@ from zenoh.handlers import Callback
 
 from taxel.endpoints import EXPECTED, reason_of
 from taxel.errors import DeadlineExceeded, InvalidArgument, RequestError, Unavailable
+from taxel.first_reply import first_reply
 from taxel.protocol import unpack_error
 
 Done = Callable[[bytes | RequestError], None]
@@ -127,7 +128,7 @@ class Connection:
             raise self._broken(error) from None
 
         def answer() -> bytes:
-            reply = next(iter(replies), None)
+            reply = first_reply(replies)
             if reply is None:
                 raise self._silence(key, wait, started)
             outcome = self._outcome(reply, key, wait)

@@ -110,6 +110,9 @@ class Lane:
         address: `unix:PATH` or `tcp:HOST:PORT`.
         spin_us: microseconds that a reply is asked for again and again before the thread sleeps.
 
+    Attributes:
+        idle: connections that no call uses now.
+
     Raises:
         ValueError: that is no address of a lane.
         OSError: nobody listens there.
@@ -118,7 +121,7 @@ class Lane:
     def __init__(self, address: str, spin_us: int = 0) -> None:
         self.address = address
         self.spin_us = spin_us
-        self._idle = [LaneConnection(address, spin_us)]
+        self.idle = [LaneConnection(address, spin_us)]
         self._closed = False
 
     def infer(
@@ -164,21 +167,21 @@ class Lane:
 
     def _taken(self) -> "LaneConnection":
         try:
-            return self._idle.pop()
+            return self.idle.pop()
         except IndexError:
             return LaneConnection(self.address, self.spin_us)
 
     def _give_back(self, connection: "LaneConnection") -> None:
-        if len(self._idle) < _MOST_IDLE and not self._closed:
-            self._idle.append(connection)
+        if len(self.idle) < _MOST_IDLE and not self._closed:
+            self.idle.append(connection)
         else:
             connection.close()
 
     def close(self) -> None:
         """Close all connections; those in use are closed after their calls."""
         self._closed = True
-        while self._idle:
-            self._idle.pop().close()
+        while self.idle:
+            self.idle.pop().close()
 
 
 class LaneConnection:
