@@ -5,7 +5,6 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
 import psutil
@@ -17,10 +16,12 @@ from taxel_bench.server_process import RunningServer
 IN_ONE_PROCESS: Final = 20
 """Clients in one process; every second process is killed while all its clients wait for answers."""
 
-_SHARED_MEMORY: Final = Path("/dev/shm")
+_SHARED_MEMORY: Final = "/dev/shm/"
 
 _SETTLED_S: Final = 15.0
 """How long the server may take to notice that clients have gone: zenoh's lease is 10 s."""
+
+_PAUSE_S: Final = 0.2
 
 _MORE_MEMORY: Final = 32.0
 """MiB by which a server may grow and count as flat: its allocator keeps what large requests took."""
@@ -35,7 +36,7 @@ class Held:
         memory_mib: resident memory.
         files: open files.
         threads: threads.
-        shared_files: files in the system's shared memory, of all programs.
+        shared_files: files in the system's shared memory that it maps.
     """
 
     clients: int
@@ -73,7 +74,7 @@ def let_them_come(
         count = min(IN_ONE_PROCESS, clients - gone)
         _come_and_go(server.endpoint, transport, model, count, rows, killed=len(held) % 2 == 0)
         gone += count
-        held.append(_settled(process, gone, held[0]))
+        held.append(_settled(process, gone, held[1:]))
         tell(gone)
     return held
 
@@ -112,13 +113,14 @@ def _come_and_go(
 def _held(server: psutil.Process, clients: int) -> Held:
     with server.oneshot():
         memory, files, threads = server.memory_info().rss, server.num_fds(), server.num_threads()
-    shared = len(list(_SHARED_MEMORY.iterdir())) if _SHARED_MEMORY.is_dir() else 0
+        shared = sum(mapped.path.startswith(_SHARED_MEMORY) for mapped in server.memory_maps())
     return Held(clients, memory / 2**20, files, threads, shared)
 
 
-def _settled(server: psutil.Process, clients: int, start: Held) -> Held:
-    """What is held once files are as at the start, or once there was time enough."""
+def _settled(server: psutil.Process, clients: int, before: list[Held]) -> Held:
+    """What is held once files are as after the first clients, or once there was time enough."""
+    time.sleep(_PAUSE_S)
     ends = time.monotonic() + _SETTLED_S
-    while (held := _held(server, clients)).files > start.files and time.monotonic() < ends:
-        time.sleep(0.05)
-    return held
+    while before and server.num_fds() > before[0].files and time.monotonic() < ends:
+        time.sleep(_PAUSE_S)
+    return _held(server, clients)
