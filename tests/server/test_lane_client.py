@@ -132,6 +132,35 @@ def test_where_the_lane_is_lost_zenoh_is_asked(
         assert source.retries == 1
 
 
+def test_a_repeated_request_is_checked_and_sent_again_as_any_other(
+    engine: Engine, endpoint: str, make_windows: WindowMaker
+) -> None:
+    good, wrong = make_windows(2), make_windows(2)
+    wrong[1, 3] = np.nan
+    expected = engine.model("skin").evaluate(good)
+    service = Service(engine, ServerOptions(listen=(endpoint,))).start()
+    with taxel.connect(endpoint, transport="lane") as source:
+        predictor = source.predictor("skin")
+
+        def repeat(windows: NDArray[np.float32]) -> None:
+            for _ in range(3):
+                np.testing.assert_array_equal(predictor.predict(windows), expected)
+
+        repeat(good)
+        with pytest.raises(InvalidArgument, match=r"window\[1, .*is nan"):
+            predictor.predict(wrong)
+        repeat(good.astype(np.float64))
+        repeat(np.asfortranarray(good))
+        assert unpackb(source.get("taxel/v2/models/skin/stats"))["requests"] == 10
+        service.close()
+        service = Service(engine, ServerOptions(listen=(endpoint,))).start()
+        repeat(good)
+        assert source.retries == 1
+        service.close()
+        with pytest.raises(Unavailable, match="lane was lost"):
+            predictor.predict(good)
+
+
 def test_clients_beyond_the_most_take_zenoh(
     engine: Engine, start: ServerStarter, make_windows: WindowMaker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
