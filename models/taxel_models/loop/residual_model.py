@@ -16,7 +16,7 @@ from scipy import linalg
 
 from taxel.channels import CHANNELS
 from taxel.corrections import AppliedEffect, RandomFeatures
-from taxel.windows import ExtraFeature, Play, Rate, Relaxation, Speed
+from taxel.windows import ExtraFeature, HistoryFeature, Play, Rate, Relaxation, Speed
 from taxel.windows.history import Followed
 from taxel_models.loop.attribution import Attribution
 from taxel_models.loop.basis import Floats, Rows
@@ -161,7 +161,7 @@ def residual_model(
 
 def _extras(observations: Observations, exclude: Collection[str]) -> dict[str, tuple[ExtraFeature, ...]]:
     """What serving computes or is given beside the window, in groups."""
-    memories = [
+    memories: list[tuple[str, str, HistoryFeature]] = [
         *(
             (f"memory[{tau:g}s].{of}", "N", Relaxation(of=of, time_constant_s=tau))
             for tau in MEMORIES_S
