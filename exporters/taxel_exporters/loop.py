@@ -60,6 +60,14 @@ def loop(
     exclude: Annotated[
         list[str] | None, typer.Option(help="An effect not to look for; give it again for several.")
     ] = None,
+    residual_model: Annotated[
+        bool,
+        typer.Option(
+            "--residual-model",
+            help="Also fit a model of what no effect explains, from what is known while serving. It has no "
+            "name and says nothing of causes.",
+        ),
+    ] = False,
     seed: Annotated[int, typer.Option(help="Seed of the split and of all random draws.")] = 0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a report at OUTPUT.")] = False,
     as_json: Json = False,
@@ -88,6 +96,7 @@ def loop(
         calibration_s=calibration,
         least_share=least_share,
         exclude=tuple(exclude or ()),
+        residual_model=residual_model,
     )
     name, _, version = model.partition("/")
     with taxel.load(repository) as source, ERR.status("reading") as status:
@@ -111,7 +120,7 @@ def loop(
         OUT.print(findings_table(result.findings))
         OUT.print(f"Wrote {output}: report.md, report.html, report.json.", soft_wrap=True)
         if export:
-            exported = result.findings.exported or "nothing: no effect was named that a model can have"
+            exported = result.findings.exported or "nothing: nothing was found that a model can have"
             OUT.print(f"Exported {exported}.", soft_wrap=True)
 
 

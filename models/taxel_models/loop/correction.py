@@ -64,13 +64,20 @@ def corrected(first: Observations, attribution: Attribution, new: NewEffects) ->
         first: the observations before any input was moved: effects take features as they are given.
     """
     moved = attribution.observations
-    shift = moved.shift_ticks - first.shift_ticks
+    columns = feature_columns(first, attribution, new.extras)
+    composition = Composition(term for effect in new.effects for term in effect.terms)
+    return composition.counts(moved.base, columns, start=moved.predicted)
+
+
+def feature_columns(
+    first: Observations, attribution: Attribution, extras: Iterable[ExtraFeature]
+) -> dict[str, Floats]:
+    """The features of the corrected model's windows by name, each (n,), as its terms take them."""
+    shift = attribution.observations.shift_ticks - first.shift_ticks
     windows = first.windows[first.rows_before(shift)]
     names = first.manifest.spec.unshifted.features
     columns = {name: windows[:, place].astype(np.float64) for place, name in enumerate(names)}
-    columns.update({extra.name: _column(first, extra) for extra in new.extras})
-    composition = Composition(term for effect in new.effects for term in effect.terms)
-    return composition.counts(moved.base, columns, start=moved.predicted)
+    return columns | {extra.name: _column(first, extra) for extra in extras}
 
 
 def served_windows(first: Observations, attribution: Attribution, new: NewEffects, rows: int) -> Windows:

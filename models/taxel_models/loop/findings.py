@@ -103,6 +103,38 @@ class Unexplained(Schema):
     autocorrelation: dict[str, float]
 
 
+class ChannelGain(Schema):
+    """What a residual model brings to a channel.
+
+    Attributes:
+        channel: its name.
+        folds: fall of its normalised MAE on held-out folds of the fit part, by which it was accepted.
+        error: standard error of that over blocks.
+        evaluation: fall of its normalised MAE on the evaluation part, which nothing was fitted to.
+    """
+
+    channel: str
+    folds: float
+    error: float
+    evaluation: float
+
+
+class FoundResidualModel(Schema):
+    """A model of what no effect explains. It has no name and says nothing of causes.
+
+    Attributes:
+        about: what it is, in words.
+        channels: those that have it, with its gain on held-out blocks.
+        gain: fall of the normalised MAE on the evaluation part, mean over all 21 channels.
+        needs: features that it takes while serving, beside the window.
+    """
+
+    about: str
+    channels: tuple[ChannelGain, ...]
+    gain: float
+    needs: tuple[str, ...]
+
+
 class Findings(Schema):
     """Everything the loop found.
 
@@ -115,6 +147,7 @@ class Findings(Schema):
         before: errors of the model on the evaluation part, as `taxel predict` reports them.
         after: errors of the corrected model there, by the forms that are served.
         changes: a sentence for each channel whose sensitivity changed over the session.
+        residual_model: what foretells a part of the rest, if it was asked for and proved itself.
         exported: the version that was written, or None.
     """
 
@@ -130,4 +163,5 @@ class Findings(Schema):
     test: PairedTest
     unexplained: Unexplained
     changes: tuple[str, ...] = ()
+    residual_model: FoundResidualModel | None = None
     exported: str | None = None

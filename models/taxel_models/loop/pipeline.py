@@ -30,6 +30,7 @@ from taxel_models.loop.intervals import parameters
 from taxel_models.loop.noise import NoiseFloor
 from taxel_models.loop.observations import Observations, gather
 from taxel_models.loop.residual_diagnostics import diagnose_residual
+from taxel_models.loop.residual_model import residual_model
 from taxel_models.model import Model
 from taxel_models.recordings import Recording
 
@@ -46,6 +47,7 @@ class LoopSettings:
         calibration_s: seconds at the start of each segment in which a user's own sensor is measured.
         least_share: the share of the error that an effect must remove to be named.
         exclude: effects that are not tried, such as `temperature`.
+        residual_model: whether to fit a model of what no effect explains.
     """
 
     seed: int = 0
@@ -55,6 +57,7 @@ class LoopSettings:
     calibration_s: float = 0.0
     least_share: float = DECLARED.least_share
     exclude: tuple[str, ...] = ()
+    residual_model: bool = False
 
 
 @dataclass(frozen=True)
@@ -120,7 +123,21 @@ def run_loop(
     figures = {named.name: parameters(named) for named in attribution.named}
     new = NewEffects.of(attribution, figures)
     after = corrected(observations, attribution, new)
+    unnamed = None
+    if settings.residual_model:
+        if progress is not None:
+            progress("what no effect explains")
+        left = observations.measured - after
+        unnamed = residual_model(
+            observations, attribution, blocks, left, exclude=settings.exclude, seed=settings.seed
+        )
+    told = None
+    if unnamed is not None:
+        before, new = after, unnamed.added_to(new)
+        after = corrected(observations, attribution, new)
+        told = unnamed.found(observations, blocks, before, after)
     findings = _findings(observations, recordings, blocks, settings, attribution, figures, new, after)
+    findings = findings.model_copy(update={"residual_model": told})
     return LoopResult(findings, observations, blocks, attribution, new, after)
 
 

@@ -42,6 +42,7 @@ def contents(findings: Findings, extras: Sequence[ExtraFeature], pictures: Pictu
         blocks += _effect(effect, extras, pictures.effects[effect.name])
     blocks += [
         *_rejected(findings),
+        *_unnamed(findings),
         Heading("What is left"),
         Paragraph(_left(findings)),
         pictures.residual,
@@ -97,6 +98,24 @@ def _rejected(findings: Findings) -> list[Block]:
     )
     head = ("candidate", "likeliest form", "alone", "beside the named", "log odds", "why not")
     return [Heading("Rejected"), Paragraph(text), Table(head, rows)]
+
+
+def _unnamed(findings: Findings) -> list[Block]:
+    found = findings.residual_model
+    if found is None:
+        return []
+    rows = tuple(
+        (gain.channel, f"{gain.folds:.4f}", f"{gain.error:.4f}", f"{gain.evaluation:.4f}")
+        for gain in found.channels
+    )
+    text = (
+        f"{found.about[0].upper()}{found.about[1:]}. It says nothing of causes. A channel has it if "
+        "its error falls on held-out folds. Figures are falls of the normalised MAE beyond what the named "
+        "effects bring. "
+        f"Beside the window it needs {listed(found.needs) if found.needs else 'nothing'}."
+    )
+    head = ("channel", "on held-out folds", "standard error", "on the evaluation part")
+    return [Heading("Unnamed: a residual model"), Paragraph(text), Table(head, rows)]
 
 
 def _left(findings: Findings) -> str:

@@ -98,8 +98,31 @@ def _shortened(words: Sequence[str]) -> str:
 def opening(findings: Findings, extras: Sequence[ExtraFeature]) -> str:
     """One paragraph that a reader can act on."""
     sentences = [_outcome(findings), *_named(findings, extras), *confounded(findings)]
-    sentences += [*findings.changes, _rejected(findings), left(findings), _next(findings)]
+    sentences += [
+        *findings.changes,
+        _rejected(findings),
+        *unnamed(findings),
+        left(findings),
+        _next(findings),
+    ]
     return " ".join(filter(None, sentences))
+
+
+def corrects(findings: Findings) -> bool:
+    """Whether anything was found that a model can have."""
+    return findings.residual_model is not None or any(effect.served for effect in findings.effects)
+
+
+def unnamed(findings: Findings) -> list[str]:
+    """A sentence on the residual model, if there is one."""
+    found = findings.residual_model
+    if found is None:
+        return []
+    return [
+        "A residual model without a name foretells a part of what no cause explains in "
+        f"{len(found.channels)} channels: the normalised MAE falls by {found.gain:.4f} more on the "
+        "evaluation part."
+    ]
 
 
 def _outcome(findings: Findings) -> str:
@@ -107,7 +130,7 @@ def _outcome(findings: Findings) -> str:
     where = f"On {test.blocks} held-out blocks ({before['rows']} rows)"
     is_off = f"{where}, {findings.model} is off by a normalised MAE of {before['norm_mae']:.3f}"
     noise = f"noise alone would leave {findings.noise_floor['norm_mae']:.3f}"
-    if not any(effect.served for effect in findings.effects):
+    if not corrects(findings):
         return f"{is_off} ({before['mae']:.1f} counts); {noise}."
     change = 1.0 - after["norm_mae"] / before["norm_mae"]
     fell = f"{percent(abs(change))} {'less' if change >= 0 else 'more'}"
@@ -177,7 +200,7 @@ def left(findings: Findings) -> str:
 def _next(findings: Findings) -> str:
     if findings.exported is not None:
         return f"The corrected model is {findings.exported}."
-    if not any(effect.served for effect in findings.effects):
+    if not corrects(findings):
         return "There is nothing to add to the model."
     if findings.test.p_value > SIGNIFICANT:
         return "Adding this to the model is not worth it on this observations."
