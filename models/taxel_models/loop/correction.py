@@ -6,7 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, AppliedEffect, Composition, Parameter
+from taxel.corrections import (
+    CALIBRATION_AGE,
+    CALIBRATION_EXTRAS,
+    AppliedEffect,
+    Composition,
+    Parameter,
+    Term,
+)
 from taxel.windows import ExtraFeature
 from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats
@@ -63,25 +70,38 @@ def corrected(first: Observations, attribution: Attribution, new: NewEffects) ->
     Args:
         first: the observations before any input was moved: effects take features as they are given.
     """
-    moved = attribution.observations
+    terms = [term for effect in new.effects for term in effect.terms]
+    return composed(first, attribution.observations, terms, new.extras)
+
+
+def composed(
+    first: Observations, moved: Observations, terms: Iterable[Term], extras: Iterable[ExtraFeature]
+) -> Floats:
+    """(n, 21) what a model gives with terms added.
+
+    Args:
+        first: the observations before any input was moved.
+        moved: the same with moved inputs, or `first`.
+        extras: the features that the terms need beside the window.
+    """
     shift = moved.shift_ticks - first.shift_ticks
     windows = first.windows[first.rows_before(shift)]
     names = first.manifest.spec.unshifted.features
     columns = {name: windows[:, place].astype(np.float64) for place, name in enumerate(names)}
-    columns.update({extra.name: _column(first, extra) for extra in new.extras})
-    composition = Composition(term for effect in new.effects for term in effect.terms)
-    return composition.counts(moved.base, columns, start=moved.predicted)
+    columns.update({extra.name: column_of(first, extra) for extra in extras})
+    return Composition(terms).counts(moved.base, columns, start=moved.predicted)
 
 
 def served_windows(first: Observations, attribution: Attribution, new: NewEffects, rows: int) -> Windows:
     """(m, f) windows as the corrected model takes them, m up to `rows`, evenly spaced."""
     some = np.linspace(0, len(first) - 1, min(rows, len(first))).astype(np.int64)
     shift = attribution.observations.shift_ticks - first.shift_ticks
-    extras = [_column(first, extra)[some] for extra in new.extras]
+    extras = [column_of(first, extra)[some] for extra in new.extras]
     return np.column_stack([first.windows[first.rows_before(shift)][some], *extras]).astype(np.float32)
 
 
-def _column(observations: Observations, extra: ExtraFeature) -> Floats:
+def column_of(observations: Observations, extra: ExtraFeature) -> Floats:
+    """(n,) a feature that an effect needs."""
     if extra.history is not None:
         return observations.history(extra.history)
     if observations.calibration is not None:

@@ -4,6 +4,7 @@ from typing import Any, Final
 
 from taxel.corrections import Parameter
 from taxel.schema import Schema
+from taxel_models.twin.protocol import RecordingProtocol
 
 SCHEMA: Final = 1
 
@@ -103,6 +104,27 @@ class Unexplained(Schema):
     autocorrelation: dict[str, float]
 
 
+class NextRecording(Schema):
+    """What to record to tell two causes apart.
+
+    Attributes:
+        causes: the named one and the one that it cannot be told from.
+        protocol: what to do; None if the loop would decide rightly in fewer than eight of ten recordings of
+            every protocol of the menu.
+        file: the protocol's file in the report's folder; empty if there is none.
+        duration_s: how long it takes.
+        simulated: recordings of it that were simulated, half of them with each cause.
+        right: how many of these the loop decided rightly.
+    """
+
+    causes: tuple[str, str]
+    protocol: RecordingProtocol | None = None
+    file: str = ""
+    duration_s: float = 0.0
+    simulated: int = 0
+    right: int = 0
+
+
 class Findings(Schema):
     """Everything the loop found.
 
@@ -115,6 +137,7 @@ class Findings(Schema):
         before: errors of the model on the evaluation part, as `taxel predict` reports them.
         after: errors of the corrected model there, by the forms that are served.
         changes: a sentence for each channel whose sensitivity changed over the session.
+        next_recordings: for each pair of causes that cannot be told apart, what to record.
         exported: the version that was written, or None.
     """
 
@@ -130,4 +153,5 @@ class Findings(Schema):
     test: PairedTest
     unexplained: Unexplained
     changes: tuple[str, ...] = ()
+    next_recordings: tuple[NextRecording, ...] = ()
     exported: str | None = None

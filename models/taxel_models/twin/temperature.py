@@ -1,5 +1,6 @@
 """The fingertip's warm-up, its cooling by the indenter, and the channels tdc and tac."""
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -63,6 +64,35 @@ def core_celsius(
     elapsed = on_for_s + np.arange(rows) * PERIOD_S
     warming = first + (last - first) / reached * (1.0 - np.exp(-elapsed / WARM_UP_S))
     return np.asarray(warming - cooling_k * lagged(touched, COOLING_S))
+
+
+def core_celsius_between(
+    lengths: Sequence[int],
+    gaps: Sequence[Sequence[tuple[bool, float]]],
+    touched: NDArray[np.float64],
+    on_for_s: float,
+    cooling_k: float,
+) -> NDArray[np.float64]:
+    """The core's temperature (rows,), °C, over stretches of rows with gaps between them.
+
+    A finger that is off cools towards the paper's first value as fast as it warms up (an assumption).
+
+    Args:
+        lengths: rows of each stretch, in which the finger is on and which begins untouched.
+        gaps: before each stretch but the first: whether the finger is on, and for how long, s, in order.
+        touched: (rows,), 0 in free air to 1 in full contact with the colder indenter.
+        on_for_s: how long the finger is switched on before the first row.
+        cooling_k: how far a long contact cools the core.
+    """
+    parts, start, warm_s = [], 0, on_for_s
+    for length, gap in zip(lengths, [(), *gaps], strict=True):
+        for is_on, seconds in gap:
+            # As warm as after so many seconds of warming up.
+            off = -WARM_UP_S * np.log1p(-np.exp(-seconds / WARM_UP_S) * -np.expm1(-warm_s / WARM_UP_S))
+            warm_s = warm_s + seconds if is_on else float(off)
+        parts.append(core_celsius(length, touched[start : start + length], warm_s, cooling_k))
+        start, warm_s = start + length, warm_s + length * PERIOD_S
+    return np.concatenate(parts)
 
 
 def flow_counts(tdc: NDArray[np.float64]) -> NDArray[np.float64]:
