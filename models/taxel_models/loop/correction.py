@@ -88,7 +88,7 @@ def composed(
     windows = first.windows[first.rows_before(shift)]
     names = first.manifest.spec.unshifted.features
     columns = {name: windows[:, place].astype(np.float64) for place, name in enumerate(names)}
-    columns.update({extra.name: column_of(first, extra) for extra in extras})
+    columns.update({extra.name: _column(first, extra) for extra in extras})
     return Composition(terms).counts(moved.base, columns, start=moved.predicted)
 
 
@@ -96,12 +96,11 @@ def served_windows(first: Observations, attribution: Attribution, new: NewEffect
     """(m, f) windows as the corrected model takes them, m up to `rows`, evenly spaced."""
     some = np.linspace(0, len(first) - 1, min(rows, len(first))).astype(np.int64)
     shift = attribution.observations.shift_ticks - first.shift_ticks
-    extras = [column_of(first, extra)[some] for extra in new.extras]
+    extras = [_column(first, extra)[some] for extra in new.extras]
     return np.column_stack([first.windows[first.rows_before(shift)][some], *extras]).astype(np.float32)
 
 
-def column_of(observations: Observations, extra: ExtraFeature) -> Floats:
-    """(n,) a feature that an effect needs."""
+def _column(observations: Observations, extra: ExtraFeature) -> Floats:
     if extra.history is not None:
         return observations.history(extra.history)
     if observations.calibration is not None:

@@ -131,12 +131,15 @@ def _turned_finger(force_n: float) -> RecordingProtocol:
         for place in (_UNDERSIDE, _TIP)
         for shear in _SHEARS
     )
+    steps: list[Step] = []
+    for turn in _TURNS:
+        steps += [Turn(degrees=turn), *presses]
     return RecordingProtocol(
         name="turned finger",
         about="Press, and push along the skin in four directions; turn the finger about its long axis, and "
         "do it again.",
         repeat=2,
-        steps=tuple(step for turn in _TURNS for step in (Turn(degrees=turn), *presses)),
+        steps=tuple(steps),
     )
 
 

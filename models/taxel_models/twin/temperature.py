@@ -22,6 +22,9 @@ LOG_IMPEDANCE_PER_KELVIN: Final = -0.029
 """Change of ln Z per kelvin, common to all electrodes. Fitted to the error that a fixed temperature adds to
 the paper's network; the literature gives about -0.02 for salt water."""
 
+LONGEST_ON_S: Final = 4 * 3600.0
+"""A finger that is on for so long no longer warms up."""
+
 COOLING_K: Final = 0.12
 COOLING_S: Final = 8.0
 """How far a long contact with the indenter cools the core, and how fast. Assumptions."""
@@ -64,6 +67,13 @@ def core_celsius(
     elapsed = on_for_s + np.arange(rows) * PERIOD_S
     warming = first + (last - first) / reached * (1.0 - np.exp(-elapsed / WARM_UP_S))
     return np.asarray(warming - cooling_k * lagged(touched, COOLING_S))
+
+
+def on_for(tdc: float) -> float:
+    """How long the twin must be on to read so many tdc counts, s; 0 or four hours where it never does."""
+    first, last, wanted = celsius(np.array([START_COUNTS, END_COUNTS, tdc]))
+    warmed = (wanted - first) / (last - first) * -np.expm1(-RECORDED_S / WARM_UP_S)
+    return float(-WARM_UP_S * np.log1p(-np.clip(warmed, 0.0, -np.expm1(-LONGEST_ON_S / WARM_UP_S))))
 
 
 def core_celsius_between(

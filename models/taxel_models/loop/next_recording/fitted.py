@@ -1,6 +1,6 @@
 """Causes as they were fitted, ready to act on another recording."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from taxel.windows import Elapsed, ExtraFeature
 from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
-from taxel_models.loop.correction import column_of, composed
+from taxel_models.loop.correction import composed
 from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.effects.registry import effect_named
 from taxel_models.loop.inference.constants import Constants
@@ -47,51 +47,38 @@ class Fitted:
         """(n, 21) what the model gives on other observations with this cause, not rounded."""
         online = self.candidate.online(self.weights)
         moved = self.candidate.moved(observations) if self.candidate.moved else observations
-        extras, slower = _stretched(online.extras, float(observations.time_s.max()))
-        means = {extra.name: float(column_of(observations, extra).mean()) for extra in extras}
-        settling = {extra.name for extra in extras if _settles(extra)}
-        terms = [_about(term, means, settling, slower) for term in online.terms]
+        factor = _slower(online.extras, float(observations.time_s.max()))
+        extras = [_stretched(extra, factor) for extra in online.extras]
+        of_time = {extra.name for extra in extras if isinstance(extra.history, Elapsed)}
+        terms = [_slowed(term, of_time, factor) for term in online.terms]
         return composed(observations, moved, terms, extras)
 
 
-def _stretched(
-    extras: Sequence[ExtraFeature], span_s: float
-) -> tuple[list[ExtraFeature], dict[str, float]]:
-    """Features of time over a longer recording, and by how much each is slower there.
+def _slower(extras: Sequence[ExtraFeature], span_s: float) -> float:
+    """By how much a drift is slower over a longer recording, so that it changes as much in all as it did.
 
-    A drift that was seen for a minute would lead anywhere in an hour. It changes as much in all as it did.
+    A drift that was seen for a minute would lead anywhere in an hour.
     """
     ends = [extra.history.end_s for extra in extras if isinstance(extra.history, Elapsed)]
-    factor = max(1.0, span_s / max(ends)) if ends else 1.0
-    found, slower = [], {}
-    for extra in extras:
-        if isinstance(extra.history, Elapsed):
-            longer = Elapsed(start_s=extra.history.start_s * factor, end_s=extra.history.end_s * factor)
-            slower[extra.name] = factor
-            found.append(extra.model_copy(update={"history": longer}))
-        else:
-            found.append(extra)
-    return found, slower
+    return max(1.0, span_s / max(ends)) if ends else 1.0
 
 
-def _settles(extra: ExtraFeature) -> bool:
-    """Whether a feature is 0 at rest."""
-    return extra.history is not None and not isinstance(extra.history, Elapsed)
+def _stretched(extra: ExtraFeature, factor: float) -> ExtraFeature:
+    if not isinstance(extra.history, Elapsed):
+        return extra
+    start, end = extra.history.start_s * factor, extra.history.end_s * factor
+    return extra.model_copy(update={"history": Elapsed(start_s=start, end_s=end)})
 
 
-def _about(term: Term, means: Mapping[str, float], settling: set[str], slower: Mapping[str, float]) -> Term:
-    """The same about this recording's means: a finger elsewhere in its warm-up is no offset."""
+def _slowed(term: Term, of_time: set[str], factor: float) -> Term:
     if not isinstance(term, Weighted):
         return term
-    pairs = list(zip(term.features, term.references, strict=True))
-    references = [
-        means[name] if name in means and name not in settling else reference for name, reference in pairs
-    ]
-    weights = [
-        tuple((np.array(row) / slower.get(name, 1.0)).tolist())
-        for name, row in zip(term.features, term.weights, strict=True)
-    ]
-    return term.model_copy(update={"references": tuple(references), "weights": tuple(weights)})
+    factors = [factor if name in of_time else 1.0 for name in term.features]
+    references = tuple(value * own for value, own in zip(term.references, factors, strict=True))
+    weights = tuple(
+        tuple(weight / own for weight in row) for row, own in zip(term.weights, factors, strict=True)
+    )
+    return term.model_copy(update={"references": references, "weights": weights})
 
 
 def fitted_in_place(

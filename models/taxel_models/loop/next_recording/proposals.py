@@ -10,6 +10,7 @@ import numpy as np
 from taxel.manifest import HeldOutResidual
 from taxel_models.loop.attribution import Named
 from taxel_models.loop.effects.covariate import are_kinds
+from taxel_models.loop.effects.temperature import TDC
 from taxel_models.loop.findings import NextRecording
 from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.next_recording.fitted import Fitted, fitted_in_place
@@ -19,6 +20,7 @@ from taxel_models.loop.pipeline import LoopResult
 from taxel_models.loop.resting import TOUCH_N
 from taxel_models.twin.protocol import RecordingProtocol
 from taxel_models.twin.protocol_menu import in_turn, menu
+from taxel_models.twin.temperature import on_for
 
 MOST_PAIRS: Final = 3
 """Pairs of causes that are looked at, in the order in which they were named: each takes some seconds."""
@@ -103,7 +105,7 @@ def _proposal(ground: Ground, first: Fitted, second: Fitted) -> NextRecording:
 
 
 def _protocols(observations: Observations, *causes: Fitted) -> list[RecordingProtocol]:
-    """The menu for these causes, the shortest first."""
+    """The menu for these causes, the shortest first, with a finger as warm as in the recordings at hand."""
     touched = observations.pressed[observations.pressed > TOUCH_N]
     usual = float(np.quantile(touched, _FORCE_QUANTILE)) if len(touched) else FORCE_N[0]
     force = round(float(np.clip(usual, *FORCE_N)), 1)
@@ -116,6 +118,10 @@ def _protocols(observations: Observations, *causes: Fitted) -> list[RecordingPro
         else:
             values = np.quantile(observations.covariates[column], np.linspace(0.05, 0.95, 5))
         protocols.append(in_turn(force, column, values.tolist()))
+    tdc = observations.covariates.get(TDC)
+    if tdc is not None:
+        warm_s = round(on_for(float(tdc.mean())))
+        protocols = [protocol.model_copy(update={"on_for_s": float(warm_s)}) for protocol in protocols]
     return sorted(protocols, key=lambda protocol: protocol.duration_s)
 
 

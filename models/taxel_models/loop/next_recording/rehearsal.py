@@ -7,7 +7,6 @@ from typing import Final
 import numpy as np
 
 from taxel.channels import COUNTS_MAX
-from taxel.errors import RecordingError
 from taxel.manifest import HeldOutResidual
 from taxel_models.loop.attribution import Attribution
 from taxel_models.loop.basis import Floats
@@ -15,6 +14,7 @@ from taxel_models.loop.blocks import Blocks, cut
 from taxel_models.loop.effects.location import Location
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.effects.registry import effect_named
+from taxel_models.loop.effects.temperature import TDC
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.next_recording.fitted import Fitted
@@ -64,7 +64,12 @@ class Ground:
         return np.concatenate(parts)[:rows]
 
     def placed(self, recording: Recording) -> Recording:
-        """The recording; if positions here are poses of a robot, pressed at one of these poses."""
+        """The recording as warm at first as those at hand, and at one pose where positions are poses."""
+        tdc = self.observations.covariates.get(TDC)
+        if tdc is not None:
+            own = recording.auxiliary[TDC]
+            warmer = float(tdc.mean()) - float(own[0])
+            recording = replace(recording, auxiliary={**recording.auxiliary, TDC: own + warmer})
         if Location().out_of_scope(self.observations) is None:
             return recording
         touched = np.flatnonzero(self.observations.pressed > TOUCH_N)
@@ -93,23 +98,20 @@ class Rehearsal:
 def rehearse(
     ground: Ground, protocol: RecordingProtocol, causes: Sequence[Fitted], *, must_exceed: int, seed: int
 ) -> Rehearsal | None:
-    """Simulate recordings of a protocol with each of two causes, and let the loop decide.
+    """Simulate recordings of a protocol, each with one of two causes, and let the loop decide.
 
     The effects that compete are these two and a constant.
 
     Args:
         must_exceed: with no more right decisions than these it gives up, and the answer is None.
-        seed: of the noise and of the contacts.
+        seed: of the contacts and of the noise.
     """
-    recording = ground.placed(perform(protocol, seed))
-    try:
-        observations = gather(ground.model, [recording], measured_temperature=ground.measured_temperature)
-        blocks = cut(observations, seed=0)
-    except RecordingError:
-        return None
     random = np.random.default_rng(seed)
     right, left = 0, DRAWS * len(causes)
     for _ in range(DRAWS):
+        recording = ground.placed(perform(protocol, int(random.integers(1 << 31))))
+        observations = gather(ground.model, [recording], measured_temperature=ground.measured_temperature)
+        blocks = cut(observations, seed=0)
         for cause in causes:
             counts = cause.counts(observations) + ground.noise(len(observations), random)
             measured = np.clip(np.rint(counts), 0, COUNTS_MAX)

@@ -8,7 +8,16 @@ from taxel.channels import CHANNELS
 from taxel.windows import ExtraFeature
 from taxel_models.loop.findings import Findings, FoundEffect
 from taxel_models.loop.report.document import Block, Document, Heading, Paragraph, Picture, Table
-from taxel_models.loop.report.wording import chance, interval, listed, needs, number, opening, percent
+from taxel_models.loop.report.wording import (
+    chance,
+    interval,
+    listed,
+    minutes,
+    needs,
+    number,
+    opening,
+    percent,
+)
 
 _MOST_PARAMETERS: Final = 24
 """Rows of an effect's table: further figures are in `report.json`."""
@@ -41,6 +50,7 @@ def contents(findings: Findings, extras: Sequence[ExtraFeature], pictures: Pictu
     for effect in findings.effects:
         blocks += _effect(effect, extras, pictures.effects[effect.name])
     blocks += [
+        *_next_recordings(findings),
         *_rejected(findings),
         Heading("What is left"),
         Paragraph(_left(findings)),
@@ -74,6 +84,31 @@ def _parameters(effect: FoundEffect) -> list[Block]:
     if more:
         blocks.append(Paragraph(f"{more} more parameters are in report.json."))
     return blocks if rows else []
+
+
+def _next_recordings(findings: Findings) -> list[Block]:
+    proposals = [one for one in findings.next_recordings if one.protocol is not None]
+    if not proposals:
+        return []
+    rows = tuple(
+        (
+            listed(one.causes),
+            one.protocol.name,
+            one.protocol.about,
+            minutes(one.duration_s),
+            f"{one.right} of {one.simulated}",
+            one.file,
+        )
+        for one in proposals
+        if one.protocol is not None
+    )
+    text = (
+        "Each protocol was simulated with either cause as it was fitted, and with noise drawn from what is "
+        "left here. Of the protocols with the most right decisions, the shortest is shown. Only these two "
+        "causes and a constant competed. `taxel twin --protocol FILE` plays a protocol on the twin."
+    )
+    head = ("causes", "protocol", "what to do", "takes", "right decisions", "file")
+    return [Heading("What to record next"), Paragraph(text), Table(head, rows)]
 
 
 def _rejected(findings: Findings) -> list[Block]:

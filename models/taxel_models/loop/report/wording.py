@@ -98,7 +98,13 @@ def _shortened(words: Sequence[str]) -> str:
 def opening(findings: Findings, extras: Sequence[ExtraFeature]) -> str:
     """One paragraph that a reader can act on."""
     sentences = [_outcome(findings), *_named(findings, extras), *confounded(findings)]
-    sentences += [*findings.changes, _rejected(findings), left(findings), _next(findings)]
+    sentences += [
+        *next_recordings(findings),
+        *findings.changes,
+        _rejected(findings),
+        left(findings),
+        _next(findings),
+    ]
     return " ".join(filter(None, sentences))
 
 
@@ -155,6 +161,27 @@ def confounded(findings: Findings) -> list[str]:
                 f"{effect.name} cannot be told apart here from {listed(others)}: they move together."
             )
     return sentences
+
+
+def next_recordings(findings: Findings) -> list[str]:
+    """A sentence for each pair of causes that cannot be told apart: what to record."""
+    sentences = []
+    for one in findings.next_recordings:
+        first, second = one.causes
+        if one.protocol is None:
+            sentences.append(f"No protocol of the menu tells {first} from {second} reliably.")
+        else:
+            sentences.append(
+                f'To tell {first} from {second}, record "{one.protocol.name}" '
+                f"({minutes(one.duration_s)}; {one.file}): the loop then decides rightly in {one.right} of "
+                f"{one.simulated} simulated recordings."
+            )
+    return sentences
+
+
+def minutes(seconds: float) -> str:
+    """A duration that a person plans with."""
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
 
 
 def _rejected(findings: Findings) -> str:
