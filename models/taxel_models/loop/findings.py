@@ -104,6 +104,20 @@ class Unexplained(Schema):
     autocorrelation: dict[str, float]
 
 
+class RunsAlong(Schema):
+    """How much one quantity runs along with another in the recordings, whatever the residual is.
+
+    Attributes:
+        quantity: such as `place`.
+        along: such as `time` or `material`.
+        share: of the quantity's variance that the other one foretells, less what chance gives.
+    """
+
+    quantity: str
+    along: str
+    share: float
+
+
 class NextRecording(Schema):
     """What to record to tell two causes apart.
 
@@ -137,6 +151,8 @@ class Findings(Schema):
         before: errors of the model on the evaluation part, as `taxel predict` reports them.
         after: errors of the corrected model there, by the forms that are served.
         changes: a sentence for each channel whose sensitivity changed over the session.
+        confounding: what runs along with what in the recordings, the largest share first; empty for
+            fewer than eight contacts.
         next_recordings: for each pair of causes that cannot be told apart, what to record.
         exported: the version that was written, or None.
     """
@@ -153,5 +169,6 @@ class Findings(Schema):
     test: PairedTest
     unexplained: Unexplained
     changes: tuple[str, ...] = ()
+    confounding: tuple[RunsAlong, ...] = ()
     next_recordings: tuple[NextRecording, ...] = ()
     exported: str | None = None

@@ -46,7 +46,11 @@ def contents(findings: Findings, extras: Sequence[ExtraFeature], pictures: Pictu
     Args:
         extras: what the corrected model takes beside its window.
     """
-    blocks: list[Block] = [Paragraph(opening(findings, extras)), pictures.waterfall]
+    blocks: list[Block] = [
+        Paragraph(opening(findings, extras)),
+        pictures.waterfall,
+        *_confounding(findings),
+    ]
     for effect in findings.effects:
         blocks += _effect(effect, extras, pictures.effects[effect.name])
     blocks += [
@@ -59,6 +63,20 @@ def contents(findings: Findings, extras: Sequence[ExtraFeature], pictures: Pictu
     blocks += [Heading("Errors before and after"), pictures.channels, _errors(findings)]
     blocks += [Heading("Data and split"), *_data(findings)]
     return Document(f"What {findings.model} lacks", tuple(blocks))
+
+
+def _confounding(findings: Findings) -> list[Block]:
+    if not findings.confounding:
+        return []
+    shares = {(one.quantity, one.along): percent(one.share) for one in findings.confounding}
+    along = sorted({one.along for one in findings.confounding})
+    quantities = sorted({one.quantity for one in findings.confounding})
+    rows = tuple((name, *(shares.get((name, other), "") for other in along)) for name in quantities)
+    text = (
+        "Before anything is fitted: the share of each quantity's variance over rows in contact that "
+        "another one foretells. Where it is large, causes that depend on the two cannot be told apart."
+    )
+    return [Heading("What runs along with what"), Paragraph(text), Table(("quantity", *along), rows)]
 
 
 def _effect(effect: FoundEffect, extras: Sequence[ExtraFeature], picture: Picture) -> list[Block]:

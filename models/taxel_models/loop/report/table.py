@@ -12,6 +12,7 @@ from taxel_models.loop.report.wording import (
     next_recordings,
     paired,
     percent,
+    runs_along,
 )
 
 
@@ -20,6 +21,7 @@ def findings_table(findings: Findings) -> RenderableType:
     lines = [
         _errors(findings),
         *confounded(findings),
+        *runs_along(findings),
         *next_recordings(findings),
         *findings.changes,
         left(findings),
