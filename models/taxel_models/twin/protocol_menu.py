@@ -28,6 +28,10 @@ _MANY: Final = tuple(
 _STEP: Final = 5
 """Of twelve places the fifth next one: neighbours in time are far apart on the skin."""
 
+_HALF_WARM_S: Final = 1300.0
+_SWING_S: Final = 600.0
+"""From half warm, on and off for as long let the temperature swing about a level, without a trend."""
+
 _TURNS: Final = (0.0, 40.0, -80.0, 40.0)
 _SHEARS: Final = ((0.3, 0.0), (0.0, 0.3), (-0.3, 0.0), (0.0, -0.3))
 
@@ -147,8 +151,9 @@ def _warm_up(force_n: float) -> RecordingProtocol:
     presses = tuple(Press(place=place, force_n=force_n) for place in (*_THREE, *_THREE))
     return RecordingProtocol(
         name="cooling and warm-up",
-        about="Press some places; switch the finger off for five minutes and on again; press them again; "
-        "wait five minutes, and so on.",
-        repeat=6,
-        steps=(*presses, SwitchOff(seconds=300.0), *presses, WarmUp(seconds=300.0)),
+        about="Press some places; switch the finger off for ten minutes and on again; press them again; "
+        "wait ten minutes, and so on.",
+        on_for_s=_HALF_WARM_S,
+        repeat=5,
+        steps=(*presses, SwitchOff(seconds=_SWING_S), *presses, WarmUp(seconds=_SWING_S)),
     )

@@ -121,7 +121,8 @@ def _protocols(observations: Observations, *causes: Fitted) -> list[RecordingPro
     tdc = observations.covariates.get(TDC)
     if tdc is not None:
         warm_s = round(on_for(float(tdc.mean())))
-        protocols = [protocol.model_copy(update={"on_for_s": float(warm_s)}) for protocol in protocols]
+        as_warm = {"on_for_s": float(warm_s)}
+        protocols = [one if one.has_gaps else one.model_copy(update=as_warm) for one in protocols]
     return sorted(protocols, key=lambda protocol: protocol.duration_s)
 
 

@@ -24,6 +24,7 @@ from taxel_models.model import Model
 from taxel_models.recordings import Recording
 from taxel_models.twin import perform
 from taxel_models.twin.protocol import RecordingProtocol
+from taxel_models.twin.temperature import core_celsius, on_for, tdc_counts
 
 DRAWS: Final = 5
 """Simulated recordings with each of the two causes."""
@@ -64,12 +65,14 @@ class Ground:
         return np.concatenate(parts)[:rows]
 
     def placed(self, recording: Recording) -> Recording:
-        """The recording as warm at first as those at hand, and at one pose where positions are poses."""
+        """The recording on this finger's scale of temperature; at one pose where positions are poses."""
         tdc = self.observations.covariates.get(TDC)
         if tdc is not None:
-            own = recording.auxiliary[TDC]
-            warmer = float(tdc.mean()) - float(own[0])
-            recording = replace(recording, auxiliary={**recording.auxiliary, TDC: own + warmer})
+            # A finger that is warmer or colder than the twin ever is stays so.
+            usual = core_celsius(1, np.zeros(1), on_for(float(tdc.mean())))
+            warmer = float(tdc.mean() - tdc_counts(usual)[0])
+            shifted = recording.auxiliary[TDC] + warmer
+            recording = replace(recording, auxiliary={**recording.auxiliary, TDC: shifted})
         if Location().out_of_scope(self.observations) is None:
             return recording
         touched = np.flatnonzero(self.observations.pressed > TOUCH_N)
