@@ -131,11 +131,6 @@ class RecordingProtocol(Schema):
             yield from self.steps
 
     @property
-    def has_gaps(self) -> bool:
-        """Whether the finger's temperature is led through steps that are not recorded."""
-        return any(isinstance(step, (WarmUp, SwitchOff)) for step in self.steps)
-
-    @property
     def recorded_s(self) -> float:
         """Length of the recording without its gaps, s."""
         return self.repeat * sum(step.seconds for step in self.steps if isinstance(step, (Press, Pause)))

@@ -122,7 +122,7 @@ def _protocols(observations: Observations, *causes: Fitted) -> list[RecordingPro
     if tdc is not None:
         warm_s = round(on_for(float(tdc.mean())))
         as_warm = {"on_for_s": float(warm_s)}
-        protocols = [one if one.has_gaps else one.model_copy(update=as_warm) for one in protocols]
+        protocols = [one.model_copy(update=as_warm) for one in protocols]
     return sorted(protocols, key=lambda protocol: protocol.duration_s)
 
 
