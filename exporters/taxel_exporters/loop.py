@@ -78,6 +78,7 @@ def loop(
     """
     import taxel
     from taxel_models.loop.effects.registry import effect_named
+    from taxel_models.loop.next_recording.proposals import propose
     from taxel_models.loop.pipeline import LoopSettings, run_loop
     from taxel_models.loop.report.report import REPORT, write_report
     from taxel_models.loop.report.table import findings_table
@@ -108,6 +109,7 @@ def loop(
             settings,
             lambda doing: status.update(f"looking at {doing}"),
         )
+        result = propose(result, progress=lambda doing: status.update(f"simulating {doing}"))
     try:
         if export and result.new.effects:
             result = _exported(result, repository)

@@ -4,6 +4,7 @@ from typing import Any, Final
 
 from taxel.corrections import Parameter
 from taxel.schema import Schema
+from taxel_models.twin.protocol import RecordingProtocol
 
 SCHEMA: Final = 1
 
@@ -135,6 +136,41 @@ class FoundResidualModel(Schema):
     needs: tuple[str, ...]
 
 
+class RunsAlong(Schema):
+    """How much one quantity runs along with another in the recordings, whatever the residual is.
+
+    Attributes:
+        quantity: such as `place`.
+        along: such as `time` or `material`.
+        share: of the quantity's variance that the other one foretells, less what chance gives.
+    """
+
+    quantity: str
+    along: str
+    share: float
+
+
+class NextRecording(Schema):
+    """What to record to tell two causes apart.
+
+    Attributes:
+        causes: the named one and the one that it cannot be told from.
+        protocol: what to do; None if the loop would decide rightly in fewer than eight of ten recordings of
+            every protocol of the menu.
+        file: the protocol's file in the report's folder; empty if there is none.
+        duration_s: how long it takes.
+        simulated: recordings of it that were simulated, half of them with each cause.
+        right: how many of these the loop decided rightly.
+    """
+
+    causes: tuple[str, str]
+    protocol: RecordingProtocol | None = None
+    file: str = ""
+    duration_s: float = 0.0
+    simulated: int = 0
+    right: int = 0
+
+
 class Findings(Schema):
     """Everything the loop found.
 
@@ -148,6 +184,9 @@ class Findings(Schema):
         after: errors of the corrected model there, by the forms that are served.
         changes: a sentence for each channel whose sensitivity changed over the session.
         residual_model: what foretells a part of the rest, if it was asked for and proved itself.
+        confounding: what runs along with what in the recordings, the largest share first; empty for
+            fewer than eight contacts.
+        next_recordings: for each pair of causes that cannot be told apart, what to record.
         exported: the version that was written, or None.
     """
 
@@ -164,4 +203,6 @@ class Findings(Schema):
     unexplained: Unexplained
     changes: tuple[str, ...] = ()
     residual_model: FoundResidualModel | None = None
+    confounding: tuple[RunsAlong, ...] = ()
+    next_recordings: tuple[NextRecording, ...] = ()
     exported: str | None = None

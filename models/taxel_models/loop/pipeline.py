@@ -14,6 +14,7 @@ from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import FOLDS, Blocks, cut
 from taxel_models.loop.channel_history import sensitivity_changes
+from taxel_models.loop.confounding import confounding
 from taxel_models.loop.correction import NewEffects, corrected, served_windows
 from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.effects.gain import Gain
@@ -111,6 +112,7 @@ def run_loop(
     if settings.calibration_s:
         observations = observations.calibrated(settings.calibration_s)
     blocks = cut(observations, seed=settings.seed, held_out=settings.held_out, group=settings.hold_out_by)
+    runs_along = confounding(observations)
     effects = [effect for effect in candidates(observations) if effect.label not in settings.exclude]
     attribution = JointSelection(
         observations,
@@ -137,7 +139,7 @@ def run_loop(
         after = corrected(observations, attribution, new)
         told = unnamed.found(observations, blocks, before, after)
     findings = _findings(observations, recordings, blocks, settings, attribution, figures, new, after)
-    findings = findings.model_copy(update={"residual_model": told})
+    findings = findings.model_copy(update={"confounding": runs_along, "residual_model": told})
     return LoopResult(findings, observations, blocks, attribution, new, after)
 
 

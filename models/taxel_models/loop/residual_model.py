@@ -128,7 +128,7 @@ def residual_model(
     extras = _extras(observations, exclude)
     window = observations.manifest.spec.unshifted.features
     every = [extra for group in extras.values() for extra in group]
-    columns = feature_columns(observations, attribution, every)
+    columns = feature_columns(observations, attribution.observations, every)
     groups: dict[str, tuple[str, ...]] = {"window": tuple(window)}
     groups |= {name: tuple(extra.name for extra in group) for name, group in extras.items()}
     data = _Data.of(attribution.observations.base, columns, left, blocks, observations)

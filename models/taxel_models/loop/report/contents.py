@@ -8,7 +8,16 @@ from taxel.channels import CHANNELS
 from taxel.windows import ExtraFeature
 from taxel_models.loop.findings import Findings, FoundEffect
 from taxel_models.loop.report.document import Block, Document, Heading, Paragraph, Picture, Table
-from taxel_models.loop.report.wording import chance, interval, listed, needs, number, opening, percent
+from taxel_models.loop.report.wording import (
+    chance,
+    interval,
+    listed,
+    minutes,
+    needs,
+    number,
+    opening,
+    percent,
+)
 
 _MOST_PARAMETERS: Final = 24
 """Rows of an effect's table: further figures are in `report.json`."""
@@ -37,10 +46,15 @@ def contents(findings: Findings, extras: Sequence[ExtraFeature], pictures: Pictu
     Args:
         extras: what the corrected model takes beside its window.
     """
-    blocks: list[Block] = [Paragraph(opening(findings, extras)), pictures.waterfall]
+    blocks: list[Block] = [
+        Paragraph(opening(findings, extras)),
+        pictures.waterfall,
+        *_confounding(findings),
+    ]
     for effect in findings.effects:
         blocks += _effect(effect, extras, pictures.effects[effect.name])
     blocks += [
+        *_next_recordings(findings),
         *_rejected(findings),
         *_unnamed(findings),
         Heading("What is left"),
@@ -50,6 +64,20 @@ def contents(findings: Findings, extras: Sequence[ExtraFeature], pictures: Pictu
     blocks += [Heading("Errors before and after"), pictures.channels, _errors(findings)]
     blocks += [Heading("Data and split"), *_data(findings)]
     return Document(f"What {findings.model} lacks", tuple(blocks))
+
+
+def _confounding(findings: Findings) -> list[Block]:
+    if not findings.confounding:
+        return []
+    shares = {(one.quantity, one.along): percent(one.share) for one in findings.confounding}
+    along = sorted({one.along for one in findings.confounding})
+    quantities = sorted({one.quantity for one in findings.confounding})
+    rows = tuple((name, *(shares.get((name, other), "") for other in along)) for name in quantities)
+    text = (
+        "Before anything is fitted: the share of each quantity's variance over rows in contact that "
+        "another one foretells. Where it is large, causes that depend on the two cannot be told apart."
+    )
+    return [Heading("What runs along with what"), Paragraph(text), Table(("quantity", *along), rows)]
 
 
 def _effect(effect: FoundEffect, extras: Sequence[ExtraFeature], picture: Picture) -> list[Block]:
@@ -75,6 +103,31 @@ def _parameters(effect: FoundEffect) -> list[Block]:
     if more:
         blocks.append(Paragraph(f"{more} more parameters are in report.json."))
     return blocks if rows else []
+
+
+def _next_recordings(findings: Findings) -> list[Block]:
+    proposals = [one for one in findings.next_recordings if one.protocol is not None]
+    if not proposals:
+        return []
+    rows = tuple(
+        (
+            listed(one.causes),
+            one.protocol.name,
+            one.protocol.about,
+            minutes(one.duration_s),
+            f"{one.right} of {one.simulated}",
+            one.file,
+        )
+        for one in proposals
+        if one.protocol is not None
+    )
+    text = (
+        "Each protocol was simulated with either cause as it was fitted, and with noise drawn from what is "
+        "left here. Of the protocols with the most right decisions, the shortest is shown. Only these two "
+        "causes and a constant competed. `taxel twin --protocol FILE` plays a protocol on the twin."
+    )
+    head = ("causes", "protocol", "what to do", "takes", "right decisions", "file")
+    return [Heading("What to record next"), Paragraph(text), Table(head, rows)]
 
 
 def _rejected(findings: Findings) -> list[Block]:

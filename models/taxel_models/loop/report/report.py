@@ -6,6 +6,7 @@ DIR/report.html          the same in one file
 DIR/waterfall.png        where the residual's energy goes
 DIR/channels.png         each channel's error before and after
 DIR/residual.png         the residual's spectrum and autocorrelation before and after
+DIR/next-1-NAMES.json …  what to record where two causes cannot be told apart; for `taxel twin --protocol`
 DIR/effect-1-NAME.png …  the residual against each named effect's driver before and after
 """
 
@@ -39,6 +40,10 @@ def write_report(folder: Path, result: LoopResult) -> None:
     findings = result.findings
     with whole_folder(folder, replacing=REPORT) as place:
         (place / REPORT).write_text(findings.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        for proposal in findings.next_recordings:
+            if proposal.protocol is not None:
+                text = proposal.protocol.model_dump_json(indent=1) + "\n"
+                (place / proposal.file).write_text(text, encoding="utf-8")
         document = contents(findings, result.new.extras, _draw(result, place))
         (place / "report.md").write_text(markdown(document), encoding="utf-8")
         (place / "report.html").write_text(html(document, place), encoding="utf-8")

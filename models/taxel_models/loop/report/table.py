@@ -5,7 +5,16 @@ from rich.table import Table
 from rich.text import Text
 
 from taxel_models.loop.findings import Findings
-from taxel_models.loop.report.wording import confounded, key_parameters, left, paired, percent, unnamed
+from taxel_models.loop.report.wording import (
+    confounded,
+    key_parameters,
+    left,
+    next_recordings,
+    paired,
+    percent,
+    runs_along,
+    unnamed,
+)
 
 
 def findings_table(findings: Findings) -> RenderableType:
@@ -13,6 +22,8 @@ def findings_table(findings: Findings) -> RenderableType:
     lines = [
         _errors(findings),
         *confounded(findings),
+        *runs_along(findings),
+        *next_recordings(findings),
         *findings.changes,
         *unnamed(findings),
         left(findings),

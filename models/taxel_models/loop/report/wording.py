@@ -10,6 +10,9 @@ from taxel_models.loop.findings import Findings, FoundEffect, PairedTest
 SIGNIFICANT: Final = 0.05
 """Of the paired test: above, the error is not said to have fallen."""
 
+RUNS_ALONG: Final = 0.5
+"""A quantity runs along with another that foretells this share of its variance."""
+
 _MOST_KEY_PARAMETERS: Final = 3
 _MOST_NEEDS: Final = 3
 
@@ -99,6 +102,8 @@ def opening(findings: Findings, extras: Sequence[ExtraFeature]) -> str:
     """One paragraph that a reader can act on."""
     sentences = [_outcome(findings), *_named(findings, extras), *confounded(findings)]
     sentences += [
+        *runs_along(findings),
+        *next_recordings(findings),
         *findings.changes,
         _rejected(findings),
         *unnamed(findings),
@@ -178,6 +183,41 @@ def confounded(findings: Findings) -> list[str]:
                 f"{effect.name} cannot be told apart here from {listed(others)}: they move together."
             )
     return sentences
+
+
+def runs_along(findings: Findings) -> list[str]:
+    """A sentence on what runs along with something else, so that no fit could separate the two."""
+    told: dict[frozenset[str], str] = {}
+    for one in findings.confounding:
+        if one.share >= RUNS_ALONG:
+            pair = frozenset({one.quantity, one.along})
+            told.setdefault(pair, f"{one.quantity} with {one.along} ({percent(one.share)})")
+    return (
+        [f"In these recordings some things run along with others: {listed([*told.values()])}."]
+        if told
+        else []
+    )
+
+
+def next_recordings(findings: Findings) -> list[str]:
+    """A sentence for each pair of causes that cannot be told apart: what to record."""
+    sentences = []
+    for one in findings.next_recordings:
+        first, second = one.causes
+        if one.protocol is None:
+            sentences.append(f"No protocol of the menu tells {first} from {second} reliably.")
+        else:
+            sentences.append(
+                f'To tell {first} from {second}, record "{one.protocol.name}" '
+                f"({minutes(one.duration_s)}; {one.file}): the loop then decides rightly in {one.right} of "
+                f"{one.simulated} simulated recordings."
+            )
+    return sentences
+
+
+def minutes(seconds: float) -> str:
+    """A duration that a person plans with."""
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
 
 
 def _rejected(findings: Findings) -> str:
