@@ -60,6 +60,16 @@ def loop(
     exclude: Annotated[
         list[str] | None, typer.Option(help="An effect not to look for; give it again for several.")
     ] = None,
+    stability: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            max=1000,
+            metavar="N",
+            help="Name effects anew on N random halves of the blocks, and count how often each is named; "
+            "0: do not.",
+        ),
+    ] = 4,
     seed: Annotated[int, typer.Option(help="Seed of the split and of all random draws.")] = 0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a report at OUTPUT.")] = False,
     as_json: Json = False,
@@ -88,6 +98,7 @@ def loop(
         calibration_s=calibration,
         least_share=least_share,
         exclude=tuple(exclude or ()),
+        stability=stability,
     )
     name, _, version = model.partition("/")
     with taxel.load(repository) as source, ERR.status("reading") as status:
