@@ -78,9 +78,8 @@ def cross_correlations(
 def _inputs(observations: Observations, rows: NDArray[np.bool_]) -> tuple[list[str], Floats]:
     """Names, and (n, inputs) of mean 0 and SD 1 at the rows."""
     columns = {"force": observations.pressed}
-    for place, axis in enumerate("xyz"):
-        columns[f"force {axis}"] = observations.force[:, place]
-        columns[f"position {axis}"] = observations.position[:, place]
+    columns |= {f"force {axis}": observations.force[:, place] for place, axis in enumerate("xyz")}
+    columns |= {f"position {axis}": observations.position[:, place] for place, axis in enumerate("xyz")}
     varies = {name: values for name, values in columns.items() if values[rows].std() > 1e-9}
     inputs = np.column_stack(list(varies.values())) if varies else np.empty((len(rows), 0))
     return list(varies), (inputs - inputs[rows].mean(axis=0)) / inputs[rows].std(axis=0)
@@ -95,9 +94,9 @@ def _pairs(observations: Observations, rows: NDArray[np.bool_], lag: int) -> NDA
 
 
 def _known(pairs: dict[int, int]) -> list[int]:
-    """Lags that enough pairs of rows are apart: a tenth of those at the shortest."""
+    """Lags that enough pairs of rows are apart: half of those at the shortest."""
     most = max(pairs.values())
-    return [lag for lag, count in pairs.items() if count and 10 * count >= most]
+    return [lag for lag, count in pairs.items() if count and 2 * count >= most]
 
 
 def _lagged(

@@ -45,14 +45,14 @@ def on_halves(
     rejected = {one.name for one in whole.rejected if one.alone <= 0 and one.log_evidence <= 0}
     able = [effect for effect in effects if effect.label not in rejected]
     chosen: Counter[str] = Counter()
-    for number, half in enumerate(_halves(blocks, halves, seed), 1):
+    for number, half in enumerate(halved(blocks, halves, seed), 1):
         progress(f"half {number} of {halves}")
         found = JointSelection(observations, half, able, reference=reference, constants=constants).run()
         chosen.update(named.name for named in found.named)
     return Stability(halves=halves, chosen={name: count / halves for name, count in chosen.most_common()})
 
 
-def _halves(blocks: Blocks, count: int, seed: int) -> list[Blocks]:
+def halved(blocks: Blocks, count: int, seed: int) -> list[Blocks]:
     """Complementary halves of the fit part's blocks, each with folds of its own, as they were."""
     generator = np.random.default_rng(seed)
     fit = np.flatnonzero(blocks.fold >= 0)

@@ -31,11 +31,9 @@ def draw_traces(result: LoopResult, path: Path) -> str:
     for column, (label, rows) in zip(panels.T, _blocks(result, after), strict=True):
         error, corrected = before[rows].mean(), after[rows].mean()
         start = observations.time_s[rows[0]]
-        column[0].set_title(
-            f"{label} block, from {start:.0f} s on\n"
-            f"normalised MAE {error:.3f} before, {corrected:.3f} after",
-            fontsize="medium",
-        )
+        errors = f"{error:.3f} before, {corrected:.3f} after" if result.new.effects else f"{error:.3f}"
+        title = f"{label} block, from {start:.0f} s on\nnormalised MAE {errors}"
+        column[0].set_title(title, fontsize="medium")
         shown = np.sort(np.argsort(-before[rows].mean(axis=0))[:_CHANNELS_SHOWN])
         seconds = TICK_S * np.arange(len(rows))
         for panel, channel in zip(column, shown, strict=True):
@@ -68,7 +66,7 @@ def _blocks(result: LoopResult, after: Floats) -> list[tuple[str, np.ndarray]]:
 
 
 def draw_session(result: LoopResult, path: Path) -> str:
-    """The size of each channel's residual in each block, before and after.
+    """The size of each channel's residual in each block, before and, if anything is corrected, after.
 
     Returns:
         A caption.
@@ -77,14 +75,17 @@ def draw_session(result: LoopResult, path: Path) -> str:
     scale = np.array(observations.manifest.normalisation.output_std)
     numbers = np.unique(blocks.of_row[blocks.of_row >= 0])
     rows = [np.flatnonzero(blocks.of_row == number) for number in numbers]
+    residuals = {"before": observations.residual}
+    if result.new.effects:
+        residuals["after"] = observations.measured - result.after
     sizes = [
         np.array([np.sqrt(((residual[some] / scale) ** 2).mean(axis=0)) for some in rows]).T
-        for residual in (observations.residual, observations.measured - result.after)
+        for residual in residuals.values()
     ]
     most = float(np.quantile(sizes[0], 0.98))
-    figure = Figure(figsize=(11, 6.6), layout="constrained")
-    panels = figure.subplots(2, 1, sharex=True)
-    for panel, size, label in zip(panels, sizes, ("before", "after"), strict=True):
+    figure = Figure(figsize=(11, 0.6 + 3.0 * len(sizes)), layout="constrained")
+    panels = figure.subplots(len(sizes), 1, sharex=True, squeeze=False)[:, 0]
+    for panel, size, label in zip(panels, sizes, residuals, strict=True):
         drawn = panel.imshow(
             size, aspect="auto", vmin=0, vmax=most, cmap="magma_r", interpolation="nearest"
         )
@@ -97,9 +98,9 @@ def draw_session(result: LoopResult, path: Path) -> str:
             for panel in panels:
                 panel.axvline(place - 0.5, color="black", lw=1)
     ticks = np.unique(np.linspace(0, len(rows) - 1, 9).astype(int))
-    panels[1].set_xticks(ticks, [f"{observations.time_s[rows[tick][0]]:.0f}" for tick in ticks])
-    panels[1].set_xlabel("the block's time in its recording, s")
-    figure.colorbar(drawn, ax=panels, label="root mean square of the residual / SD of the channel")
+    panels[-1].set_xticks(ticks, [f"{observations.time_s[rows[tick][0]]:.0f}" for tick in ticks])
+    panels[-1].set_xlabel("the block's time in its recording, s")
+    figure.colorbar(drawn, ax=list(panels), label="root mean square of the residual / SD of the channel")
     _save(figure, path)
     return (
         "The size of each channel's residual over the session, block by block, with those that were fitted "

@@ -65,9 +65,8 @@ def draw_contact_offset(result: LoopResult, partial: Partial, path: Path) -> str
     aside = np.random.default_rng(0).uniform(-0.3, 0.3, len(means))
     upper.plot((places + aside[:, None]).ravel(), means.ravel(), ".", ms=3, color=BEFORE, alpha=0.5)
     usual = np.median(within, axis=0)
-    upper.hlines(
-        [usual, -usual], places - 0.4, places + 0.4, color="black", lw=1.4, label="SD inside a contact"
-    )
+    for sign, label in ((1.0, "SD inside a contact"), (-1.0, None)):
+        upper.hlines(sign * usual, places - 0.4, places + 0.4, color="black", lw=1.4, label=label)
     low, high = np.quantile(means, (0.005, 0.995))
     upper.set_ylim(1.15 * min(low, -float(usual.max())), 1.15 * max(high, float(usual.max())))
     upper.set(
@@ -85,6 +84,7 @@ def draw_contact_offset(result: LoopResult, partial: Partial, path: Path) -> str
     lower.axhline(0, color="black", lw=0.7)
     lower.set(ylabel="squared error that goes, %")
     lower.set_xticks(places, CHANNELS)
+    lower.margins(y=0.25)
     lower.legend()
     for axes in (upper, lower):
         axes.grid(axis="y", alpha=0.3)

@@ -48,7 +48,12 @@ def interval(figure: Parameter) -> str:
 
 
 def key_parameters(effect: FoundEffect) -> str:
-    """The parameters of the effect's form, then the largest of those that were fitted."""
+    """The parameters of the effect's form, then the largest of those that were fitted.
+
+    An effect without parameters is told by its form.
+    """
+    if not effect.parameters:
+        return effect.form
     of_form = [figure for figure in effect.parameters if figure.low is None]
     fitted = sorted(
         (figure for figure in effect.parameters if figure.low is not None), key=_size, reverse=True
