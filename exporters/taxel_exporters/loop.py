@@ -69,7 +69,7 @@ def loop(
             help="Name effects anew on N random halves of the blocks, and count how often each is named; "
             "0: do not.",
         ),
-    ] = 4,
+    ] = 2,
     seed: Annotated[int, typer.Option(help="Seed of the split and of all random draws.")] = 0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a report at OUTPUT.")] = False,
     as_json: Json = False,

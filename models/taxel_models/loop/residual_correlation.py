@@ -20,6 +20,9 @@ from taxel_models.loop.observations import Observations
 LAGS: Final = (1, 2, 3, 5, 10, 20, 30, 50, 100, 200, 300, 500)
 """Ticks: 10 ms to 5 s."""
 
+INPUT_LAGS: Final = tuple(lag for lag in LAGS if lag <= 100)
+"""Of inputs, ticks: up to 1 s, since farther rows are mostly of another contact."""
+
 CONFIDENCE: Final = 0.99
 _DIGITS: Final = 4
 
@@ -55,7 +58,7 @@ def cross_correlations(
     """Of the residuals before and after, (n, 21) counts each, with every input that varies."""
     rows = blocks.evaluation
     names, inputs = _inputs(observations, rows)
-    lags = (0, *_known({lag: int(_pairs(observations, rows, lag).sum()) for lag in LAGS}))
+    lags = (0, *_known({lag: int(_pairs(observations, rows, lag).sum()) for lag in INPUT_LAGS}))
     tables, bands = [], []
     for residual in (before, after):
         centred = residual - residual[rows].mean(axis=0)

@@ -183,17 +183,14 @@ def test_an_earlier_report_is_replaced_and_nothing_else(
     assert (again / "report.md").read_text() == (folder / "report.md").read_text()
 
 
-def test_no_effect_reads_well(result: LoopResult, tmp_path: Path) -> None:
+def test_no_effect_reads_well(result: LoopResult) -> None:
     findings = result.findings.model_copy(update={"effects": (), "after": result.findings.before})
-    nothing = replace(result, findings=findings, after=result.observations.predicted)
-    write_report(tmp_path / "report", nothing)
-    lines = (tmp_path / "report" / "report.md").read_text("utf-8").splitlines()
+    lines = markdown(contents(Told(findings, [], {"waterfall": WATERFALL}))).splitlines()
     assert lines[2].endswith("and no effect was named.")
     opening = lines[lines.index("## In words") + 2]
     assert "No effect was named" in opening
     assert "There is nothing to add to the model." in opening
     assert "once corrected" not in opening
-    assert not list((tmp_path / "report").glob("effect-*.png"))
 
 
 def test_waterfall_accounts_for_all_energy(result: LoopResult) -> None:

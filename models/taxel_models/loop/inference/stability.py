@@ -35,15 +35,21 @@ def on_halves(
         observations: the recordings with the model's predictions.
         blocks: the fit part is halved.
         effects: that compete on the whole fit part.
-        whole: what was named there. An effect that explains nothing there is not tried on halves.
+        whole: what was named there. To save time, halves try no effect that had no form there or that
+            explained nothing, nor unnamed ones whose forms take many predictions.
         halves: how many; every second one is the other half of the one before.
         seed: of the halves.
         reference: the model's own held-out residual; None if it is not known.
         constants: of the inference.
         progress: is told which half is looked at.
     """
-    rejected = {one.name for one in whole.rejected if one.alone <= 0 and one.log_evidence <= 0}
-    able = [effect for effect in effects if effect.label not in rejected]
+    named = {one.name for one in whole.named}
+    likely = {one.name for one in whole.rejected if one.alone > 0 or one.log_evidence > 0}
+    able = [
+        effect
+        for effect in effects
+        if effect.label in named or (effect.label in likely and not effect.is_costly)
+    ]
     chosen: Counter[str] = Counter()
     for number, half in enumerate(halved(blocks, halves, seed), 1):
         progress(f"half {number} of {halves}")

@@ -103,7 +103,7 @@ def draw_parameter_correlation(found: ParameterCorrelation, path: Path) -> str:
     """
     matrix, count = np.array(found.matrix), len(found.parameters)
     side = min(9.0, 2.6 + 0.32 * count)
-    figure = Figure(figsize=(side + 1.0, side), layout="constrained")
+    figure = Figure(figsize=(side + 3.5, side + 2.0), layout="constrained")
     axes = figure.subplots()
     drawn = axes.imshow(matrix, vmin=-1, vmax=1, cmap="RdBu_r")
     if count <= _MOST_NAMED:
