@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
 from taxel_models.loop.basis import Floats
@@ -39,13 +40,14 @@ def parameter_correlation(taken: Sequence[Taken], noise: Floats) -> ParameterCor
     return ParameterCorrelation(parameters=tuple(names), matrix=rounded)
 
 
-def _correlations(gram: Floats, pooled: Floats) -> Floats:
+def _correlations(gram: Floats, pooled: NDArray[np.bool_]) -> Floats:
     """(21, k, k) for grams (21, k, k) over the noise; 0 for weights that a channel does not have.
 
     Some weights (k,) are common to all channels: their precision is the sum over the channels, each less
     what the channel's own weights take (the Schur complement).
     """
-    common, own = np.flatnonzero(pooled), np.flatnonzero(~pooled)
+    common, own = np.flatnonzero(pooled), np.flatnonzero(np.logical_not(pooled))
+    every = np.arange(len(CHANNELS))
     there = np.diagonal(gram, axis1=1, axis2=2) > 0
     precision = np.where(there, UNSHRUNK**-2, np.inf)
     within = inverse_of(gram[:, own][:, :, own], precision[:, own])
@@ -54,12 +56,12 @@ def _correlations(gram: Floats, pooled: Floats) -> Floats:
     if len(common):
         left = gram[:, common][:, :, common] - gram[:, common][:, :, own] @ between
         shared = np.linalg.inv(left.sum(axis=0) + np.eye(len(common)) * UNSHRUNK**-2)
-        covariance[np.ix_(range(len(CHANNELS)), common, common)] = shared
+        covariance[np.ix_(every, common, common)] = shared
         across = -between @ shared
-        covariance[np.ix_(range(len(CHANNELS)), own, common)] = across
-        covariance[np.ix_(range(len(CHANNELS)), common, own)] = across.transpose(0, 2, 1)
+        covariance[np.ix_(every, own, common)] = across
+        covariance[np.ix_(every, common, own)] = across.transpose(0, 2, 1)
         within = within - across @ between.transpose(0, 2, 1)
-    covariance[np.ix_(range(len(CHANNELS)), own, own)] = within
+    covariance[np.ix_(every, own, own)] = within
     size = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
     scale = np.where(size > 0, size, np.inf)
     return np.asarray(covariance / scale[:, :, None] / scale[:, None, :])

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from taxel_models.loop.findings import Findings
@@ -46,4 +45,4 @@ def draw_confounded(findings: Findings, path: Path) -> str:
 
 def _spread(count: int, height: int) -> list[float]:
     """So many places, in the middle of the height."""
-    return ((height - count) / 2 + np.arange(count)).tolist()
+    return [(height - count) / 2 + place for place in range(count)]
