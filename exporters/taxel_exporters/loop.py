@@ -68,6 +68,16 @@ def loop(
             "name and says nothing of causes.",
         ),
     ] = False,
+    stability: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            max=1000,
+            metavar="N",
+            help="Name effects anew on N random halves of the blocks, and count how often each is named; "
+            "0: do not.",
+        ),
+    ] = 2,
     seed: Annotated[int, typer.Option(help="Seed of the split and of all random draws.")] = 0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a report at OUTPUT.")] = False,
     as_json: Json = False,
@@ -98,6 +108,7 @@ def loop(
         least_share=least_share,
         exclude=tuple(exclude or ()),
         residual_model=residual_model,
+        stability=stability,
     )
     name, _, version = model.partition("/")
     with taxel.load(repository) as source, ERR.status("reading") as status:

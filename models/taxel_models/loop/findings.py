@@ -171,6 +171,68 @@ class NextRecording(Schema):
     right: int = 0
 
 
+class Autocorrelation(Schema):
+    """Of the residual on the evaluation part, inside segments.
+
+    Attributes:
+        lags_s: m lags, s.
+        band: (m,) so far from 0 lie 99 % of the values of white noise.
+        before: of each channel's first residual, (m,).
+        after: of what is left of it, (m,).
+    """
+
+    lags_s: tuple[float, ...]
+    band: tuple[float, ...]
+    before: dict[str, tuple[float, ...]]
+    after: dict[str, tuple[float, ...]]
+
+
+class CrossCorrelation(Schema):
+    """Of the residual with an input so many seconds earlier, on the evaluation part, inside segments.
+
+    Attributes:
+        input: its name.
+        lags_s: m lags, s.
+        before: of each channel's first residual, (m,).
+        after: of what is left of it, (m,).
+        band_before: for each channel, so far from 0 lie 99 % of the values of a residual that does not
+            depend on the input. Rows of a block may be correlated; blocks are taken as independent.
+        band_after: likewise.
+    """
+
+    input: str
+    lags_s: tuple[float, ...]
+    before: dict[str, tuple[float, ...]]
+    after: dict[str, tuple[float, ...]]
+    band_before: dict[str, float]
+    band_after: dict[str, float]
+
+
+class ParameterCorrelation(Schema):
+    """Correlations between the weights of all named effects, as the fit part determines them.
+
+    Attributes:
+        parameters: k names, each of an effect and a weight.
+        matrix: (k, k), each value of the channel in which it is largest, signed. Near 1 or -1, the
+            recording tells only a sum or a difference of the two.
+    """
+
+    parameters: tuple[str, ...]
+    matrix: tuple[tuple[float, ...], ...]
+
+
+class Stability(Schema):
+    """How often effects are named on random halves of the fit part's blocks.
+
+    Attributes:
+        halves: how many; each half is used with the other half (Shah and Samworth 2013).
+        chosen: the share of the halves on which each effect was named, the most frequent first.
+    """
+
+    halves: int
+    chosen: dict[str, float]
+
+
 class Findings(Schema):
     """Everything the loop found.
 
@@ -187,6 +249,10 @@ class Findings(Schema):
         confounding: what runs along with what in the recordings, the largest share first; empty for
             fewer than eight contacts.
         next_recordings: for each pair of causes that cannot be told apart, what to record.
+        autocorrelation: of the residual before and after.
+        cross_correlation: of the residual with each input, before and after.
+        parameter_correlation: between fitted weights; None if fewer than two were fitted.
+        stability: on random halves of the blocks; None if that was not asked for.
         exported: the version that was written, or None.
     """
 
@@ -205,4 +271,8 @@ class Findings(Schema):
     residual_model: FoundResidualModel | None = None
     confounding: tuple[RunsAlong, ...] = ()
     next_recordings: tuple[NextRecording, ...] = ()
+    autocorrelation: Autocorrelation | None = None
+    cross_correlation: tuple[CrossCorrelation, ...] = ()
+    parameter_correlation: ParameterCorrelation | None = None
+    stability: Stability | None = None
     exported: str | None = None

@@ -27,9 +27,11 @@ from taxel_models.loop.findings import (
 )
 from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.inference.selection import JointSelection
+from taxel_models.loop.inference.stability import on_halves
 from taxel_models.loop.intervals import parameters
 from taxel_models.loop.noise import NoiseFloor
 from taxel_models.loop.observations import Observations, gather
+from taxel_models.loop.residual_correlation import autocorrelations, cross_correlations
 from taxel_models.loop.residual_diagnostics import diagnose_residual
 from taxel_models.loop.residual_model import residual_model
 from taxel_models.model import Model
@@ -49,6 +51,7 @@ class LoopSettings:
         least_share: the share of the error that an effect must remove to be named.
         exclude: effects that are not tried, such as `temperature`.
         residual_model: whether to fit a model of what no effect explains.
+        stability: on so many random halves of the blocks, effects are named anew and counted; 0 for none.
     """
 
     seed: int = 0
@@ -59,6 +62,7 @@ class LoopSettings:
     least_share: float = DECLARED.least_share
     exclude: tuple[str, ...] = ()
     residual_model: bool = False
+    stability: int = 0
 
 
 @dataclass(frozen=True)
@@ -114,13 +118,10 @@ def run_loop(
     blocks = cut(observations, seed=settings.seed, held_out=settings.held_out, group=settings.hold_out_by)
     runs_along = confounding(observations)
     effects = [effect for effect in candidates(observations) if effect.label not in settings.exclude]
+    reference = reference or model.manifest.held_out_residual
+    constants = replace(DECLARED, least_share=settings.least_share)
     attribution = JointSelection(
-        observations,
-        blocks,
-        effects,
-        reference=reference or model.manifest.held_out_residual,
-        constants=replace(DECLARED, least_share=settings.least_share),
-        progress=progress,
+        observations, blocks, effects, reference=reference, constants=constants, progress=progress
     ).run()
     figures = {named.name: parameters(named) for named in attribution.named}
     new = NewEffects.of(attribution, figures)
@@ -140,6 +141,19 @@ def run_loop(
         told = unnamed.found(observations, blocks, before, after)
     findings = _findings(observations, recordings, blocks, settings, attribution, figures, new, after)
     findings = findings.model_copy(update={"confounding": runs_along, "residual_model": told})
+    if settings.stability:
+        stability = on_halves(
+            observations,
+            blocks,
+            effects,
+            attribution,
+            settings.stability,
+            seed=settings.seed,
+            reference=reference,
+            constants=constants,
+            progress=progress or (lambda _: None),
+        )
+        findings = findings.model_copy(update={"stability": stability})
     return LoopResult(findings, observations, blocks, attribution, new, after)
 
 
@@ -210,6 +224,9 @@ def _findings(
         test=_paired(observations, blocks, after, output_std),
         changes=tuple(change.sentence() for change in changes),
         unexplained=diagnose_residual(observations, left, noise, rows),
+        autocorrelation=autocorrelations(observations, observations.residual, left, rows),
+        cross_correlation=cross_correlations(observations, blocks, observations.residual, left),
+        parameter_correlation=attribution.correlation,
     )
 
 

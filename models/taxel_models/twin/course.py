@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel.skin import patch
 from taxel_models.twin.contacts import AROUND_RAD, TREMOR, Contacts, tremor
-from taxel_models.twin.geometry import patch
 from taxel_models.twin.lag import PERIOD_S
 from taxel_models.twin.protocol import (
     APPROACH_S,

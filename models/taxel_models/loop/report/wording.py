@@ -51,7 +51,12 @@ def interval(figure: Parameter) -> str:
 
 
 def key_parameters(effect: FoundEffect) -> str:
-    """The parameters of the effect's form, then the largest of those that were fitted."""
+    """The parameters of the effect's form, then the largest of those that were fitted.
+
+    An effect without parameters is told by its form.
+    """
+    if not effect.parameters:
+        return effect.form
     of_form = [figure for figure in effect.parameters if figure.low is None]
     fitted = sorted(
         (figure for figure in effect.parameters if figure.low is not None), key=_size, reverse=True
@@ -98,13 +103,27 @@ def _shortened(words: Sequence[str]) -> str:
     return f"{words[0]} and {len(words) - 1} more"
 
 
+def headline(findings: Findings) -> str:
+    """The whole report in one sentence."""
+    before, after = findings.before["norm_mae"], findings.after["norm_mae"]
+    noise = f"noise alone would leave {findings.noise_floor['norm_mae']:.3f}"
+    is_off = f"{findings.model} is off by a normalised MAE of {before:.3f} on held-out blocks"
+    served = [effect.name for effect in findings.effects if effect.served]
+    told = [effect.name for effect in findings.effects if not effect.served]
+    found = f", and {listed(told)} {'was' if len(told) == 1 else 'were'} found, which no model can add"
+    if not served:
+        return f"{is_off} ({noise}){found if told else ', and no effect was named'}."
+    change = f"{percent(abs(1.0 - after / before))} {'less' if after <= before else 'more'}"
+    added = f"with {listed(served)} added it is off by {after:.3f}, {change} ({noise})"
+    return f"{is_off}; {added}{found if told else ''}."
+
+
 def opening(findings: Findings, extras: Sequence[ExtraFeature]) -> str:
     """One paragraph that a reader can act on."""
     sentences = [_outcome(findings), *_named(findings, extras), *confounded(findings)]
     sentences += [
         *runs_along(findings),
         *next_recordings(findings),
-        *findings.changes,
         _rejected(findings),
         *unnamed(findings),
         left(findings),
@@ -243,5 +262,5 @@ def _next(findings: Findings) -> str:
     if not corrects(findings):
         return "There is nothing to add to the model."
     if findings.test.p_value > SIGNIFICANT:
-        return "Adding this to the model is not worth it on this observations."
+        return "Adding this to the model is not worth it on these recordings."
     return "Nothing was exported yet."
