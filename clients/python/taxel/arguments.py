@@ -1,0 +1,52 @@
+"""The checks of a call's arguments: what has the wrong type or value is told at once."""
+
+from numbers import Integral, Real
+from typing import Any, Final
+
+from taxel.errors import InvalidArgument
+
+_LONGEST_S: Final = 1e6
+"""zenoh and the operating system count in smaller units, which a longer time would overflow."""
+
+
+def is_real(value: Any) -> bool:
+    """Whether this is a number, Python's or NumPy's; True and False are none."""
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def is_whole(value: Any) -> bool:
+    """Whether this is a whole number, Python's or NumPy's; True and False are none."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+def checked_timeout(timeout: Any) -> float:
+    """A timeout in seconds.
+
+    Raises:
+        InvalidArgument: it is not a number above 0 and below 1e6.
+    """
+    if not is_real(timeout) or not 0 < timeout < _LONGEST_S:
+        raise InvalidArgument(f"timeout is {timeout!r}: expected seconds above 0 and below {_LONGEST_S:g}")
+    return float(timeout)
+
+
+def checked_flag(name: str, value: Any) -> bool:
+    """An argument that is either True or False.
+
+    Raises:
+        InvalidArgument: it is neither.
+    """
+    if not isinstance(value, bool):
+        raise InvalidArgument(f"{name} is {value!r}: expected True or False")
+    return value
+
+
+def checked_spin(spin_us: Any) -> int:
+    """Microseconds to spin.
+
+    Raises:
+        InvalidArgument: it is not a whole number from 0 to 100,000.
+    """
+    if not is_whole(spin_us) or not 0 <= spin_us <= 100_000:
+        raise InvalidArgument(f"spin_us is {spin_us!r}: expected a whole number from 0 to 100000")
+    return int(spin_us)
