@@ -41,12 +41,12 @@ def checked_flag(name: str, value: Any) -> bool:
     return value
 
 
-def checked_spin(spin_us: Any) -> int:
-    """Microseconds to spin.
+def checked_microseconds(name: str, value: Any) -> int:
+    """An argument in microseconds.
 
     Raises:
         InvalidArgument: it is not a whole number from 0 to 100,000.
     """
-    if not is_whole(spin_us) or not 0 <= spin_us <= 100_000:
-        raise InvalidArgument(f"spin_us is {spin_us!r}: expected a whole number from 0 to 100000")
-    return int(spin_us)
+    if not is_whole(value) or not 0 <= value <= 100_000:
+        raise InvalidArgument(f"{name} is {value!r}: expected a whole number from 0 to 100000")
+    return int(value)

@@ -6,7 +6,7 @@ import socket
 import sys
 import time
 from asyncio import Future, TimerHandle, Transport
-from typing import Final, NamedTuple, Self, cast
+from typing import Final, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +30,7 @@ _KEPT_HEADS: Final = 64
 _BUFFER_BYTES: Final = 65_536
 
 
-class _Call(NamedTuple):
-    """A call in flight: how many windows it sent, when it ends, and what it waits for."""
-
-    rows: int
-    ends: float
-    reply: "Future[tuple[ReplyHead, bytes | bytearray]]"
+_Reply = Future[tuple[ReplyHead, bytes | bytearray]]
 
 
 class AsyncLane(asyncio.BufferedProtocol):
@@ -47,7 +42,8 @@ class AsyncLane(asyncio.BufferedProtocol):
     def __init__(self, address: str) -> None:
         self.address = address
         self._loop = asyncio.get_running_loop()
-        self._calls: dict[int, _Call] = {}
+        self._calls: dict[int, tuple[int, float, _Reply]] = {}
+        """How many windows a call in flight sent, when it ends, and what it waits for, by its id."""
         self._last_id = 0
         self._heads: dict[tuple[str, tuple[int, ...], float, bool], tuple[bytes, bytes]] = {}
         self._buffer = bytearray(_BUFFER_BYTES)
@@ -70,22 +66,32 @@ class AsyncLane(asyncio.BufferedProtocol):
     async def open(cls, address: str) -> Self:
         """Connect.
 
+        Args:
+            address: `unix:PATH` or `tcp:HOST:PORT`.
+
         Raises:
             ValueError: that is no address of a lane.
             OSError: nobody listens there, or the listener belongs to another user.
         """
         place = parse_address(address)
         loop = asyncio.get_running_loop()
-        async with asyncio.timeout(_CONNECT_S):
-            if isinstance(place, tuple):
-                _, lane = await loop.create_connection(lambda: cls(address), *place)
-                return lane
-            if not UNIX:
-                raise OSError(f"{address}: this platform has no unix sockets")
-            transport, lane = await loop.create_unix_connection(lambda: cls(address), str(place))
-        if not of_this_user(cast("socket.socket", transport.get_extra_info("socket"))):
-            transport.abort()
-            raise PermissionError(f"{address}: another user listens there")
+        if isinstance(place, tuple):
+            connection = socket.socket(socket.AF_INET6 if ":" in place[0] else socket.AF_INET)
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        elif UNIX:
+            connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        else:
+            raise OSError(f"{address}: this platform has no unix sockets")
+        try:
+            connection.setblocking(False)
+            async with asyncio.timeout(_CONNECT_S):
+                await loop.sock_connect(connection, place if isinstance(place, tuple) else str(place))
+            if not isinstance(place, tuple) and not of_this_user(connection):
+                raise PermissionError(f"{address}: another user listens there")
+            _, lane = await loop.create_connection(lambda: cls(address), sock=connection)
+        except BaseException:
+            connection.close()
+            raise
         return lane
 
     @property
@@ -111,8 +117,8 @@ class AsyncLane(asyncio.BufferedProtocol):
         self._transport.write(b"".join((before, number.to_bytes(4, "little"), after, data)))
         if ends < self._timer_at:
             self._wake_at(ends)
-        reply: Future[tuple[ReplyHead, bytes | bytearray]] = self._loop.create_future()
-        self._calls[number] = _Call(len(windows), ends, reply)
+        reply: _Reply = self._loop.create_future()
+        self._calls[number] = len(windows), ends, reply
         try:
             head, content = await reply
         except TimeoutError:
@@ -167,8 +173,8 @@ class AsyncLane(asyncio.BufferedProtocol):
         while end - at >= HEAD_BYTES:
             head = read_reply_head(self._buffer if not at else self._buffer[at : at + HEAD_BYTES])
             call = self._calls.get(head.id)
-            if call is not None and head.kind == PREDICTIONS and head.rows != call.rows:
-                raise Internal(f"the server answered {head.rows} rows to {call.rows} windows")
+            if call is not None and head.kind == PREDICTIONS and head.rows != call[0]:
+                raise Internal(f"the server answered {head.rows} rows to {call[0]} windows")
             start, stop = at + HEAD_BYTES, at + head.size
             if stop <= end:
                 if call is not None:
@@ -192,8 +198,8 @@ class AsyncLane(asyncio.BufferedProtocol):
     def _settle(self, head: ReplyHead, content: bytes | bytearray) -> None:
         self._has_answered = True
         call = self._calls.get(head.id)
-        if call is not None and not call.reply.done():
-            call.reply.set_result((head, content))
+        if call is not None and not call[2].done():
+            call[2].set_result((head, content))
 
     def _head(
         self, path: str, shape: tuple[int, ...], timeout_s: float, spread: bool
@@ -223,14 +229,14 @@ class AsyncLane(asyncio.BufferedProtocol):
         self._timer = self._loop.call_later(max(when - time.monotonic(), 0), self._ring)
 
     def _ring(self) -> None:
-        now = time.monotonic()
-        for call in self._calls.values():
-            if call.ends <= now and not call.reply.done():
-                call.reply.set_exception(TimeoutError())
+        now, first = time.monotonic(), math.inf
+        for _, ends, reply in self._calls.values():
+            if ends > now:
+                first = min(first, ends)
+            elif not reply.done():
+                reply.set_exception(TimeoutError())
         self._timer, self._timer_at = None, math.inf
-        if (
-            first := min((call.ends for call in self._calls.values() if call.ends > now), default=None)
-        ) is not None:
+        if first < math.inf:
             self._wake_at(first)
 
     def _end(self, reason: str) -> None:
@@ -240,9 +246,9 @@ class AsyncLane(asyncio.BufferedProtocol):
         if self._timer is not None:
             self._timer.cancel()
         self._may_write.set()
-        for call in self._calls.values():
-            if not call.reply.done():
-                call.reply.set_exception(self._connection_lost(reason))
+        for _, _, reply in self._calls.values():
+            if not reply.done():
+                reply.set_exception(self._connection_lost(reason))
 
     def _connection_lost(self, reason: str) -> ConnectionLost:
         lost = ConnectionLost(reason)

@@ -36,7 +36,7 @@ class AsyncSource:
         shared_memory: bool = False,
         transport: Transport | QueryTransport | None = None,
     ) -> None:
-        self._options = ConnectOptions.checked(endpoint, timeout, prefix, shared_memory, transport, 0)
+        self._options = ConnectOptions.checked(endpoint, timeout, prefix, shared_memory, transport)
         self._opened: RemoteCore[AsyncLane] | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self.endpoint = self._options.endpoint
@@ -53,7 +53,11 @@ class AsyncSource:
             connection = await asyncio.to_thread(open_transport, self._options)
             options = self._options
             self._opened = RemoteCore(
-                AwaitedCalls(self._loop), connection, options.prefix, options.timeout, options.lane
+                AwaitedCalls(self._loop),
+                connection,
+                options.prefix,
+                options.timeout,
+                options.lane,
             )
             await self._opened.find_lane(self._loop.time() + options.timeout)
             if options.lane == "only" and self.transport != "lane":
@@ -201,11 +205,18 @@ def connect_async(
             predictor = await server.predictor("xgb")
             channels = await predictor.predict(windows)
 
-    The arguments are those of `taxel.connect`; nothing is opened before `async with` or `await`.
+    Nothing is opened before `async with` or `await`.
+
+    Args:
+        endpoint, timeout, prefix, shared_memory, transport: as for `taxel.connect`.
 
     Raises:
         InvalidArgument: an argument is wrong; the text names it.
     """
     return AsyncSource(
-        endpoint, timeout=timeout, prefix=prefix, shared_memory=shared_memory, transport=transport
+        endpoint,
+        timeout=timeout,
+        prefix=prefix,
+        shared_memory=shared_memory,
+        transport=transport,
     )

@@ -3,7 +3,7 @@
 import re
 from typing import Any, Final, Literal, NamedTuple, Self
 
-from taxel.arguments import checked_flag, checked_spin, checked_timeout
+from taxel.arguments import checked_flag, checked_timeout
 from taxel.endpoints import checked_endpoint
 from taxel.errors import InvalidArgument
 from taxel.remote.query_transport import QueryTransport
@@ -27,14 +27,11 @@ class ConnectOptions(NamedTuple):
     timeout: float
     prefix: str
     shared_memory: bool
-    spin_us: int
     transport: QueryTransport | None
     lane: Literal["no", "yes", "only"]
 
     @classmethod
-    def checked(
-        cls, endpoint: Any, timeout: Any, prefix: Any, shared_memory: Any, transport: Any, spin_us: Any
-    ) -> Self:
+    def checked(cls, endpoint: Any, timeout: Any, prefix: Any, shared_memory: Any, transport: Any) -> Self:
         """Check the arguments of a connection.
 
         Raises:
@@ -45,17 +42,16 @@ class ConnectOptions(NamedTuple):
                 f"prefix is {prefix!r}: expected parts of letters, digits, '.', '_' and '-'"
             )
         common = checked_timeout(timeout), prefix, checked_flag("shared_memory", shared_memory)
-        spin = checked_spin(spin_us)
         if isinstance(transport, QueryTransport):
             if endpoint is not None:
                 raise InvalidArgument(f"endpoint is {endpoint!r}: expected none, as a transport is given")
-            return cls(transport.endpoint, *common, spin, transport, "no")
+            return cls(transport.endpoint, *common, transport, "no")
         if transport is not None and transport not in ("lane", "zenoh"):
             raise InvalidArgument(
                 f"transport is {transport!r}: expected 'lane', 'zenoh' or None, or a QueryTransport"
             )
         lane: dict[Any, Literal["no", "yes", "only"]] = {None: "yes", "lane": "only", "zenoh": "no"}
-        return cls(checked_endpoint(endpoint), *common, spin, None, lane[transport])
+        return cls(checked_endpoint(endpoint), *common, None, lane[transport])
 
 
 def open_transport(options: ConnectOptions) -> QueryTransport:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
+from taxel.arguments import checked_microseconds
 from taxel.errors import Unavailable
 from taxel.predictor import ModelInfo, Predictor, PredictorSource, Timing
 from taxel.protocol import PREFIX, InferResponse
@@ -38,13 +39,14 @@ class RemoteSource(PredictorSource):
         transport: Transport | QueryTransport | None = None,
         spin_us: int = 0,
     ) -> None:
-        options = ConnectOptions.checked(endpoint, timeout, prefix, shared_memory, transport, spin_us)
+        options = ConnectOptions.checked(endpoint, timeout, prefix, shared_memory, transport)
+        checked_microseconds("spin_us", spin_us)
         self.connection = open_transport(options)
         self._owns_connection = options.transport is None
         self.endpoint = self.connection.endpoint
         self.prefix = options.prefix
         self.core = RemoteCore(
-            BlockingCalls(options.spin_us), self.connection, options.prefix, options.timeout, options.lane
+            BlockingCalls(spin_us), self.connection, options.prefix, options.timeout, options.lane
         )
         if options.lane == "only" and self.transport != "lane":
             self.close()
