@@ -91,7 +91,9 @@ def test_anything_as_an_argument_of_connect_is_a_typed_error(name: str, value: A
 
 
 @given(
-    call=st.sampled_from(["windows", "timeout", "name", "version", "rate_hz", "fingers", "key"]),
+    call=st.sampled_from(
+        ["windows", "timeout", "timing", "spread", "name", "version", "rate_hz", "fingers", "key"]
+    ),
     value=ANYTHING,
 )
 def test_anything_as_an_argument_of_a_predictor_is_a_typed_error(
@@ -103,6 +105,8 @@ def test_anything_as_an_argument_of_a_predictor_is_a_typed_error(
     calls: dict[str, Callable[[], Any]] = {
         "windows": lambda: predictor.predict(value),
         "timeout": lambda: predictor.predict(windows, timeout=value),
+        "timing": lambda: predictor.predict(windows, timing=value),
+        "spread": lambda: predictor.infer(windows, spread=value),
         "name": lambda: source.predictor(value),
         "version": lambda: source.predictor("skin", value),
         "rate_hz": lambda: predictor.stream(rate_hz=value),

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
+from taxel.arguments import checked_flag
 from taxel.errors import InvalidArgument, Unavailable
 from taxel.lane.async_client import AsyncLane
 from taxel.predictor import NOT_PICKLED, BasePredictor, ModelInfo, Timing
@@ -59,10 +60,13 @@ class AsyncSource:
                 options.timeout,
                 options.lane,
             )
-            await self._opened.find_lane(self._loop.time() + options.timeout)
-            if options.lane == "only" and self.transport != "lane":
+            try:
+                await self._opened.find_lane(self._loop.time() + options.timeout)
+                if options.lane == "only" and self.transport != "lane":
+                    raise Unavailable(f"{self.endpoint}: {NO_LANE}")
+            except BaseException:
                 await self.close()
-                raise Unavailable(f"{self.endpoint}: {NO_LANE}")
+                raise
         return self
 
     async def close(self) -> None:
@@ -165,7 +169,7 @@ class AsyncPredictor(BasePredictor):
     ) -> NDArray[np.float32] | tuple[NDArray[np.float32], Timing]:
         """As `RemotePredictor.predict`."""
         reply = await self._source.core.infer(self._model, self.checked(windows), timeout, False)
-        return (reply.outputs, timing_of(reply)) if timing else reply.outputs
+        return (reply.outputs, timing_of(reply)) if checked_flag("timing", timing) else reply.outputs
 
     async def predict_base(
         self, windows: NDArray[Any], *, timeout: float | None = None

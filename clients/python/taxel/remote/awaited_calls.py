@@ -47,9 +47,11 @@ class AwaitedCalls(Waiting[AsyncLane]):
             with suppress(RuntimeError):
                 self._loop.call_soon_threadsafe(settle, outcome)
 
+        def late() -> None:
+            settle(DeadlineExceeded(f"{transport.endpoint}: no answer to {key} within {timeout:g} s"))
+
         transport.send(key, payload, timeout, done)
-        late = DeadlineExceeded(f"{transport.endpoint}: no answer to {key} within {timeout:g} s")
-        timer = self._loop.call_later(timeout + _PATIENCE_S, settle, late)
+        timer = self._loop.call_later(timeout + _PATIENCE_S, late)
         try:
             return await answer
         finally:

@@ -114,7 +114,8 @@ class RemoteCore(Generic[LaneT]):
     def close(self) -> None:
         """Close the lane, and refuse later calls. The transport is the caller's to close."""
         self._closed = True
-        if self.lanes is not None:
+        # A forked process shares the event loop's selector with its parent, which still uses the lane.
+        if self.lanes is not None and self._process == os.getpid():
             self.lanes.close()
 
     async def get(self, key: str, payload: bytes | None = None, timeout: float | None = None) -> bytes:
@@ -164,6 +165,7 @@ class RemoteCore(Generic[LaneT]):
     ) -> InferResponse:
         """The server's whole reply to windows that were checked."""
         self.check_usable()
+        checked_flag("spread", spread)
         wait = self.timeout if timeout is None else checked_timeout(timeout)
         ends = time.monotonic() + wait
         reply = None
@@ -173,7 +175,7 @@ class RemoteCore(Generic[LaneT]):
             reply = unpack_infer_response(await self._over_transport(model, rows, ends, wait, spread))
         if len(reply.outputs) != len(rows):
             raise Internal(f"the server answered {len(reply.outputs)} rows to {len(rows)} windows")
-        if checked_flag("spread", spread) and reply.spread is None:
+        if spread and reply.spread is None:
             raise Internal("the server answered without the spread that was asked for")
         return reply
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from taxel.arguments import checked_microseconds
+from taxel.arguments import checked_flag, checked_microseconds
 from taxel.errors import Unavailable
 from taxel.predictor import ModelInfo, Predictor, PredictorSource, Timing
 from taxel.protocol import PREFIX, InferResponse
@@ -137,7 +137,7 @@ class RemotePredictor(Predictor):
             (n, 21) float32, counts; with `timing`, a pair of these and the `Timing`.
         """
         reply = finished(self._core.infer(self._model, self.checked(windows), timeout, False))
-        return (reply.outputs, timing_of(reply)) if timing else reply.outputs
+        return (reply.outputs, timing_of(reply)) if checked_flag("timing", timing) else reply.outputs
 
     @override
     def predict_base(self, windows: NDArray[Any], *, timeout: float | None = None) -> NDArray[np.float32]:
