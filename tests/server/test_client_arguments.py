@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import taxel
@@ -96,6 +96,8 @@ def test_anything_as_an_argument_of_connect_is_a_typed_error(name: str, value: A
     ),
     value=ANYTHING,
 )
+@example(call="rate_hz", value=10**400)
+@example(call="rate_hz", value=5e-324)
 def test_anything_as_an_argument_of_a_predictor_is_a_typed_error(
     memory: RemoteSource, call: str, value: Any
 ) -> None:

@@ -50,3 +50,14 @@ def checked_microseconds(name: str, value: Any) -> int:
     if not is_whole(value) or not 0 <= value <= 100_000:
         raise InvalidArgument(f"{name} is {value!r}: expected a whole number from 0 to 100000")
     return int(value)
+
+
+def checked_rate(rate_hz: Any) -> float:
+    """A rate of samples in Hz.
+
+    Raises:
+        InvalidArgument: it is not a number from 1e-9 to 1e9.
+    """
+    if not is_real(rate_hz) or not 1e-9 <= rate_hz <= 1e9:
+        raise InvalidArgument(f"rate_hz is {rate_hz!r}: expected a positive number of samples a second")
+    return float(rate_hz)

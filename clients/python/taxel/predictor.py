@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from taxel.arguments import is_real, is_whole
+from taxel.arguments import checked_rate, is_whole
 from taxel.errors import InvalidArgument
 from taxel.fingers import Fingers
 from taxel.manifest import Manifest, WindowLayout
@@ -110,10 +110,8 @@ class BasePredictor:
         """
         if not is_whole(fingers):
             raise InvalidArgument(f"fingers is {fingers!r}: expected a whole number, at least 1")
-        if not is_real(rate_hz):
-            raise InvalidArgument(f"rate_hz is {rate_hz!r}: expected a number of Hz")
         extras = self.manifest.window.extras
-        return WindowStream(self.window, rate_hz=rate_hz, fingers=fingers, extras=extras)
+        return WindowStream(self.window, rate_hz=checked_rate(rate_hz), fingers=fingers, extras=extras)
 
     def check_gives_spread(self) -> None:
         """Raise if the model gives no spread.
