@@ -27,7 +27,7 @@ _LOG: Final = logging.getLogger(__name__)
 _RECEIVE_BYTES: Final = 65_536
 
 
-class LaneConnection:
+class ClientConnection:
     """Reads requests and sends replies; all methods but `send` belong to the lane's thread.
 
     Args:
@@ -42,7 +42,7 @@ class LaneConnection:
         client: socket.socket,
         core: Core,
         budget: Budget,
-        notify: Callable[["LaneConnection"], None],
+        notify: Callable[["ClientConnection"], None],
     ) -> None:
         self.socket = client
         self.progressed_at = 0.0
