@@ -1,6 +1,5 @@
 """`taxel serve`: a repository's models, answered over zenoh and the lane."""
 
-import errno
 import json
 import logging
 import os
@@ -18,7 +17,7 @@ import typer
 
 from taxel.commands.cli import ERR, OUT, Json, needs
 from taxel.dependencies import SERVING
-from taxel.errors import ArtifactError
+from taxel.errors import ArtifactError, TaxelError
 from taxel.local import shipped_repository
 from taxel.predictor import ModelInfo
 from taxel_server.operations.log_format import LogFormat, set_up_log
@@ -92,6 +91,7 @@ def serve(
     given = {name: value for name, value in locals().items() if name in ServerOptions.model_fields}
     _exit_at_once_on(STOPPING, code=0)
     hangup = _hangup_event()
+    terminal = os.isatty(0)
 
     from taxel_server.engine import Engine
     from taxel_server.loading.loader import Loader
@@ -113,11 +113,18 @@ def serve(
     if not engine.loaded():
         raise ArtifactError(_nothing_to_serve(repository, engine.models()))
     stop = _event_on(STOPPING)
-    service = Service(engine, settings, loader).start()
+    try:
+        service = Service(engine, settings, loader).start()
+    except TaxelError:
+        loader.close()
+        raise
     _announce(settings.listen, service, engine.models(), as_json)
     manager = ServiceManager()
-    manager.tell("READY=1", f"STATUS=serving {len(engine.loaded())} models")
-    _serve_until(stop, hangup, service, loader, manager)
+    manager.tell("READY=1", f"STATUS=serving {len(engine.loaded())} versions")
+    while _serve_until(stop, hangup, service, loader, manager) and not _has_gone(terminal):
+        _LOG.info("reloading")
+        manager.tell_reloading()
+        loader.reload()
     manager.tell("STOPPING=1")
     if awake is not None:
         awake.close()
@@ -130,25 +137,21 @@ def serve(
 
 def _serve_until(
     stop: Event, hangup: Event, service: "Service", loader: "Loader", manager: ServiceManager
-) -> None:
-    """Reload when the signal for it has come, and give the watchdog its signs, until told to stop."""
-    reloading = False
+) -> bool:
+    """Give the watchdog its signs until a signal comes. Returns whether it was SIGHUP."""
+    loading = True
     # The kernel may give a signal to one of zenoh's threads, which does not wake this one.
     while not stop.wait(_SIGNAL_CHECK_S):
         if hangup.is_set():
             hangup.clear()
-            if _terminal_has_gone():
-                return
-            _LOG.info("reloading")
-            manager.tell_reloading()
-            loader.reload()
-            reloading = True
-        elif reloading and loader.is_idle:
-            reloading = False
-            _LOG.info("reloaded", extra={"fields": dict(loader.counts)})
-            manager.tell("READY=1")
+            return True
+        if loading and loader.is_idle:
+            loading = False
+            _LOG.info("loaded", extra={"fields": dict(loader.counts)})
+            manager.tell("READY=1", f"STATUS=serving {loader.counts['loaded']} versions")
         if manager.expects_sign and service.is_live:
             manager.give_sign()
+    return False
 
 
 def _hangup_event() -> Event:
@@ -159,12 +162,9 @@ def _hangup_event() -> Event:
     return event
 
 
-def _terminal_has_gone() -> bool:
-    """Whether the signal came because the terminal that the server was started in was closed."""
-    try:
-        return os.isatty(0) and os.tcgetpgrp(0) < 0
-    except OSError as error:
-        return error.errno == errno.EIO
+def _has_gone(terminal: bool) -> bool:
+    """Whether SIGHUP came because the terminal, if the server was started in one, was closed."""
+    return terminal and not os.isatty(0)
 
 
 def _log_errors_of_zenoh() -> None:

@@ -63,10 +63,11 @@ class Service:
         """
         self._zenoh.listen()
         try:
-            self._core.lane = self._lane.listen()
             self._http = self._listen_for_http()
+            self._core.lane = self._lane.listen()
         except TaxelError:
-            self._lane.close()
+            if self._http is not None:
+                self._http.close()
             self._zenoh.hang_up()
             raise
         if self._loader is not None:

@@ -8,9 +8,10 @@ from threading import Condition, Thread
 from typing import Final
 
 from taxel import artifacts
+from taxel.dependencies import require
 from taxel.errors import TaxelError
 from taxel_server.engine import Engine, LoadedModel, Place
-from taxel_server.loading.trials import TRIED, Trials
+from taxel_server.loading.trials import TRIAL_NEEDS, TRIED, Trials
 
 _LOG: Final = logging.getLogger(__name__)
 
@@ -136,6 +137,7 @@ class Loader:
     def _needs_trial(self, place: Place) -> bool:
         """Whether a version is sound, and of a platform whose files could compute without end."""
         try:
+            require("a trial", "server", *TRIAL_NEEDS)
             return artifacts.read(self._engine.folder(place)).manifest.platform in TRIED
         except TaxelError:
             return False

@@ -16,6 +16,9 @@ from taxel.manifest import Platform
 TRIED: Final[frozenset[Platform]] = frozenset({"onnxruntime_onnx"})
 """Platforms whose files are programs. A tree's computation is bounded by its file's size."""
 
+TRIAL_NEEDS: Final = ("numba", "onnx", "onnxruntime")
+"""What a trial imports. Where one is missing, loading tells what to install."""
+
 POSSIBLE: Final = sys.platform == "linux"
 """Whether this system can limit the time and memory of a forked process as is needed here."""
 

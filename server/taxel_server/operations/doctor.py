@@ -1,4 +1,4 @@
-"""What on a machine decides how well Taxel runs there. A look is short, changes nothing, names a remedy."""
+"""What on a machine decides how well Taxel runs there. Each look is short and names a remedy."""
 
 import os
 import platform

@@ -18,7 +18,7 @@ def doctor(
 ) -> None:
     """Look at what decides how well Taxel runs here: Python, processor, clocks, files, memory, ports.
 
-    It changes nothing and takes about a second. Exit code 1 says that something keeps Taxel from running.
+    It changes no setting and takes about a second. Exit code 1: something keeps Taxel from running.
     """
     findings = []
     for finding in examine(port):

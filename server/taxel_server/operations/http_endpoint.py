@@ -2,10 +2,11 @@
 
 import json
 import logging
+import socket
 from collections.abc import Callable
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from socket import socket
+from socketserver import TCPServer
 from threading import BoundedSemaphore, Thread
 from typing import Any, Final
 
@@ -78,7 +79,13 @@ class _Server(ThreadingHTTPServer):
     def __init__(self, place: tuple[str, int], endpoint: HttpEndpoint) -> None:
         self.endpoint = endpoint
         self._free = BoundedSemaphore(_AT_ONCE)
+        self.address_family = socket.AF_INET6 if ":" in place[0] else socket.AF_INET
         super().__init__(place, _Handler)
+
+    @override
+    def server_bind(self) -> None:
+        # HTTPServer's own would ask the network for this machine's name, and wait for it.
+        TCPServer.server_bind(self)
 
     @override
     def process_request(self, request: Any, client_address: Any) -> None:
@@ -95,7 +102,9 @@ class _Server(ThreadingHTTPServer):
             self._free.release()
 
     @override
-    def handle_error(self, request: socket | tuple[bytes, socket], client_address: Any) -> None:
+    def handle_error(
+        self, request: socket.socket | tuple[bytes, socket.socket], client_address: Any
+    ) -> None:
         _LOG.debug("an HTTP client failed: %s", client_address, exc_info=True)
 
 

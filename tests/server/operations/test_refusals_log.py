@@ -76,7 +76,7 @@ def test_strangers_do_not_fill_the_memory() -> None:
     assert counts[OTHERS] == 1000 - 256
 
 
-@given(st.text(), st.text(max_size=30))
+@given(st.text(max_size=40), st.text(max_size=20))
 def test_a_client_cannot_begin_a_line_of_the_log(message: str, client: str) -> None:
     record = logging.LogRecord("taxel", logging.WARNING, "", 0, "refused: %s", (message,), None)
     record.fields = {"client": client}
