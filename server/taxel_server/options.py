@@ -75,7 +75,7 @@ class ServerOptions(BaseModel):
         default=20,
         gt=0,
         le=3600,
-        description="Seconds that an ONNX file may take for its first evaluations; else it is refused.",
+        description="Seconds of the processor that an ONNX file may take for its first evaluations.",
     )
     load_memory_mib: int = Field(
         default=4096, ge=64, le=2**24, description="MiB that an ONNX file may take for them."

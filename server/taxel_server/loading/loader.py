@@ -15,8 +15,10 @@ from taxel_server.loading.trials import TRIAL_NEEDS, TRIED, Trials
 
 _LOG: Final = logging.getLogger(__name__)
 
-_PATIENCE_S: Final = 3.0
-"""How long the start waits, at least, for trials while nothing else is left to load."""
+_PATIENCE_S: Final = 2.0
+_PATIENCE_SHARE: Final = 0.5
+"""How long the start waits for trials when nothing else is left to load: at least the first, and this share
+of the time until then."""
 
 _WAITING: Final = "it waits to be loaded"
 _ON_TRIAL: Final = "it is being tried out in a process of its own; it joins if it answers in time"
@@ -56,8 +58,8 @@ class Loader:
     def wait(self) -> None:
         """Return when everything has been loaded or refused, or when only slow trials are left.
 
-        A trial is slow if nothing else has happened for as long as all before it took, and 3 s. There is
-        always a model that was loaded, unless none can be.
+        A trial is slow if nothing else has happened for half as long as all before it took, and 2 s. There
+        is always a model that was loaded, unless none can be.
         """
         with self._condition:
             while not self._done and not self._is_slow():
@@ -89,7 +91,7 @@ class Loader:
     def _is_slow(self) -> bool:
         taken = self._progressed - self._started
         busy = self._computing or self._trials_begin or not self.counts["loaded"]
-        return not busy and time.monotonic() - self._progressed > max(_PATIENCE_S, taken)
+        return not busy and time.monotonic() - self._progressed > max(_PATIENCE_S, _PATIENCE_SHARE * taken)
 
     def _note_progress(self, computing: bool) -> None:
         with self._condition:

@@ -24,6 +24,12 @@ from taxel_server.runtimes.networks.lowering import lower
 ROWS: Final = (1, 8, 64, 512)
 """Windows of the evaluations that are tried."""
 
+_TOO_LONG: Final = (signal.SIGXCPU, signal.SIGALRM)
+"""What the kernel kills with when the processor's time is over, and when that of the clock is."""
+
+_WAITING_SHARE: Final = 10
+"""How much longer a trial may take by the clock."""
+
 _LONGEST_REASON: Final = 1500
 """Characters; a line of the pipe must fit into one write."""
 
@@ -51,7 +57,7 @@ def _tell(**fields: Any) -> None:
 
 
 def _death(number: int, task: dict[str, Any]) -> str:
-    if number == signal.SIGALRM:
+    if number in _TOO_LONG:
         return f"its trial took longer than {task['seconds']} s: expected a model that answers at once"
     return (
         f"its trial died with {signal.Signals(number).name}: it may need more than {task['memory_mib']} MiB"
@@ -64,9 +70,12 @@ def _fork(folder: Path, seconds: int, memory_mib: int) -> int:
         return process
     code = 1
     try:
-        # Nothing handles this signal, so that it kills, even in the middle of a library's computation.
-        signal.signal(signal.SIGALRM, signal.SIG_DFL)
-        signal.alarm(seconds)
+        # Nothing handles these signals, so that they kill, even in the middle of a library's computation.
+        for number in _TOO_LONG:
+            signal.signal(number, signal.SIG_DFL)
+        # A busy machine makes a trial slow, not wrong: the processor's time counts.
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
+        signal.alarm(_WAITING_SHARE * seconds)
         _limit_memory(memory_mib)
         # ONNX Runtime logs what fails, which the reason says, too.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)

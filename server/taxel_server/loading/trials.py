@@ -42,7 +42,7 @@ class Trials:
     """Tries artifacts out, each in a process with a time and a memory limit.
 
     Args:
-        seconds: the longest time that one may take.
+        seconds: of the processor that one may take; by the clock, ten times as long.
         memory_mib: how much it may allocate.
     """
 
@@ -55,7 +55,14 @@ class Trials:
 
     def run(self, folders: Sequence[Path]) -> Iterator[Verdict]:
         """Start at once, and give a verdict when each trial begins and when it ends, as they come."""
-        process = self._start(folders) if POSSIBLE else None
+        if not POSSIBLE or not folders:
+            return iter([Verdict(folder, "") for folder in folders])
+        try:
+            process = self._start(folders)
+        except OSError as error:
+            return iter([Verdict(folder, f"it could not be tried out: {error}") for folder in folders])
+        if process is None:
+            return iter([Verdict(folder, "the server is stopping") for folder in folders])
         return self._verdicts(process, folders)
 
     def close(self) -> None:
@@ -72,7 +79,7 @@ class Trials:
             "at_once": max(2, os.cpu_count() or 1),
         }
         with self._lock:
-            if self._closed or not folders:
+            if self._closed:
                 return None
             # A session of its own: the terminal's signals are the server's business, and all its processes
             # can be killed together. -P: the working folder holds no modules of ours.
@@ -88,14 +95,7 @@ class Trials:
             pipe.write(json.dumps(task).encode())
         return self._process
 
-    def _verdicts(
-        self, process: "subprocess.Popen[bytes] | None", folders: Sequence[Path]
-    ) -> Iterator[Verdict]:
-        if process is None:
-            yield from (
-                Verdict(folder, "" if not POSSIBLE else "the server is stopping") for folder in folders
-            )
-            return
+    def _verdicts(self, process: "subprocess.Popen[bytes]", folders: Sequence[Path]) -> Iterator[Verdict]:
         left = {str(folder) for folder in folders}
         assert process.stdout is not None
         with process.stdout:
