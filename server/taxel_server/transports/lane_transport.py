@@ -82,6 +82,7 @@ class LaneTransport:
         """Take requests, if there is a lane."""
         if self._socket is None:
             return
+        self._core.statistics.connections["lane"] = lambda: len(self._clients)
         self._listener = self._socket.socket
         self._waker, self._woken = socket.socketpair()
         self._waker.setblocking(False)
