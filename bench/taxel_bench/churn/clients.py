@@ -13,7 +13,7 @@ import numpy as np
 
 import taxel
 from taxel.predictor import Predictor
-from taxel.remote import Transport
+from taxel.remote.options import Transport
 
 
 def main(endpoint: str, transport: Transport, model: str, clients: int, rows: int, *, stay: bool) -> None:

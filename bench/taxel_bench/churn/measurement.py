@@ -10,7 +10,7 @@ from typing import Final
 import psutil
 
 from taxel.errors import Unavailable
-from taxel.remote import Transport
+from taxel.remote.options import Transport
 from taxel_bench.server_process import RunningServer
 
 IN_ONE_PROCESS: Final = 20

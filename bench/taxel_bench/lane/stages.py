@@ -76,9 +76,10 @@ def _asked(
         stamps: list[int] = []
         for row in range(2):
             predictor.predict(windows[row : row + 1])
-        assert source.lanes is not None
-        assert source.lanes.lane is not None
-        (connection,) = source.lanes.lane.idle
+        lanes = source.core.lanes
+        assert lanes is not None
+        assert lanes.lane is not None
+        (connection,) = lanes.lane.idle
         connection.socket = StampedSocket(connection.socket, stamps)  # type: ignore[assignment]
         until = time.perf_counter() + seconds
         number = 0

@@ -17,7 +17,7 @@ from taxel_server.core.batcher import Batcher
 from taxel_server.engine import Engine, LoadedModel
 from taxel_server.options import ServerOptions
 from taxel_server.service import Service
-from taxel_server.transports.lane_connection import LaneConnection
+from taxel_server.transports.lane_connection import ClientConnection
 
 
 class StampedSocket:
@@ -54,7 +54,7 @@ def main(repository: Path, endpoint: str) -> None:
     """Serve until stdin ends."""
     stamps: list[int] = []
     answered: list[list[int]] = []
-    answer_alone = LaneConnection.answer_alone
+    answer_alone = ClientConnection.answer_alone
 
     def answer(connection: Any) -> bool:
         if not isinstance(connection.socket, StampedSocket):
@@ -67,7 +67,7 @@ def main(repository: Path, endpoint: str) -> None:
         return done
 
     changed: dict[type, dict[str, Any]] = {
-        LaneConnection: {"answer_alone": answer},
+        ClientConnection: {"answer_alone": answer},
         Batcher: {"evaluate_if_idle": Batcher.evaluate_if_idle},
         LoadedModel: {"evaluate": LoadedModel.evaluate},
     }

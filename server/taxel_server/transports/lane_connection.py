@@ -25,6 +25,7 @@ from taxel.lane.frames import (
     pack_reply,
     read_request_head,
 )
+from taxel.lane.offer import name_of
 from taxel_server.core.core import Core
 from taxel_server.core.jobs import check_shape
 from taxel_server.engine import LoadedModel
@@ -40,7 +41,7 @@ _KINDS: Final = 16
 """Sizes of requests that are remembered."""
 
 
-class LaneConnection:
+class ClientConnection:
     """Reads requests and sends replies; all methods but `send` belong to the lane's thread.
 
     Args:
@@ -57,13 +58,14 @@ class LaneConnection:
         core: Core,
         budget: Budget,
         buffer: bytearray,
-        notify: Callable[["LaneConnection"], None],
+        notify: Callable[["ClientConnection"], None],
     ) -> None:
         self.socket = client
         self.awaited = READ
         """Which event the lane's thread waits for."""
         self.progressed_at = 0.0
         """When bytes last moved while a request or a reply was under way."""
+        self._name = name_of(client)
         self._core = core
         self._budget = budget
         self._notify = notify
@@ -139,6 +141,7 @@ class LaneConnection:
             self._take_requests(data)
         except InvalidArgument as error:
             # Where the next request starts is not known any more.
+            self._core.refusals.add(error, client=self._name)
             self.send(pack_reply(0, error))
             return False
         return True
@@ -227,6 +230,7 @@ class LaneConnection:
                 if stop > end:
                     self._await_rest(head, model, memoryview(data)[start:])
             except RequestError as error:
+                self._core.refusals.add(error, client=self._name, request_id=head.id)
                 self.send(pack_reply(head.id, error))
                 self._to_skip = max(stop - end, 0)
             else:
@@ -272,9 +276,9 @@ class LaneConnection:
 
     def _hand_on(self, model: LoadedModel, head: RequestHead, windows: NDArray[np.float32]) -> None:
         try:
-            self._core.submit(LaneJob(self.send, model, head, windows))
+            self._core.submit(LaneJob(self.send, model, head, windows, self._name))
         except RequestError as error:
-            _LOG.debug("%s: %s: %s", model.label, error.code, error)
+            self._core.refusals.add(error, client=self._name, model=model.label, request_id=head.id)
             self.send(pack_reply(head.id, error))
         except Exception:
             _LOG.exception("a request could not be handed on")

@@ -45,10 +45,13 @@ class LaneJob(Job):
         model: LoadedModel,
         head: RequestHead,
         windows: NDArray[np.float32],
+        client: str,
     ) -> None:
         super().__init__(model, head.rows)
+        self.client = client
         self._send = send
         self._head = head
+        self.request_id: int = head.id
         self._windows = windows
 
     @override
@@ -58,7 +61,7 @@ class LaneJob(Job):
 
     @override
     def answer(self, result: InferResponse | RequestError) -> None:
-        self._send(pack_reply(self._head.id, result))
+        self._send(pack_reply(self.request_id, result))
 
 
 class Arriving:

@@ -17,7 +17,7 @@ from taxel.errors import TaxelError
 from taxel.lane.offer import LaneOffer, machine_identity, of_this_user
 from taxel_server.core.core import Core
 from taxel_server.options import ServerOptions
-from taxel_server.transports.lane_connection import RECEIVE_BYTES, LaneConnection
+from taxel_server.transports.lane_connection import RECEIVE_BYTES, ClientConnection
 from taxel_server.transports.lane_requests import Budget
 from taxel_server.transports.lane_socket import LaneSocket, automatic_address
 from taxel_server.transports.poller import READ, WRITE, open_poller
@@ -54,10 +54,10 @@ class LaneTransport:
         self._options = options
         self._budget = Budget(_MOST_BYTES)
         self._buffer = bytearray(RECEIVE_BYTES)
-        self._clients: dict[int, LaneConnection] = {}
+        self._clients: dict[int, ClientConnection] = {}
         """By the socket's descriptor."""
-        self._under_way: set[LaneConnection] = set()
-        self._notified: deque[LaneConnection] = deque()
+        self._under_way: set[ClientConnection] = set()
+        self._notified: deque[ClientConnection] = deque()
         self._accepts_again_at = 0.0
         self._stop_at: float | None = None
         self._socket: LaneSocket | None = None
@@ -84,6 +84,7 @@ class LaneTransport:
         """Take requests, if there is a lane."""
         if self._socket is None:
             return
+        self._core.statistics.connections["lane"] = lambda: len(self._clients)
         self._listener = self._socket.socket
         self._waker, self._woken = socket.socketpair()
         self._waker.setblocking(False)
@@ -146,7 +147,7 @@ class LaneTransport:
             _give_way()
         return events
 
-    def _serve(self, connection: LaneConnection, event: int, alone: bool) -> None:
+    def _serve(self, connection: ClientConnection, event: int, alone: bool) -> None:
         """Read from a client, or send what it takes."""
         try:
             if event & WRITE:
@@ -168,7 +169,7 @@ class LaneTransport:
         elif connection.is_under_way or connection in self._under_way:
             self._watch(connection)
 
-    def _watch(self, connection: LaneConnection) -> None:
+    def _watch(self, connection: ClientConnection) -> None:
         """Wait for the client to read if replies wait for it, and else for its requests."""
         if connection.is_under_way:
             self._under_way.add(connection)
@@ -179,7 +180,7 @@ class LaneTransport:
             self._poller.modify(connection.socket, wanted)
             connection.awaited = wanted
 
-    def _drop(self, connection: LaneConnection) -> None:
+    def _drop(self, connection: ClientConnection) -> None:
         self._under_way.discard(connection)
         if self._clients.pop(connection.socket.fileno(), None) is not None:
             self._poller.unregister(connection.socket)
@@ -202,12 +203,12 @@ class LaneTransport:
         client.setblocking(False)
         if not unix:
             client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._clients[client.fileno()] = LaneConnection(
+        self._clients[client.fileno()] = ClientConnection(
             client, self._core, self._budget, self._buffer, self._notify
         )
         self._poller.register(client, READ)
 
-    def _notify(self, connection: LaneConnection) -> None:
+    def _notify(self, connection: ClientConnection) -> None:
         """Called by any thread: a client's outbox has filled, or it has gone."""
         self._notified.append(connection)
         self._wake()

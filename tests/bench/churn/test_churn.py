@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from taxel.remote import Transport
+from taxel.remote.options import Transport
 from taxel_bench.churn import measurement
 from taxel_bench.churn.measurement import Held, let_them_come, reasons_against
 from taxel_bench.server_process import RunningServer, running_server_process

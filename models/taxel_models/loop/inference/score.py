@@ -1,6 +1,7 @@
 """A score: what one effect explains, and how sure that is."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final, Self
 
 import numpy as np
 from scipy import stats
@@ -10,6 +11,9 @@ from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Effect
 from taxel_models.loop.inference.evidence import Weighed
 from taxel_models.loop.inference.forms import Form
+
+UNSHRUNK: Final = 1e3
+"""A prior size, over the channel's residual, that leaves weights as the recording gives them."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +99,11 @@ class Taken:
     def weighed(self) -> Weighed:
         """Its evidence when it was named."""
         return self.score.weighed
+
+    @property
+    def without_prior(self) -> Self:
+        """The same with weights that are not shrunk: by least squares."""
+        return replace(self, score=replace(self.score, weighed=replace(self.weighed, strength=UNSHRUNK)))
 
     @property
     def is_regressor(self) -> bool:
