@@ -186,7 +186,9 @@ class Batcher:
     @property
     def answered(self) -> int:
         """Jobs that got an answer or a refusal since the start; it rises as long as there is progress."""
-        return sum(statistics.requests for statistics in [*self._statistics.values()])
+        with self._lock:
+            self._count_alone()
+            return sum(statistics.requests for statistics in self._statistics.values())
 
     def statistics(self, model: LoadedModel) -> dict[str, Any]:
         """The statistics of a model."""
