@@ -45,6 +45,8 @@ class Connection:
         self.endpoint = endpoint
         self.timeout = checked_timeout(timeout)
         self._session = _open(endpoint, timeout, shared_memory)
+        # The server gives each session its share.
+        self._source = zenoh.SourceInfo(self._session.id, 0)
 
     def get(self, key: str, payload: bytes | None = None, timeout: float | None = None) -> bytes:
         """One query, one answer.
@@ -57,7 +59,9 @@ class Connection:
         return self._sent(
             key,
             wait,
-            lambda: self._session.get(key, payload=payload, timeout=wait, consolidation=_AS_THEY_COME),
+            lambda: self._session.get(
+                key, payload=payload, timeout=wait, consolidation=_AS_THEY_COME, source_info=self._source
+            ),
         )()
 
     def asker(self, key: str, wait: float) -> Callable[[bytes], bytes]:
@@ -83,7 +87,9 @@ class Connection:
             querier = self._session.declare_querier(key, timeout=wait, consolidation=_AS_THEY_COME)
         except zenoh.ZError as error:
             raise self._broken(error) from None
-        return lambda payload: self._sent(key, wait, lambda: querier.get(payload=payload))
+        return lambda payload: self._sent(
+            key, wait, lambda: querier.get(payload=payload, source_info=self._source)
+        )
 
     def send(self, key: str, payload: bytes, done: Done) -> None:
         """Send one query without waiting. Any number of such queries may be in flight.
@@ -107,7 +113,12 @@ class Connection:
         handler: Callback[zenoh.Reply] = Callback(read, end, indirect=False)
         try:
             self._session.get(
-                key, handler, payload=payload, timeout=self.timeout, consolidation=_AS_THEY_COME
+                key,
+                handler,
+                payload=payload,
+                timeout=self.timeout,
+                consolidation=_AS_THEY_COME,
+                source_info=self._source,
             )
         except zenoh.ZError as error:
             settle(self._broken(error))

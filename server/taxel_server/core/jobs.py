@@ -2,6 +2,7 @@
 
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Hashable
 from math import inf
 from typing import Final
 
@@ -12,6 +13,7 @@ from taxel.channels import CHANNELS
 from taxel.errors import DeadlineExceeded, InvalidArgument, RequestError
 from taxel.protocol import InferRequest, InferResponse
 from taxel.windows.checks import check_finite
+from taxel_server.core.policy import Ticket
 from taxel_server.engine import LoadedModel
 
 _CHANNELS: Final = len(CHANNELS)
@@ -28,18 +30,29 @@ def check_shape(model: LoadedModel, shape: tuple[int, ...]) -> None:
         raise InvalidArgument(f"inputs[0].shape: {list(shape)}: expected [n, {features}] for {model.label}")
 
 
-class Job(ABC):
+class Job(Ticket, ABC):
     """A request as it arrived: not decoded yet. It must be answered exactly once.
 
     Args:
         model: which model it is for.
         rows: how many windows it counts for while it is queued, at least 1.
+        size: its bytes.
+        client: who asks. Clients that cannot be told from each other are one client.
+        source: the connection that it came by; the client if none.
+
+    Attributes:
+        arrived: when, on the clock `time.monotonic`.
+        work: the decoded request, once its evaluation has begun.
     """
 
-    def __init__(self, model: LoadedModel, rows: int) -> None:
-        self.model: Final = model
-        self.rows: Final = rows
+    model: LoadedModel
+
+    def __init__(
+        self, model: LoadedModel, rows: int, size: int = 0, client: Hashable = None, source: Hashable = None
+    ) -> None:
+        super().__init__(client, model, rows, size, source=source)
         self.arrived = time.monotonic()
+        self.work: Work | None = None
 
     @abstractmethod
     def decode(self) -> InferRequest:
@@ -67,6 +80,12 @@ def checked_request(job: Job) -> InferRequest:
     if request.spread and not manifest.gives_spread:
         raise InvalidArgument(f"outputs[1]: {job.model.label} gives no spread: expected an ensemble")
     return request
+
+
+def too_late(job: Job, now: float) -> DeadlineExceeded:
+    """The error of a job whose deadline is over."""
+    timeout_ms, waited_ms = (job.deadline - job.arrived) * 1e3, (now - job.arrived) * 1e3
+    return DeadlineExceeded(f"parameters.timeout_ms: {timeout_ms:.4g}: {waited_ms:.0f} ms have passed")
 
 
 def response_of(
@@ -102,7 +121,8 @@ class Work:
         self.job: Final = job
         self._request: Final = checked_request(job)
         request = self._request
-        self._timeout_s: Final = inf if request.timeout_ms is None else request.timeout_ms / 1e3
+        self.deadline: Final = inf if request.timeout_ms is None else job.arrived + request.timeout_ms / 1e3
+        """After it, the caller waits no longer."""
         self._outputs: NDArray[np.float32] | None = None
         self._done = 0
         self._started: float | None = None
@@ -110,25 +130,18 @@ class Work:
         self._batch_rows = 0
 
     @property
+    def rows(self) -> int:
+        """All its windows."""
+        return len(self._request.windows)
+
+    @property
     def left(self) -> int:
         """Windows still to evaluate."""
-        return len(self._request.windows) - self._done
+        return self.rows - self._done
 
     def next_windows(self, rows: int) -> NDArray[np.float32]:
         """The next windows to evaluate, at most so many."""
         return self._request.windows[self._done : self._done + rows]
-
-    def check_deadline(self, now: float) -> None:
-        """Raise if the caller has stopped waiting.
-
-        Raises:
-            DeadlineExceeded: the time that the caller allowed is over.
-        """
-        waited = now - self.job.arrived
-        if waited > self._timeout_s:
-            raise DeadlineExceeded(
-                f"parameters.timeout_ms: {self._timeout_s * 1e3:g}: {waited * 1e3:.0f} ms have passed"
-            )
 
     def keep(self, outputs: NDArray[np.float32], *, started: float, ended: float, batch_rows: int) -> None:
         """Keep the outputs (m, columns) of the next m windows, with their times."""

@@ -8,7 +8,7 @@ import logging
 import socket
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from threading import Lock
 from typing import Final
 
@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 
 from taxel.errors import Internal, InvalidArgument, NotFound, RequestError, ResourceExhausted
 from taxel.lane.frames import HEAD_BYTES, ID_AT, RequestHead, pack_reply, read_request_head
+from taxel.lane.offer import process_of
 from taxel_server.core.core import Core
 from taxel_server.core.jobs import Job, check_shape
+from taxel_server.core.policy import Ticket
 from taxel_server.engine import LoadedModel
 from taxel_server.transports.lane_requests import Arriving, Budget, LaneJob, Last
 
@@ -47,6 +49,8 @@ class LaneConnection:
         self.socket = client
         self.progressed_at = 0.0
         """When bytes last moved while a request or a reply was under way."""
+        # Each thread of a client has a connection of its own; a process has one share.
+        self._client: Hashable = process_of(client) or self
         self._core = core
         self._budget = budget
         self._notify = notify
@@ -158,6 +162,7 @@ class LaneConnection:
             self._outbox.clear()
             self.socket.close()
         self._forget_arriving()
+        self._core.gone(self)
 
     def _read_into(self, arriving: Arriving) -> bool:
         size = self.socket.recv_into(arriving.missing)
@@ -211,6 +216,7 @@ class LaneConnection:
 
     def _await_rest(self, head: RequestHead, model: LoadedModel, data: memoryview) -> None:
         size = head.size - head.data_at
+        self._core.check_room(Ticket(self._client, model, head.rows, head.size))
         if not self._budget.take(size):
             raise ResourceExhausted("too many large requests arrive at the same time; try again later")
         self._arriving = Arriving(head, model)
@@ -240,7 +246,7 @@ class LaneConnection:
         infer: Callable[[Job], None],
     ) -> None:
         try:
-            infer(LaneJob(self.send, model, head, request_id, windows))
+            infer(LaneJob(self.send, model, head, request_id, windows, self._client, self))
         except RequestError as error:
             _LOG.debug("%s: %s: %s", model.label, error.code, error)
             self.send(pack_reply(request_id, error))

@@ -1,6 +1,6 @@
 """Requests of the lane: as jobs, while they arrive, and the last one of a client."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from threading import Lock
 from typing import NamedTuple
 
@@ -46,8 +46,10 @@ class LaneJob(Job):
         head: RequestHead,
         request_id: int,
         windows: NDArray[np.float32],
+        client: Hashable,
+        source: Hashable,
     ) -> None:
-        super().__init__(model, head.rows)
+        super().__init__(model, head.rows, head.size, client, source)
         self._send = send
         self._head = head
         self._id = request_id

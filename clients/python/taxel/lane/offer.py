@@ -94,12 +94,26 @@ def of_this_user(connection: socket.socket) -> bool:
 
     Where the system does not tell, the file's permissions decide.
     """
+    credentials = _credentials_of(connection)
+    return credentials is None or credentials[1] in (os.geteuid(), 0)
+
+
+def process_of(connection: socket.socket) -> int | None:
+    """The process at the other end of a unix socket; None where the system does not tell."""
+    credentials = (
+        _credentials_of(connection) if connection.family == getattr(socket, "AF_UNIX", None) else None
+    )
+    return credentials[0] if credentials else None
+
+
+def _credentials_of(connection: socket.socket) -> tuple[int, int, int] | None:
+    """Process, user and group of the other end of a unix socket, where the system tells them."""
     if not hasattr(socket, "SO_PEERCRED"):
-        return True
-    _, user, _ = _CREDENTIALS.unpack(
+        return None
+    process, user, group = _CREDENTIALS.unpack(
         connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
     )
-    return user in (os.geteuid(), 0)
+    return process, user, group
 
 
 def machine_identity() -> str:
