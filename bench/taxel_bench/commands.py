@@ -1,6 +1,7 @@
 """The `bench` command."""
 
 from taxel.commands.cli import failing_clearly, new_app
+from taxel_bench.chaos.command import chaos
 from taxel_bench.compare.command import compare
 from taxel_bench.forms.command import forms
 from taxel_bench.load.command import load
@@ -10,7 +11,7 @@ from taxel_bench.table.command import table
 
 app = new_app("Measure Taxel's models and server.")
 
-for command in (run, table, load, compare, forms, report):
+for command in (run, table, load, compare, forms, report, chaos):
     app.command(command.__name__)(failing_clearly(command))
 
 
