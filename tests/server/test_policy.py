@@ -211,6 +211,7 @@ def test_a_slow_model_and_a_fast_one_get_the_same_time() -> None:
     assert seconds["fast"] == pytest.approx(seconds["slow"], rel=0.05)
 
 
+@settings(max_examples=15)
 @given(st.integers(1, 64))
 def test_control_goes_first_and_bulk_gets_an_eighth(rows: int) -> None:
     policy = learned(SECONDS_A_ROW)
