@@ -1,6 +1,7 @@
 """The `bench` command."""
 
 from taxel.commands.cli import failing_clearly, new_app
+from taxel_bench.chaos.command import chaos
 from taxel_bench.churn.command import churn
 from taxel_bench.compare.command import compare
 from taxel_bench.forms.command import forms
@@ -12,7 +13,7 @@ from taxel_bench.table.command import table
 
 app = new_app("Measure Taxel's models and server.")
 
-for command in (run, table, load, compare, churn, lane, forms, report):
+for command in (run, table, load, compare, churn, chaos, lane, forms, report):
     app.command(command.__name__)(failing_clearly(command))
 
 

@@ -68,6 +68,8 @@ def serve(
     max_request_rows: Annotated[int | None, _option("max_request_rows", "N")] = None,
     max_queue_rows: Annotated[int | None, _option("max_queue_rows", "N")] = None,
     max_queue_requests: Annotated[int | None, _option("max_queue_requests", "N")] = None,
+    max_queue_mib: Annotated[int | None, _option("max_queue_mib", "N")] = None,
+    max_queue_seconds: Annotated[float | None, _option("max_queue_seconds", "S")] = None,
     threads: Annotated[int | None, _option("threads", "N")] = None,
     providers: Annotated[list[str] | None, _option("providers", "NAME")] = None,
     shared_memory: Annotated[bool | None, _option("shared_memory")] = None,

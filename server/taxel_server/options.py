@@ -40,6 +40,18 @@ class ServerOptions(BaseModel):
         le=2**20,
         description="The most requests that wait; each is answered before the server stops.",
     )
+    max_queue_mib: int = Field(
+        default=64,
+        gt=0,
+        le=2**16,
+        description="The most MiB of the requests that wait; the largest request always fits.",
+    )
+    max_queue_seconds: float = Field(
+        default=4.0,
+        gt=0,
+        le=3600,
+        description="The most seconds of evaluation that wait, as far as the server knows its models.",
+    )
     threads: int = Field(default=1, gt=0, le=256, description="The most threads of one evaluation.")
     providers: tuple[str, ...] = Field(
         default=("CPUExecutionProvider",),

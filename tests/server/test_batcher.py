@@ -53,9 +53,13 @@ class MemoryJob(Job):
     """A job whose request and answers lie in memory."""
 
     def __init__(
-        self, model: LoadedModel, windows: NDArray[np.float32], timeout_ms: float | None = None
+        self,
+        model: LoadedModel,
+        windows: NDArray[np.float32],
+        timeout_ms: float | None = None,
+        client: str = "somebody",
     ) -> None:
-        super().__init__(model, len(windows))
+        super().__init__(model, len(windows), windows.nbytes, client)
         self.request = InferRequest(windows, timeout_ms=timeout_ms)
         self.answers: list[InferResponse | RequestError] = []
         self.answered = Event()
@@ -96,12 +100,17 @@ def model(engine: Engine, runtime: Recorder) -> LoadedModel:
 
 @contextmanager
 def batching(
-    max_batch_rows: int = 8, max_queue_rows: int = 1000, max_queue_requests: int = 1000
+    max_batch_rows: int = 8,
+    max_queue_rows: int = 1000,
+    max_queue_requests: int = 1000,
+    max_queue_bytes: int = 10**6,
 ) -> Iterator[Batcher]:
     batcher = Batcher(
         max_batch_rows=max_batch_rows,
         max_queue_rows=max_queue_rows,
         max_queue_requests=max_queue_requests,
+        max_queue_bytes=max_queue_bytes,
+        max_queue_seconds=60,
     )
     batcher.start()
     try:
@@ -141,6 +150,23 @@ def test_every_job_gets_its_own_rows_once(engine: Engine, sizes: list[int], max_
             assert values_of(job) == [row[0] for row in job.request.windows]
     assert max(runtime.batches) <= max_batch_rows
     assert sum(runtime.batches) == sum(sizes)
+
+
+def test_the_estimate_of_rows_may_be_wrong(model: LoadedModel, runtime: Recorder) -> None:
+    jobs = []
+    with batching() as batcher:
+        for told, values in ((1, (1, 2)), (3, (1, 2)), (30, range(28)), (9, range(10)), (8, range(9))):
+            job = MemoryJob(model, windows_of(*values))
+            job.rows = job.left = told
+            jobs.append(job)
+            batcher.submit(job)
+        for job in jobs:
+            assert values_of(job) == [row[0] for row in job.request.windows]
+        lone = MemoryJob(model, windows_of(1, 2))
+        lone.rows = lone.left = 1
+        batcher.run(lone)
+        assert values_of(lone) == [1, 2]
+        assert batcher.queued_rows == 0
 
 
 def test_what_queues_meanwhile_is_evaluated_together(model: LoadedModel, runtime: Recorder) -> None:
@@ -299,7 +325,11 @@ def test_an_expired_request_is_not_computed(model: LoadedModel, runtime: Recorde
 
 @pytest.mark.parametrize(
     ("limits", "told"),
-    [({"max_queue_rows": 4}, "4 of 4 rows"), ({"max_queue_requests": 2}, "2 of 2 requests")],
+    [
+        ({"max_queue_rows": 8}, "4 of 8 rows, 4 of them yours"),
+        ({"max_queue_requests": 4}, "2 of 4 requests, 2 of them yours"),
+        ({"max_queue_bytes": 200}, "96 of 200 bytes, 96 of them yours"),
+    ],
 )
 def test_a_full_queue_refuses_and_recovers(
     model: LoadedModel, runtime: Recorder, limits: dict[str, int], told: str

@@ -96,7 +96,7 @@ def test_under_load_every_query_is_answered(
     serving: Starter, endpoint: str, make_windows: WindowMaker, engine: Any, number: signal.Signals
 ) -> None:
     """With a full queue and no time to drain it, what is not predicted is refused, and nothing is lost."""
-    process = serving("--drain-seconds", "0.05", "--max-batch-rows", "256")
+    process = serving("--drain-seconds", "0.05", "--max-batch-rows", "256", "--max-queue-rows", "400000")
     windows = make_windows(4096, 12)
     expected = engine.model("wide").evaluate(windows)
     request = pack_infer_request(windows)

@@ -75,18 +75,21 @@ def load(
     )
     # Told to stop, it still stops its server and clients.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
-    with ERR.status("measuring"), server_at(connect, repository or shipped_repository()) as endpoint:
+    # Offline, a client sends everything at once: more than its share of the queue by default.
+    room = ("--max-queue-rows", str(2**22), "--max-queue-mib", "4096", "--max-queue-seconds", "3600")
+    served = repository or shipped_repository()
+    with ERR.status("measuring"), server_at(connect, served, *room) as endpoint:
         runs = [replace(settings, gap_ms=gap) for gap in gaps]
         outcomes = [drive(run, endpoint) for run in runs]
     several = [Results.of(run, outcome) for run, outcome in zip(runs, outcomes, strict=True)]
     results, manifest = several[0], outcomes[0].manifest
     machine = describe_machine()
     if as_json:
-        served = {"version": manifest.version, "inputs": manifest.window.combination}
+        told = {"version": manifest.version, "inputs": manifest.window.combination}
         print_json(
             {
                 "machine": machine,
-                "scenario": asdict(runs[0]) | served,
+                "scenario": asdict(runs[0]) | told,
                 "results": asdict(results),
                 "gaps": {f"{gap:g}": each.of_gap() for gap, each in zip(gaps, several, strict=True)},
             }

@@ -34,8 +34,13 @@ class Outcome:
 
 
 @contextmanager
-def server_at(endpoint: str | None, repository: Path) -> Iterator[str]:
+def server_at(endpoint: str | None, repository: Path, *arguments: str) -> Iterator[str]:
     """The endpoint of a running server; without one, of a server started for as long as the block lasts.
+
+    Args:
+        endpoint: of the running server.
+        repository: what a server that is started serves.
+        arguments: further ones of its command.
 
     Raises:
         Unavailable: the server stopped before it was ready.
@@ -43,7 +48,7 @@ def server_at(endpoint: str | None, repository: Path) -> Iterator[str]:
     if endpoint is not None:
         yield endpoint
         return
-    with running_server(repository) as started:
+    with running_server(repository, *arguments) as started:
         yield started
 
 

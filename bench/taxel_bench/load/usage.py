@@ -67,14 +67,15 @@ class ServerUsage:
 
 def cpu_seconds(endpoint: str) -> float | None:
     """Processor time of the process that listens at an endpoint, if it is one of this machine's."""
-    process = _listening_process(endpoint)
+    process = listening_process(endpoint)
     if process is None:
         return None
     times = process.cpu_times()
     return float(times.user + times.system)
 
 
-def _listening_process(endpoint: str) -> psutil.Process | None:
+def listening_process(endpoint: str) -> psutil.Process | None:
+    """The process that listens at an endpoint; None if it is not here, or may not be looked at."""
     address = re.split("[?#]", endpoint.partition("/")[2])[0]
     host, _, port = address.rpartition(":")
     ours = {place.address for places in psutil.net_if_addrs().values() for place in places} | {"localhost"}

@@ -1,14 +1,13 @@
-"""Greedy batching: take one request, add the queued ones, evaluate. It knows no transport.
+"""Evaluates what the policy chooses, and answers. It knows no transport.
 
-No request waits for a batch to fill: requests gather while the batch before is computed. A request larger
-than a batch is evaluated one batch at a time and goes back behind the others each time. So it does not
-block the others, and deadlines and stopping reach it.
+No request waits for a batch to fill: requests gather while the slice before is computed. A large request is
+evaluated slice by slice, between those of others.
 """
 
 import logging
 import time
 from collections import defaultdict, deque
-from collections.abc import Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from math import inf
 from queue import Empty, SimpleQueue
 from threading import Lock, Thread
@@ -21,12 +20,17 @@ from taxel.channels import CHANNELS
 from taxel.errors import Internal, RequestError, ResourceExhausted, Unavailable
 from taxel.protocol import InferResponse
 from taxel.windows.checks import check_finite
-from taxel_server.core.jobs import Job, Work
+from taxel_server.core.jobs import Job, Work, too_late
+from taxel_server.core.policy import Policy, Slice, Ticket
 from taxel_server.core.refusals import Refusals
+from taxel_server.core.shares import Amounts
 from taxel_server.core.statistics import ModelStatistics
 from taxel_server.engine import LoadedModel
+from taxel_server.memory import FreeMemory
 
 _LOG: Final = logging.getLogger(__name__)
+
+_STOPPING: Final = "the server is stopping"
 
 _CHANNELS: Final = len(CHANNELS)
 
@@ -37,7 +41,7 @@ _MOST_UNCOUNTED: Final = 256
 """Requests whose statistics wait to be counted together: this takes less time for each."""
 
 Piece = tuple[Work, int]
-"""A request and how many of its windows a batch takes."""
+"""A request and how many of its next windows are evaluated."""
 
 
 class AtOnce(NamedTuple):
@@ -54,6 +58,8 @@ class Batcher:
         max_batch_rows: most windows evaluated in one go.
         max_queue_rows: most windows submitted and not yet answered.
         max_queue_requests: most jobs submitted and not yet answered.
+        max_queue_bytes: most bytes of their requests.
+        max_queue_seconds: most time that their evaluation will probably take.
         refusals: takes note of the jobs that get an error here.
     """
 
@@ -63,19 +69,19 @@ class Batcher:
         max_batch_rows: int,
         max_queue_rows: int,
         max_queue_requests: int,
+        max_queue_bytes: int,
+        max_queue_seconds: float,
         refusals: Refusals | None = None,
     ) -> None:
         self._refusals = refusals or Refusals()
-        self._max_batch_rows = max_batch_rows
-        self._max_queue_rows = max_queue_rows
-        self._max_queue_requests = max_queue_requests
-        self._queue: SimpleQueue[Job | Work | None] = SimpleQueue()
+        limits = Amounts(max_queue_requests, max_queue_rows, max_queue_bytes, max_queue_seconds)
+        self._policy: Policy[Job] = Policy(limits, max_batch_rows)
         self._lock = Lock()
-        self._rows = 0
-        self._open: set[Job] = set()
-        """Submitted and not yet answered."""
+        self._bell: SimpleQueue[None] = SimpleQueue()
+        self._sleeps = False
+        """Whether the worker waits for the bell."""
+        self._memory = FreeMemory()
         self._stopping = False
-        self._draining = False
         self._give_up_at = inf
         self._statistics: defaultdict[LoadedModel, ModelStatistics] = defaultdict(ModelStatistics)
         self._alone: deque[tuple[LoadedModel, int, int]] = deque()
@@ -90,12 +96,11 @@ class Batcher:
         """Queue a job; returns at once.
 
         Raises:
-            ResourceExhausted: the queue is full; the job is not answered here.
+            ResourceExhausted: its client has had its share; the job is not answered here.
             Unavailable: the batcher was closed; the job is not answered here.
         """
         with self._lock:
-            self._enter(job)
-            self._queue.put(job)
+            self._queue(job)
 
     def run(self, job: Job) -> None:
         """Like `submit`, but a single window is answered before this returns if nothing else is open."""
@@ -129,7 +134,7 @@ class Batcher:
             windows: (n, c) float32, C-contiguous.
         """
         rows, columns = windows.shape
-        if self._open or self._stopping or not 0 < rows <= _AT_ONCE_ROWS or columns != model.features:
+        if self._policy or self._stopping or not 0 < rows <= _AT_ONCE_ROWS or columns != model.features:
             return None
         started = time.monotonic()
         try:
@@ -154,29 +159,43 @@ class Batcher:
             model, rows, compute_us = self._alone.popleft()
             self._statistics[model].add_alone(rows, compute_us)
 
-    def _enter(self, job: Job) -> None:
-        """Accept a job, if there is room; call it under the lock."""
+    def _queue(self, job: Job) -> None:
+        """Give a job to the policy, if there is room; call it under the lock."""
         if self._stopping:
-            raise Unavailable("the server is stopping")
-        if self._rows + job.rows > self._max_queue_rows or len(self._open) + 1 > self._max_queue_requests:
-            error = ResourceExhausted(
-                f"the queue is full: {self._rows} of {self._max_queue_rows} rows, "
-                f"{len(self._open)} of {self._max_queue_requests} requests; try again later"
-            )
-            self._statistics[job.model].add_error(error.code)
+            raise Unavailable(_STOPPING)
+        self._memory.note(job.size)
+        self._refuse(job, self._policy.arrive(job))
+        self._wake()
+
+    def check_room(self, ticket: Ticket) -> None:
+        """Say whether a request would be accepted now, before its windows are read.
+
+        Raises:
+            ResourceExhausted: its client has had its share.
+        """
+        with self._lock:
+            self._refuse(ticket, self._policy.refusal(ticket))
+
+    def _refuse(self, ticket: Ticket, refusal: str | None) -> None:
+        if refusal is not None:
+            error = ResourceExhausted(f"{refusal}; try again later")
+            self._statistics[ticket.model].add_error(error.code)
             raise error
-        self._open.add(job)
-        self._rows += job.rows
+
+    def _wake(self) -> None:
+        if self._sleeps:
+            self._sleeps = False
+            self._bell.put(None)
 
     @property
     def queued_rows(self) -> int:
         """Windows submitted and not yet answered."""
-        return self._rows
+        return self._policy.shares.taken.rows
 
     @property
     def open_requests(self) -> int:
         """Jobs submitted and not yet answered."""
-        return len(self._open)
+        return len(self._policy)
 
     @property
     def is_alive(self) -> bool:
@@ -196,6 +215,12 @@ class Batcher:
             self._count_alone()
             return self._statistics[model].as_dict()
 
+    def gone(self, source: Hashable) -> None:
+        """Drop the requests of a connection or a session that is no longer there to be answered."""
+        with self._lock:
+            dropped = self._policy.gone(source)
+        self._answer_all(dropped, Unavailable("the client has gone"))
+
     def stop(self, drain_seconds: float) -> None:
         """Take no more jobs; returns at once.
 
@@ -204,59 +229,82 @@ class Batcher:
         """
         with self._lock:
             self._give_up_at = min(self._give_up_at, time.monotonic() + drain_seconds)
-            if not self._stopping:
-                self._stopping = True
-                self._queue.put(None)
+            self._stopping = True
+            self._wake()
 
     def abandon(self) -> None:
         """Answer every open job with `Unavailable` at once."""
         with self._lock:
-            jobs = list(self._open)
-        for job in jobs:
-            self._settle(job, Unavailable("the server is stopping"))
+            dropped = self._drop_all()
+        self._answer_all(dropped, Unavailable(_STOPPING))
 
     def join(self) -> None:
         """Return when every queued job has its answer, after `stop`."""
         self._worker.join()
 
     def _run(self) -> None:
-        while (batch := self._next_batch()) is not None:
-            for model, pieces in batch.items():
-                self._evaluate(model, pieces)
+        while (chosen := self._next()) is not None:
+            started = time.monotonic()
+            for job in chosen.late:
+                self._answer(job, too_late(job, started))
+            # A request may have a window more than was estimated: its last piece takes what is left.
+            pieces = [
+                (work, rows if job.left else work.left)
+                for job, rows in chosen.pieces
+                if (work := job.work or self._decoded(job)) is not None
+            ]
+            if pieces:
+                started = time.monotonic()
+                self._evaluate(chosen.model, pieces)
+                with self._lock:
+                    finished = self._policy.done(chosen, time.monotonic() - started)
+                for job in finished:
+                    assert job.work is not None
+                    self._answer(job, job.work.response())
 
-    def _next_batch(self) -> dict[LoadedModel, list[Piece]] | None:
-        """The queued requests, up to one batch. Waits for the first; None when closed and done."""
-        batch: dict[LoadedModel, list[Piece]] = defaultdict(list)
-        room = self._max_batch_rows
-        while room:
-            try:
-                item = self._queue.get(block=not batch and not self._draining)
-            except Empty:
-                break
-            if item is None:
-                self._draining = True
-            elif (work := self._admit(item)) is not None:
-                rows = min(room, work.left)
-                batch[work.job.model].append((work, rows))
-                room -= rows
-        return None if self._draining and not batch else batch
+    def _next(self) -> Slice[Job] | None:
+        """What to evaluate next. Waits for it; None when stopping and nothing is left."""
+        while True:
+            with self._lock:
+                now = time.monotonic()
+                dropped = self._drop_all() if now >= self._give_up_at else []
+                chosen = self._policy.next(now)
+                if chosen is None and self._stopping and not dropped:
+                    return None
+                self._sleeps = chosen is None and not dropped
+            if chosen is not None:
+                return chosen
+            if dropped:
+                self._answer_all(dropped, Unavailable(_STOPPING))
+            else:
+                self._rest()
 
-    def _admit(self, item: Job | Work) -> Work | None:
-        """The checked request. None if it was refused, or is too late; then it has its answer."""
-        job = item.job if isinstance(item, Work) else item
+    def _rest(self) -> None:
+        """Wait for work. If none comes for a while after much work, give memory back to the system."""
         try:
-            now = time.monotonic()
-            if now >= self._give_up_at:
-                raise Unavailable("the server is stopping")
-            work = item if isinstance(item, Work) else Work(item)
-            work.check_deadline(now)
+            self._bell.get(timeout=self._memory.rest_s)
+        except Empty:
+            self._memory.release()
+
+    def _drop_all(self) -> list[Job]:
+        return [job for job in self._policy if self._policy.drop(job)]
+
+    def _decoded(self, job: Job) -> Work | None:
+        """The checked request. None if it was refused, or is too late; then it has its answer."""
+        try:
+            job.work = work = Work(job)
         except RequestError as error:
             self._settle(job, error)
         except Exception:
             _LOG.exception("%s: a request could not be decoded", job.model.label)
             self._settle(job, Internal("the request could not be decoded: the server's log says more"))
         else:
-            return work
+            job.deadline = work.deadline
+            if (now := time.monotonic()) <= job.deadline:
+                with self._lock:
+                    self._policy.shorten(job, work.rows)
+                return work
+            self._settle(job, too_late(job, now))
         return None
 
     def _evaluate(self, model: LoadedModel, pieces: Sequence[Piece]) -> None:
@@ -279,38 +327,42 @@ class Batcher:
         ended = time.monotonic()
         with self._lock:
             self._statistics[model].add_batch(len(joined))
-        self._hand_out(pieces, outputs, started, ended)
-
-    def _hand_out(
-        self, pieces: Sequence[Piece], outputs: NDArray[np.float32], started: float, ended: float
-    ) -> None:
         first = 0
-        for work, rows in pieces:
-            part = outputs[first : first + rows]
-            work.keep(part, started=started, ended=ended, batch_rows=len(outputs))
-            first += rows
-            if work.left:
-                self._queue.put(work)
-            else:
-                self._settle(work.job, work.response())
+        for (work, _), part in zip(pieces, windows, strict=True):
+            kept = outputs[first : first + len(part)]
+            work.keep(kept, started=started, ended=ended, batch_rows=len(outputs))
+            first += len(part)
 
     def _settle(self, job: Job, result: InferResponse | RequestError) -> None:
-        """Answer a job and remove it from the open jobs, unless `abandon` has done so."""
+        """Answer a job that is still open, unless `abandon` or `gone` has done so."""
         with self._lock:
-            if job not in self._open:
+            if not self._policy.drop(job):
                 return
-            self._open.remove(job)
-            self._rows -= job.rows
-            if isinstance(result, RequestError):
-                self._statistics[job.model].add_error(result.code)
-            else:
-                self._statistics[job.model].add_response(result)
+        self._answer(job, result)
+
+    def _answer_all(self, jobs: Iterable[Job], error: RequestError) -> None:
+        for job in jobs:
+            self._answer(job, error)
+
+    def _answer(self, job: Job, result: InferResponse | RequestError) -> None:
+        """Answer a job that is not open any more."""
+        with self._lock:
+            self._count(job, result)
         if isinstance(result, RequestError):
-            self._refusals.add(result, client=job.client, model=job.model.label, request_id=job.request_id)
+            self._refusals.add(result, client=job.caller, model=job.model.label, request_id=job.request_id)
         _give(job, result)
+
+    def _count(self, job: Job, result: InferResponse | RequestError) -> None:
+        """Add an answer to the statistics; call it under the lock."""
+        if isinstance(result, RequestError):
+            self._statistics[job.model].add_error(result.code)
+        else:
+            self._statistics[job.model].add_response(result)
 
 
 def _give(job: Job, result: InferResponse | RequestError) -> None:
+    # The two refer to each other: their numbers would stay until the next garbage collection.
+    job.work = None
     try:
         job.answer(result)
     except Exception:

@@ -1,6 +1,6 @@
 """The core: a repository's models behind one batcher. Any number of transports share it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from typing import Any
 
 from taxel.lane.offer import LaneOffer
@@ -8,6 +8,7 @@ from taxel.protocol import model_path
 from taxel_server.core.batcher import Batcher
 from taxel_server.core.jobs import Job
 from taxel_server.core.metadata import ServerMetadata
+from taxel_server.core.policy import Ticket
 from taxel_server.core.refusals import Refusals
 from taxel_server.core.server_statistics import ServerStatistics
 from taxel_server.engine import Engine, LoadedModel
@@ -35,11 +36,17 @@ class Core:
         self._routes: dict[str, LoadedModel] = {}
         self.refresh_routes()
         self.refusals = Refusals()
+        self.max_request_bytes = max(
+            (_bytes_of(loaded, options.max_request_rows) for loaded in self._routes.values()), default=0
+        )
+        """Of the windows of the largest request."""
         self._batcher = Batcher(
             refusals=self.refusals,
             max_batch_rows=options.max_batch_rows,
             max_queue_rows=options.max_queue_rows,
             max_queue_requests=options.max_queue_requests,
+            max_queue_bytes=max(options.max_queue_mib * 2**20, self.max_request_bytes),
+            max_queue_seconds=options.max_queue_seconds,
         )
         self.statistics = ServerStatistics(engine, self._batcher, self.refusals)
         self._metadata = ServerMetadata(engine, lambda: self.ready, self.statistics, lambda: self.lane)
@@ -48,6 +55,10 @@ class Core:
         self.submit: Callable[[Job], None] = self._batcher.submit
         self.run: Callable[[Job], None] = self._batcher.run
         self.evaluate_if_idle = self._batcher.evaluate_if_idle
+        self.gone: Callable[[Hashable], None] = self._batcher.gone
+        """Drops the requests of a connection or a session that has ended."""
+        self.check_room: Callable[[Ticket], None] = self._batcher.check_room
+        """Raises if a request would be refused now: asked before its windows are read."""
 
     @property
     def progress(self) -> tuple[bool, int, int]:
@@ -99,3 +110,7 @@ def _infer_routes(engine: Engine) -> dict[str, LoadedModel]:
         routes[model_path(name, version, "infer")] = loaded
         routes[model_path(name, None, "infer")] = engine.model(name)
     return routes
+
+
+def _bytes_of(model: LoadedModel, rows: int) -> int:
+    return rows * len(model.manifest.window.features) * 4

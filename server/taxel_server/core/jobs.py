@@ -2,6 +2,7 @@
 
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Hashable
 from math import inf
 from typing import Final
 
@@ -12,6 +13,7 @@ from taxel.channels import CHANNELS
 from taxel.errors import DeadlineExceeded, InvalidArgument, RequestError
 from taxel.protocol import InferRequest, InferResponse
 from taxel.windows.checks import check_finite
+from taxel_server.core.policy import Ticket
 from taxel_server.engine import LoadedModel
 
 _CHANNELS: Final = len(CHANNELS)
@@ -28,25 +30,33 @@ def check_shape(model: LoadedModel, shape: tuple[int, ...]) -> None:
         raise InvalidArgument(f"inputs[0].shape: {list(shape)}: expected [n, {features}] for {model.label}")
 
 
-class Job(ABC):
+class Job(Ticket, ABC):
     """A request as it arrived: not decoded yet. It must be answered exactly once.
 
     Args:
         model: which model it is for.
         rows: how many windows it counts for while it is queued, at least 1.
+        size: its bytes.
+        client: who asks. Clients that cannot be told from each other are one client.
+        source: the connection that it came by; the client if none.
 
     Attributes:
-        client: who asks, as far as the transport knows.
+        caller: what the client is called in logs, as far as the transport knows.
         request_id: the client's own id, once it is known.
+        arrived: when, on the clock `time.monotonic`.
+        work: the decoded request, once its evaluation has begun.
     """
 
-    client: str = ""
+    model: LoadedModel
+    caller: str = ""
     request_id: str | int | None = None
 
-    def __init__(self, model: LoadedModel, rows: int) -> None:
-        self.model: Final = model
-        self.rows: Final = rows
+    def __init__(
+        self, model: LoadedModel, rows: int, size: int = 0, client: Hashable = None, source: Hashable = None
+    ) -> None:
+        super().__init__(client, model, rows, size, source=source)
         self.arrived = time.monotonic()
+        self.work: Work | None = None
 
     @abstractmethod
     def decode(self) -> InferRequest:
@@ -61,6 +71,12 @@ class Job(ABC):
         """Give the one answer."""
 
 
+def too_late(job: Job, now: float) -> DeadlineExceeded:
+    """The error of a job whose deadline is over."""
+    timeout_ms, waited_ms = (job.deadline - job.arrived) * 1e3, (now - job.arrived) * 1e3
+    return DeadlineExceeded(f"parameters.timeout_ms: {timeout_ms:.4g}: {waited_ms:.0f} ms have passed")
+
+
 class Work:
     """A decoded request, evaluated at once or, if it is large, piece by piece.
 
@@ -72,12 +88,12 @@ class Work:
         self.job: Final = job
         self._request: Final = job.decode()
         request = self._request
-        features = job.model.manifest.window.features
         check_shape(job.model, request.windows.shape)
-        check_finite(request.windows, features)
+        check_finite(request.windows, job.model.manifest.window.features)
         if request.spread and not job.model.manifest.gives_spread:
             raise InvalidArgument(f"outputs[1]: {job.model.label} gives no spread: expected an ensemble")
-        self._timeout_s: Final = inf if request.timeout_ms is None else request.timeout_ms / 1e3
+        self.deadline: Final = inf if request.timeout_ms is None else job.arrived + request.timeout_ms / 1e3
+        """After it, the caller waits no longer."""
         self._outputs: NDArray[np.float32] | None = None
         self._done = 0
         self._started: float | None = None
@@ -85,25 +101,18 @@ class Work:
         self._batch_rows = 0
 
     @property
+    def rows(self) -> int:
+        """All its windows."""
+        return len(self._request.windows)
+
+    @property
     def left(self) -> int:
         """Windows still to evaluate."""
-        return len(self._request.windows) - self._done
+        return self.rows - self._done
 
     def next_windows(self, rows: int) -> NDArray[np.float32]:
         """The next windows to evaluate, at most so many."""
         return self._request.windows[self._done : self._done + rows]
-
-    def check_deadline(self, now: float) -> None:
-        """Raise if the caller has stopped waiting.
-
-        Raises:
-            DeadlineExceeded: the time that the caller allowed is over.
-        """
-        waited = now - self.job.arrived
-        if waited > self._timeout_s:
-            raise DeadlineExceeded(
-                f"parameters.timeout_ms: {self._timeout_s * 1e3:g}: {waited * 1e3:.0f} ms have passed"
-            )
 
     def keep(self, outputs: NDArray[np.float32], *, started: float, ended: float, batch_rows: int) -> None:
         """Keep the outputs (m, columns) of the next m windows, with their times."""

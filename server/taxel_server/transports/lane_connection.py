@@ -8,7 +8,7 @@ import logging
 import socket
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from threading import Lock
 from typing import Final
 
@@ -25,9 +25,10 @@ from taxel.lane.frames import (
     pack_reply,
     read_request_head,
 )
-from taxel.lane.offer import name_of
+from taxel.lane.offer import name_of, process_of
 from taxel_server.core.core import Core
 from taxel_server.core.jobs import check_shape
+from taxel_server.core.policy import Ticket
 from taxel_server.engine import LoadedModel
 from taxel_server.transports.lane_requests import Arriving, Budget, LaneJob, Repeated, may_be_repeated
 from taxel_server.transports.poller import READ
@@ -66,6 +67,8 @@ class ClientConnection:
         self.progressed_at = 0.0
         """When bytes last moved while a request or a reply was under way."""
         self._name = name_of(client)
+        # Each thread of a client has a connection of its own; a process has one share.
+        self._client: Hashable = process_of(client) or self
         self._core = core
         self._budget = budget
         self._notify = notify
@@ -201,6 +204,7 @@ class ClientConnection:
             self._outbox.clear()
             self.socket.close()
         self._forget_arriving()
+        self._core.gone(self)
 
     def _read_into(self, arriving: Arriving) -> bool:
         size = self.socket.recv_into(arriving.missing)
@@ -254,6 +258,7 @@ class ClientConnection:
 
     def _await_rest(self, head: RequestHead, model: LoadedModel, data: memoryview) -> None:
         size = head.size - head.data_at
+        self._core.check_room(Ticket(self._client, model, head.rows, head.size))
         if not self._budget.take(size):
             raise ResourceExhausted("too many large requests arrive at the same time; try again later")
         self._arriving = Arriving(head, model)
@@ -276,7 +281,9 @@ class ClientConnection:
 
     def _hand_on(self, model: LoadedModel, head: RequestHead, windows: NDArray[np.float32]) -> None:
         try:
-            self._core.submit(LaneJob(self.send, model, head, windows, self._name))
+            job = LaneJob(self.send, model, head, windows, self._client, self)
+            job.caller = self._name
+            self._core.submit(job)
         except RequestError as error:
             self._core.refusals.add(error, client=self._name, model=model.label, request_id=head.id)
             self.send(pack_reply(head.id, error))

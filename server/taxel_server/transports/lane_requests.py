@@ -1,6 +1,6 @@
 """Requests of the lane: as jobs, while they arrive, and the last one of a client."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from math import inf
 from threading import Lock
 
@@ -45,10 +45,10 @@ class LaneJob(Job):
         model: LoadedModel,
         head: RequestHead,
         windows: NDArray[np.float32],
-        client: str,
+        client: Hashable,
+        source: Hashable,
     ) -> None:
-        super().__init__(model, head.rows)
-        self.client = client
+        super().__init__(model, head.rows, head.size, client, source)
         self._send = send
         self._head = head
         self.request_id: int = head.id

@@ -42,7 +42,7 @@ class MemoryJob(Job):
     def __init__(
         self, payload: bytes, model: LoadedModel, rows: int, reader: RequestReader, done: Done
     ) -> None:
-        super().__init__(model, rows)
+        super().__init__(model, rows, len(payload))
         self._payload = payload
         self._reader = reader
         self._done = done

@@ -30,13 +30,17 @@ clients stop at the same time, all others may wait for these 10 s.
 """
 
 
-def open_session(listen: Sequence[str], *, shared_memory: bool = False) -> zenoh.Session:
+def open_session(
+    listen: Sequence[str], *, shared_memory: bool = False, max_message_bytes: int | None = None
+) -> zenoh.Session:
     """Listen on endpoints, as a router: clients need no other process between.
 
     Args:
         listen: endpoints, such as `tcp/127.0.0.1:7447`.
         shared_memory: whether large messages of clients on this machine go through shared memory,
             where they ask for it, too.
+        max_message_bytes: a larger message is dropped before it is put together. None: zenoh's
+            own limit.
 
     Raises:
         SettingsError: an endpoint is malformed.
@@ -52,6 +56,8 @@ def open_session(listen: Sequence[str], *, shared_memory: bool = False) -> zenoh
         "transport/shared_memory/enabled": shared_memory,
         "transport/link/tx/queue/congestion_control/block/wait_before_close": round(_PATIENCE_S * 1e6),
     }
+    if max_message_bytes is not None:
+        settings["transport/link/rx/max_message_size"] = max_message_bytes
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
     endpoints = ", ".join(listen)

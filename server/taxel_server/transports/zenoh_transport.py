@@ -8,7 +8,7 @@ the server idle.
 """
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from threading import Thread
 from typing import Final
 
@@ -24,6 +24,7 @@ from taxel_server.core.jobs import Job
 from taxel_server.engine import LoadedModel
 from taxel_server.options import ServerOptions
 from taxel_server.transports.metadata_thread import MetadataThread, reply
+from taxel_server.transports.zenoh_clients import ZenohClients
 from taxel_server.transports.zenoh_session import open_session
 
 _LOG: Final = logging.getLogger(__name__)
@@ -31,10 +32,16 @@ _LOG: Final = logging.getLogger(__name__)
 _NOTHING: Final = zenoh.ZBytes(b"")
 
 CLIENT: Final = "zenoh"
-"""What clients over zenoh are called: a query does not tell whose it is."""
+"""What clients over zenoh are called in logs."""
 
-_CHANNEL: Final = 16384
-"""The most queries in the channel; if it is full, clients wait to send."""
+_CHANNEL: Final = 16
+"""The most queries in the channel; if it is full, zenoh reads no more, and clients wait to send.
+
+What is in it is neither counted nor refused yet, so it is short.
+"""
+
+_MORE_BYTES: Final = 32 * 2**20
+"""A message that is larger than a request by less gets its error; zenoh drops larger ones unread."""
 
 _FAREWELL_S: Final = 0.2
 """How long closing waits for clients that have stopped reading."""
@@ -43,7 +50,7 @@ _FAREWELL_S: Final = 0.2
 class QueryJob(Job):
     """An inference query."""
 
-    client = CLIENT
+    caller = CLIENT
 
     def __init__(
         self,
@@ -52,8 +59,9 @@ class QueryJob(Job):
         model: LoadedModel,
         rows: int,
         reader: RequestReader,
+        client: Hashable = None,
     ) -> None:
-        super().__init__(model, rows)
+        super().__init__(model, rows, len(payload), client)
         self._query = query
         self._payload = payload
         self._reader = reader
@@ -83,6 +91,7 @@ class ZenohTransport:
         self._options = options
         self._reader = RequestReader(core.max_request_rows)
         self._below_prefix = len(options.prefix) + 1
+        self._clients = ZenohClients(core.gone)
         self._metadata_thread = MetadataThread(
             lambda key: core.answer(key[self._below_prefix :]),
             lambda error: core.refusals.add(error, client=CLIENT),
@@ -95,13 +104,18 @@ class ZenohTransport:
             SettingsError: an endpoint is malformed.
             TaxelError: an endpoint is occupied.
         """
-        session = open_session(self._options.listen, shared_memory=self._options.shared_memory)
+        session = open_session(
+            self._options.listen,
+            shared_memory=self._options.shared_memory,
+            max_message_bytes=self._core.max_request_bytes + _MORE_BYTES,
+        )
         self._session = session
         self._core.statistics.connections["zenoh"] = lambda: len(session.info.transports())
 
     def start(self) -> None:
         """Take queries."""
         self._metadata_thread.start()
+        self._clients.watch(self._session)
         # One queryable for all keys: two that overlap would both answer a query.
         # With `complete`, one replica answers each query; by default all would.
         self._queryable = self._session.declare_queryable(
@@ -119,6 +133,7 @@ class ZenohTransport:
             False if a client that has stopped reading kept the session open.
         """
         self._queryable.undeclare()  # type: ignore[no-untyped-call]
+        self._clients.close()
         self._receiver.join()
         self._metadata_thread.close()
         return self.hang_up()
@@ -157,10 +172,11 @@ class ZenohTransport:
         payload = query.payload or _NOTHING
         try:
             rows = self._reader.rows_in(len(payload), len(model.manifest.window.features))
-            infer(QueryJob(query, payload, model, rows, self._reader))
+            infer(QueryJob(query, payload, model, rows, self._reader, self._clients.client_of(query)))
         except RequestError as error:
+            # Here and now: in a queue of refusals, a flood would grow in another place.
             self._core.refusals.add(error, client=CLIENT, model=model.label)
-            self._metadata_thread.take(query, error)
+            reply(query, error)
 
 
 def _taken(take: Callable[[], zenoh.Query | None]) -> zenoh.Query | None:

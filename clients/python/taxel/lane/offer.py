@@ -100,6 +100,13 @@ def of_this_user(connection: socket.socket) -> bool:
     return user in (os.geteuid(), 0)
 
 
+def process_of(client: socket.socket) -> int | None:
+    """The process at the other end of a unix socket; None where the system does not tell."""
+    if client.family != getattr(socket, "AF_UNIX", None) or not hasattr(socket, "SO_PEERCRED"):
+        return None
+    return _peer(client)[0]
+
+
 def name_of(client: socket.socket) -> str:
     """What a client of a lane is called in logs: its process or its port, or `lane` if neither is known."""
     if client.family in (socket.AF_INET, socket.AF_INET6):

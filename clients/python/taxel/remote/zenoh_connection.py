@@ -52,6 +52,8 @@ class Connection(QueryTransport):
         self._process = os.getpid()
         self._session = _open(endpoint, timeout, shared_memory)
         self._queriers: dict[tuple[str, float], zenoh.Querier] = {}
+        # The server gives each session its share.
+        self._source = zenoh.SourceInfo(self._session.id, 0)
         try:
             # Its matching status tells a server that may not be asked from none.
             self._server = self._session.declare_querier(f"{prefix}/**")
@@ -88,10 +90,14 @@ class Connection(QueryTransport):
         querier = self._queriers.get((key, timeout))
         try:
             if querier is not None:
-                replies = querier.get(payload=payload)
+                replies = querier.get(payload=payload, source_info=self._source)
             else:
                 replies = self._session.get(
-                    key, payload=payload, timeout=timeout, consolidation=_AS_THEY_COME
+                    key,
+                    payload=payload,
+                    timeout=timeout,
+                    consolidation=_AS_THEY_COME,
+                    source_info=self._source,
                 )
         except zenoh.ZError as error:
             raise self._broken(error) from None
@@ -121,10 +127,15 @@ class Connection(QueryTransport):
         querier = self._queriers.get((key, timeout))
         try:
             if querier is not None:
-                querier.get(handler, payload=payload)
+                querier.get(handler, payload=payload, source_info=self._source)
             else:
                 self._session.get(
-                    key, handler, payload=payload, timeout=timeout, consolidation=_AS_THEY_COME
+                    key,
+                    handler,
+                    payload=payload,
+                    timeout=timeout,
+                    consolidation=_AS_THEY_COME,
+                    source_info=self._source,
                 )
         except zenoh.ZError as error:
             settle(self._broken(error))

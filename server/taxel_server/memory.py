@@ -1,0 +1,39 @@
+"""The process's memory: what the allocator holds without need goes back to the system."""
+
+import ctypes
+import sys
+from typing import Final
+
+_MUCH_BYTES: Final = 8 * 2**20
+"""Requests of so many bytes may have left memory behind."""
+
+_REQUEST_BYTES: Final = 1024
+"""Of a request, besides what arrived."""
+
+_REST_S: Final = 1.0
+
+
+class FreeMemory:
+    """Notes what was handled; gives free memory back after much work and a rest."""
+
+    def __init__(self) -> None:
+        self._handled = 0
+
+    def note(self, size: int) -> None:
+        """A request of so many bytes has arrived."""
+        self._handled += size + _REQUEST_BYTES
+
+    @property
+    def rest_s(self) -> float | None:
+        """After how many seconds without work `release` is to be called; None if there is no need."""
+        return _REST_S if self._handled > _MUCH_BYTES else None
+
+    def release(self) -> None:
+        """Give the allocator's free pages back, where it is glibc.
+
+        After a flood, these pages lie between small blocks that are in use, in one arena for each thread of
+        zenoh. glibc keeps them by itself. The call takes milliseconds.
+        """
+        self._handled = 0
+        if sys.platform == "linux" and hasattr(library := ctypes.CDLL(None), "malloc_trim"):
+            library.malloc_trim(0)
