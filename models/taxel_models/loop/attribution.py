@@ -19,7 +19,7 @@ class Named:
         candidate: the form that was taken.
         equation: what it adds to a channel.
         weights: (21, k), the posterior mean by the fit part, beside the other named effects.
-        fold_weights: (folds, 21, k), likewise without each fold; empty where nothing is fitted.
+        fold_weights: (folds, 21, k), without a prior and without each fold; empty where nothing is fitted.
         contribution: (n, 21) what it adds to the prediction, counts.
         log_evidence: logarithm of the odds with it to those without it, when it was named.
         included: (21,) probability that each channel has it.
@@ -27,6 +27,8 @@ class Named:
         p_value: one-sided, of that t.
         confounded_with: effects that could replace it.
         conditional: the share of the fit part's energy that is lost without it.
+        unshrunk: (21, k) weights without their prior, which draws them to 0.
+        unknown: (21, k) how far the model's own error leaves each weight open, half of a 95 % interval.
     """
 
     candidate: Candidate
@@ -40,6 +42,8 @@ class Named:
     p_value: float
     confounded_with: tuple[str, ...] = ()
     conditional: float = 0.0
+    unshrunk: Floats | None = None
+    unknown: Floats | float = 0.0
 
     @property
     def name(self) -> str:

@@ -24,7 +24,7 @@ from taxel_models.loop.findings import (
     PairedTest,
     RejectedEffect,
 )
-from taxel_models.loop.inference.constants import DECLARED
+from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.intervals import parameters
 from taxel_models.loop.noise import NoiseFloor
@@ -46,6 +46,7 @@ class LoopSettings:
         calibration_s: seconds at the start of each segment in which a user's own sensor is measured.
         least_share: the share of the error that an effect must remove to be named.
         exclude: effects that are not tried, such as `temperature`.
+        constants: of the inference; `least_share` above counts in place of theirs.
     """
 
     seed: int = 0
@@ -55,6 +56,7 @@ class LoopSettings:
     calibration_s: float = 0.0
     least_share: float = DECLARED.least_share
     exclude: tuple[str, ...] = ()
+    constants: Constants = DECLARED
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,7 @@ def run_loop(
         blocks,
         effects,
         reference=reference or model.manifest.held_out_residual,
-        constants=replace(DECLARED, least_share=settings.least_share),
+        constants=replace(settings.constants, least_share=settings.least_share),
         progress=progress,
     ).run()
     figures = {named.name: parameters(named) for named in attribution.named}

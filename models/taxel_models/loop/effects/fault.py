@@ -16,9 +16,29 @@ from taxel_models.loop.stuck_at import Kind, StuckChannel, stuck_channels
 CLIPPED: Final = 0.01
 """A channel at a limit of the counts for less than this share of the rows is only clipped."""
 
+LEADS_BEYOND: Final = 0.5
+"""Likewise where what its other rows show leads beyond the limit in this share of the rows at it."""
 
-def _only_clipped(stuck: StuckChannel) -> bool:
-    return stuck.value in (0, COUNTS_MAX) and stuck.rows.mean() < CLIPPED
+
+def _only_clipped(stuck: StuckChannel, observations: Observations) -> bool:
+    """Whether a channel was cut off at a limit of the counts, as by an offset or a gain."""
+    if stuck.value not in (0, COUNTS_MAX):
+        return False
+    if stuck.rows.mean() < CLIPPED:
+        return True
+    if stuck.kind == "stuck":
+        return False
+    measured, predicted = (
+        values[:, stuck.channel] for values in (observations.measured, observations.predicted)
+    )
+    others = ~stuck.rows & (measured != stuck.value)
+    if others.sum() < 2 or not predicted[others].std() > 0:
+        return False
+    slope, constant = np.polyfit(predicted[others], measured[others], 1)
+    scatter = float((measured[others] - slope * predicted[others] - constant).std())
+    expected = slope * predicted[stuck.rows] + constant
+    within = expected - scatter <= 0 if stuck.value == 0 else expected + scatter >= COUNTS_MAX
+    return bool(within.mean() >= LEADS_BEYOND)
 
 
 class Fault(Effect):
@@ -37,7 +57,9 @@ class Fault(Effect):
         found = stuck_channels(observations.measured, observations.predicted, observations.segment)
         kinds: tuple[Kind, ...] = ("stuck", "intermittent")
         for kind in kinds:
-            some = [stuck for stuck in found if stuck.kind == kind and not _only_clipped(stuck)]
+            some = [
+                stuck for stuck in found if stuck.kind == kind and not _only_clipped(stuck, observations)
+            ]
             if some:
                 yield self._with(some, kind, remaining.residual)
 

@@ -1,7 +1,7 @@
 """All declared constants of the inference."""
 
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, fields, replace
+from typing import Final, Self
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,16 @@ class Constants:
     simpler: float = 0.5
     most_effects: int = 8
 
+    def moved(self, name: str, factor: float) -> Self:
+        """The same with one constant multiplied; a count stays whole and at least 1."""
+        value = factor * getattr(self, name)
+        return replace(self, **{name: max(1, round(value)) if name == "most_effects" else value})
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Of all constants."""
+        return tuple(field.name for field in fields(cls))
+
     @property
     def strengths(self) -> tuple[float, ...]:
         """Prior sizes that the evidence is averaged over."""
@@ -47,7 +57,7 @@ class Constants:
     @property
     def included(self) -> tuple[float, ...]:
         """Prior shares of the channels that the evidence is averaged over."""
-        return (1.0, 0.5, self.least_included)
+        return (1.0, 0.5, min(self.least_included, 1.0))
 
 
 DECLARED: Final = Constants()

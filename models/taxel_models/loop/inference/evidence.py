@@ -210,11 +210,13 @@ def weigh(
     if fitting.fixed:
         left = energy - 2 * cross.sum(axis=1) + gram.sum(axis=(1, 2))
         by_channel = -half * np.log(np.maximum(left, 1e-9 * energy) / energy) * allowed
-        price = 0.5 * fitting.motion * np.log(base.bins)
+        price = 0.5 * fitting.motion * np.log(base.bins) + np.log(fitting.choices)
         total = float((by_channel - usual)[allowed].sum() - price)
         return Weighed(total, 1.0, allowed.astype(float), by_channel)
     if fitting.pooled:
-        return _pooled(gram, cross, energy, half, allowed, constants, usual)
+        return _pooled(gram, cross, energy, half, allowed, constants, usual, positive=fitting.positive)
+    if fitting.positive:
+        cross = np.maximum(cross, 0.0)
     values, vectors = np.linalg.eigh(gram)
     values = np.maximum(values, 0.0)
     turned = np.einsum("ckl,ck->cl", vectors, cross) ** 2
@@ -249,6 +251,8 @@ def _pooled(
     allowed: NDArray[np.bool_],
     constants: Constants,
     usual: Floats | float,
+    *,
+    positive: bool,
 ) -> Weighed:
     """Weights that all channels share: the posterior's height and width (Laplace)."""
     anyway = float(np.broadcast_to(usual, allowed.shape)[allowed].sum())
@@ -261,6 +265,7 @@ def _pooled(
             counted = 2 * half / left
             curvature = (gram * counted[:, None, None]).sum(axis=0) + precision
             weights = np.linalg.solve(curvature, (cross * counted[:, None]).sum(axis=0))
+            weights = np.maximum(weights, 0.0) if positive else weights
             left = energy - 2 * cross @ weights + np.einsum("k,ckl,l->c", weights, gram, weights)
             left = np.maximum(left, 1e-9 * energy)
         by_channel = -half * np.log(left / energy)
@@ -287,11 +292,12 @@ def posterior_weights(
         counted = changes / base.noise
         pooled = (gram * counted[:, None, None]).sum(axis=0) + np.eye(gram.shape[-1]) / weighed.strength**2
         common = np.linalg.solve(pooled, (cross * counted[:, None]).sum(axis=0))
-        weights = common[None] * changes[:, None]
+        weights = (np.maximum(common, 0.0) if fitting.positive else common)[None] * changes[:, None]
     else:
         precision = np.where(changes, weighed.strength**-2, np.inf)
         spread = np.broadcast_to(precision[:, None], cross.shape)
         weights = np.einsum("ckl,cl->ck", inverse_of(gram, spread), cross)
+        weights = np.maximum(weights, 0.0) if fitting.positive else weights
     if not base.size:
         return np.zeros((len(weights), 0)), weights
     rest = sums.base_cross - np.einsum("cbk,ck->cb", sums.between, weights)
@@ -318,6 +324,14 @@ class HeldOut:
         return np.asarray(self.gain.sum(axis=0) / np.maximum(self.before.sum(axis=0), 1e-12))
 
 
+def in_sample(products: Products, fitting: Fitting, weighed: Weighed) -> Floats:
+    """(21,) fall of the squared error of the bins that a form is fitted to, beside a base."""
+    base, sums = products.base, products.sums()
+    _, weights = posterior_weights(products, fitting, weighed)
+    gram, cross, _ = base.given(sums)
+    return _explained(weights, cross, gram)
+
+
 def held_out(products: Products, fitting: Fitting, weighed: Weighed) -> HeldOut:
     """Fit to all folds but one, test on that one; fold after fold."""
     base, folds = products.base, products.folds
@@ -338,5 +352,9 @@ def held_out(products: Products, fitting: Fitting, weighed: Weighed) -> HeldOut:
 
 
 def _squares(energy: Floats, weights: Floats, cross: Floats, gram: Floats) -> Floats:
-    explained = 2 * (weights * cross).sum(axis=1)
-    return np.asarray(energy - explained + np.einsum("ck,ckl,cl->c", weights, gram, weights))
+    return np.asarray(energy - _explained(weights, cross, gram))
+
+
+def _explained(weights: Floats, cross: Floats, gram: Floats) -> Floats:
+    squares = np.einsum("ck,ckl,cl->c", weights, gram, weights)
+    return np.asarray(2 * (weights * cross).sum(axis=1) - squares)

@@ -4,10 +4,13 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from scipy import stats
 
 from taxel.errors import RecordingError
 from taxel.manifest import HeldOutResidual, OwnStructure
-from taxel_models.loop.blocks import cut
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.blocks import Blocks, cut
+from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.scoring import Scoring
@@ -43,4 +46,21 @@ def held_out_residual(
         name: OwnStructure(log_evidence=tuple(log_evidence.tolist()), gain=tuple(gain.tolist()))
         for name, (log_evidence, gain) in scoring.structure().items()
     }
+    if Offset.name in structure:
+        own = structure[Offset.name]
+        gain = np.array(own.gain) + scoring.whitened_constant(_unknown_mean(residual, blocks))
+        structure[Offset.name] = own.model_copy(update={"gain": tuple(gain.tolist())})
     return found.model_copy(update={"structure": structure})
+
+
+def _unknown_mean(residual: Floats, blocks: Blocks) -> Floats:
+    """(21,) half of the 95 % interval of the mean, counts: what a few blocks leave open.
+
+    A model's mean error is known no better than its held-out blocks tell it, so a smaller offset of another
+    recording is no news.
+    """
+    numbers = range(len(blocks))
+    rows = [blocks.of_row == number for number in numbers]
+    means = np.array([residual[some].mean(axis=0) for some in rows if some.any()])
+    count = len(means)
+    return np.asarray(stats.t.ppf(0.975, count - 1) * means.std(axis=0, ddof=1) / np.sqrt(count))

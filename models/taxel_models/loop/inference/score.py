@@ -1,6 +1,7 @@
 """A score: what one effect explains, and how sure that is."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final, Self
 
 import numpy as np
 from scipy import stats
@@ -10,6 +11,9 @@ from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Effect
 from taxel_models.loop.inference.evidence import Weighed
 from taxel_models.loop.inference.forms import Form
+
+_NO_PRIOR: Final = 1e3
+"""A prior size over the residual that nothing reaches."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +99,11 @@ class Taken:
     def weighed(self) -> Weighed:
         """Its evidence when it was named."""
         return self.score.weighed
+
+    def without_prior(self) -> Self:
+        """The same, so that its weights are not drawn to 0."""
+        weighed = replace(self.weighed, strength=_NO_PRIOR)
+        return replace(self, score=replace(self.score, weighed=weighed))
 
     @property
     def is_regressor(self) -> bool:

@@ -13,6 +13,7 @@ from taxel.manifest import HeldOutResidual
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect, Fitting, Remaining
+from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.contact_offset import (
     CALIBRATIONS_S,
@@ -28,6 +29,7 @@ from taxel_models.loop.inference.evidence import (
     Products,
     Weighed,
     held_out,
+    in_sample,
     posterior_weights,
     weigh,
 )
@@ -249,13 +251,45 @@ class Scoring:
         """For each effect alone, its log odds (21,) and its gain (21,), counts², for each bin."""
         with threadpool_limits(1):
             scores = self.scores([])
-        return {
-            score.name: (
-                np.maximum(score.weighed.by_channel, 0.0) / len(self.bins),
-                np.maximum(score.taken_off, 0.0) / len(self.bins),
-            )
-            for score in scores
-        }
+            return {
+                score.name: (
+                    np.maximum(score.weighed.by_channel, 0.0) / len(self.bins),
+                    np.maximum(self._own_gain(score), 0.0) / len(self.bins),
+                )
+                for score in scores
+            }
+
+    def unknown_mean(self) -> Floats:
+        """(21,) the size of a constant that the model's own held-out residual leaves open, counts."""
+        if self._reference is None or Offset.name not in self._reference.structure:
+            return np.zeros(len(CHANNELS))
+        gain = np.array(self._reference.structure[Offset.name].gain)
+        return np.sqrt(gain / np.maximum(self.whitened_constant(np.ones(len(CHANNELS))), 1e-12))
+
+    def whitened_constant(self, counts: Floats) -> Floats:
+        """(21,) what a constant (21,), counts, adds to the whitened squared error of a bin, counts²."""
+        size = (self._ones.values[:, :, 0] ** 2).mean(axis=1)
+        return np.asarray(size * counts**2)
+
+    def _own_gain(self, score: Score) -> Floats:
+        """(21,) what an effect takes off the squared error in every channel, counts².
+
+        Bins that weights are fitted to say too much, held-out bins say as much too little (Akaike 1974).
+        The mean of both matters where a cause has many weights and there are few blocks for each, such
+        as kinds of a covariate.
+        """
+        if not score.effect.is_predictable:
+            return score.taken_off
+        bases = self._bases([])
+        products = Products.of(bases.beside, score.form.design)
+        if score.effect.is_constant:
+            products = replace(products, base=bases.plain)
+        fitting = score.form.candidate.fitting
+        included = np.ones(len(CHANNELS)) if fitting.allowed is None else fitting.allowed.astype(np.float64)
+        every = replace(score.weighed, included=included)
+        tested = held_out(products, fitting, every)
+        own = in_sample(products, fitting, every) + (tested.gain * tested.noise).sum(axis=0)
+        return np.asarray(0.5 * own * self.whitening.scale**2)
 
     def _contact_offset(self, base: Base, left: Floats) -> Score | None:
         """Offsets of each contact, if the model's own held-out residual says how much is usual."""

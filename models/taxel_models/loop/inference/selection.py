@@ -220,12 +220,17 @@ class JointSelection:
         lost = ((now + taken.contribution[fit]) ** 2).mean(axis=0) - (now**2).mean(axis=0)
         fixed = taken.form.candidate.fitting.fixed
         folds = 0 if fixed else int(self._scoring.bins.fold.max()) + 1
-        fold_weights = [self._scoring.weights(taken, others, fold) for fold in range(folds)]
+        free = taken.without_prior()
+        fold_weights = [self._scoring.weights(free, others, fold) for fold in range(folds)]
+        counts = taken.effect.is_constant and taken.form.candidate.weight_unit == "counts"
+        unknown = self._scoring.unknown_mean()[:, None] if counts else np.zeros_like(taken.weights)
         return Named(
             candidate=taken.form.candidate,
             equation=taken.effect.equation,
             weights=taken.weights,
+            unshrunk=taken.weights if fixed else self._scoring.weights(free, others),
             fold_weights=np.array(fold_weights),
+            unknown=unknown,
             contribution=taken.contribution,
             log_evidence=taken.score.log_evidence,
             included=taken.weighed.included,

@@ -7,7 +7,16 @@ import pytest
 
 from taxel_models.loop.effects.effect import Fitting
 from taxel_models.loop.inference.constants import DECLARED
-from taxel_models.loop.inference.evidence import Base, Design, Products, Weighed, held_out, weigh
+from taxel_models.loop.inference.evidence import (
+    Base,
+    Design,
+    Products,
+    Weighed,
+    held_out,
+    in_sample,
+    posterior_weights,
+    weigh,
+)
 from taxel_models.loop.inference.score import t_over_folds
 
 Draw = Callable[..., Products]
@@ -116,3 +125,37 @@ def test_channels_that_change_count_and_others_do_not() -> None:
     plain = noisy.sum(axis=1)
     simple = plain.mean() / (plain.std(ddof=1) * np.sqrt(1 / 8 + 1 / 7))
     assert t_over_folds(noisy, Weighed(1.0, 0.5, np.ones(21), np.ones(21))) >= simple
+
+
+def test_chance_shows_as_much_in_sample_as_it_costs_on_held_out_bins(draw: Draw) -> None:
+    """The mean of both tells what a form explains: here nothing."""
+    inside, outside = [], []
+    weighed = Weighed(1.0, 1e3, np.ones(21), np.ones(21))
+    for seed in range(20):
+        products = draw(seed, bins=120, base_size=0, size=2, folds=8)
+        random = np.random.default_rng(seed)
+        base = products.base
+        noise = Design(random.normal(size=base.target.values.shape), base.target.fold)
+        values = Design(random.normal(size=(21, 120, 2)), base.target.fold)
+        chance = Products.of(Base(noise, base.design, base.precision, base.quantum), values)
+        tested = held_out(chance, Fitting(), weighed)
+        inside.append(in_sample(chance, Fitting(), weighed).mean())
+        outside.append((tested.gain * tested.noise).sum(axis=0).mean())
+    assert np.mean(inside) == pytest.approx(2.0, rel=0.1)
+    assert np.mean(outside) == pytest.approx(-2.0, rel=0.25)
+
+
+@pytest.mark.parametrize("pooled", [False, True])
+def test_weights_of_the_wrong_sign_are_no_evidence(draw: Draw, pooled: bool) -> None:
+    products = draw(4, size=1)
+    for sign in (1.0, -1.0):
+        other = Products(products.base, sign * products.between, products.gram, sign * products.cross)
+        free, bound = Fitting(pooled=pooled), Fitting(pooled=pooled, positive=True)
+        some, only = weigh(other, free, DECLARED), weigh(other, bound, DECLARED)
+        every = Weighed(1.0, 0.5, np.ones(21), np.ones(21))
+        _, weights = posterior_weights(other, free, every)
+        _, kept = posterior_weights(other, bound, every)
+        np.testing.assert_allclose(kept, np.maximum(weights, 0.0), atol=1e-12)
+        right = weights[:, 0] > 0
+        np.testing.assert_allclose(only.by_channel[right], some.by_channel[right], rtol=1e-6)
+        assert (only.by_channel[~right] <= 1e-9).all()
