@@ -20,6 +20,9 @@ TICKS: Final = (*range(-5, 0), 0.5, 1, 1.5, *range(2, 16))
 SMOOTHED_ROWS: Final = 11
 """0.1 s: a forest's prediction jumps from row to row, and only its slower changes follow the channel."""
 
+SMOOTHED_TICKS: Final = 2
+"""Over a longer delay the prediction changes by more than it jumps."""
+
 
 class Lag(Effect):
     """The channels show the model's prediction for an earlier or later time."""
@@ -33,11 +36,12 @@ class Lag(Effect):
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
         smooth = _smoothed(observations)
         for ticks in TICKS:
-            yield self._late(ticks, smooth, observations)
+            short = abs(ticks) <= SMOOTHED_TICKS
+            yield self._late(ticks, smooth if short else observations.predicted, observations)
 
-    def _late(self, ticks: float, smooth: Floats, observations: Observations) -> Candidate:
-        before, after = (smooth[observations.rows_before(int(part))] for part in _around(ticks))
-        change = 0.5 * (before + after) - smooth
+    def _late(self, ticks: float, counts: Floats, observations: Observations) -> Candidate:
+        before, after = (counts[observations.rows_before(part)] for part in _around(ticks))
+        change = 0.5 * (before + after) - counts
         whole = float(ticks).is_integer()
         return Candidate(
             self.name,

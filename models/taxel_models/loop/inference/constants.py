@@ -18,7 +18,8 @@ class Constants:
         robust: a block counts less if its error is more than so many times the median block's.
         least_t: t over held-out folds that an effect must reach (Nadeau and Bengio 2003).
         least_share: share of the held-out whitened squared error that an effect must remove.
-        least_channel_share: likewise in one channel, where it changes few. Offsets of contacts, which no
+        least_channel_share: likewise in one channel, where it changes few; that channel must pass the same
+            test by itself. Offsets of contacts, which no
             model predicts, must remove twice as much in the mean.
         carries: a simpler effect is named first if it explains this share of what the likeliest does.
         either: two effects are not told apart if one explains this share of what the other does.
@@ -31,8 +32,8 @@ class Constants:
     strength: float = 0.5
     least_included: float = 0.1
     robust: float = 1.0
-    least_t: float = 2.5
-    least_share: float = 0.015
+    least_t: float = 3.5
+    least_share: float = 0.03
     least_channel_share: float = 0.15
     carries: float = 0.67
     either: float = 0.8

@@ -324,22 +324,19 @@ class HeldOut:
         return np.asarray(self.gain.sum(axis=0) / np.maximum(self.before.sum(axis=0), 1e-12))
 
 
-def in_sample(products: Products, fitting: Fitting, weighed: Weighed) -> Floats:
-    """(21,) fall of the squared error of the bins that a form is fitted to, beside a base."""
-    base, sums = products.base, products.sums()
-    _, weights = posterior_weights(products, fitting, weighed)
-    gram, cross, _ = base.given(sums)
-    return _explained(weights, cross, gram)
+def held_out(products: Products, fitting: Fitting, weighed: Weighed, *, seen: bool = False) -> HeldOut:
+    """Fit to all folds but one, test on that one; fold after fold.
 
-
-def held_out(products: Products, fitting: Fitting, weighed: Weighed) -> HeldOut:
-    """Fit to all folds but one, test on that one; fold after fold."""
+    Args:
+        seen: fit to all folds instead.
+    """
     base, folds = products.base, products.folds
     noise = base.noise
     gain, before = np.empty((2, folds, len(noise)))
     for fold in range(folds):
-        kept = np.arange(folds) != fold
-        test = products.sums(~kept)
+        tested = np.arange(folds) == fold
+        kept = ~tested | seen
+        test = products.sums(tested)
         inverse = inverse_of(base.gram[kept].sum(axis=0), base.precision)
         plain = np.einsum("cbd,cd->cb", inverse, base.cross[kept].sum(axis=0))
         beside, weights = posterior_weights(products, fitting, weighed, kept)
@@ -352,9 +349,5 @@ def held_out(products: Products, fitting: Fitting, weighed: Weighed) -> HeldOut:
 
 
 def _squares(energy: Floats, weights: Floats, cross: Floats, gram: Floats) -> Floats:
-    return np.asarray(energy - _explained(weights, cross, gram))
-
-
-def _explained(weights: Floats, cross: Floats, gram: Floats) -> Floats:
-    squares = np.einsum("ck,ckl,cl->c", weights, gram, weights)
-    return np.asarray(2 * (weights * cross).sum(axis=1) - squares)
+    explained = 2 * (weights * cross).sum(axis=1)
+    return np.asarray(energy - explained + np.einsum("ck,ckl,cl->c", weights, gram, weights))

@@ -31,6 +31,7 @@ class Score:
         worth: (21,) share of each channel's held-out squared error that goes.
         taken_off: (21,) what goes of each channel's held-out squared error, counts².
         most_gain: gain in all of its likeliest form before a simpler one was preferred.
+        forms: how many figures each form fits, and its log evidence.
     """
 
     effect: Effect
@@ -42,6 +43,11 @@ class Score:
     worth: Floats
     taken_off: Floats
     most_gain: float
+    forms: tuple[tuple[int, float], ...] = ()
+
+    def evidence_within(self, freedom: int) -> float:
+        """The log evidence of its likeliest form that fits at most so many figures; -inf without one."""
+        return max((own for figures, own in self.forms if figures <= freedom), default=-np.inf)
 
     @property
     def name(self) -> str:
@@ -62,6 +68,11 @@ class Score:
     def t(self) -> float:
         """Over held-out folds; see `t_over_folds`."""
         return t_over_folds(self.gain, self.weighed)
+
+    @property
+    def channel_t(self) -> Floats:
+        """(21,) of each channel alone."""
+        return np.array([_t(own) for own in self.gain.T])
 
     @property
     def p_value(self) -> float:

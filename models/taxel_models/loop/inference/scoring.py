@@ -5,11 +5,13 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
+from scipy import stats
 from scipy.special import logsumexp
 from threadpoolctl import threadpool_limits
 
 from taxel.channels import CHANNELS, COUNTS_MAX, ELECTRODE_COLUMNS
 from taxel.manifest import HeldOutResidual
+from taxel_models.evaluation.standard_error import corrected_standard_error
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect, Fitting, Remaining
@@ -29,7 +31,6 @@ from taxel_models.loop.inference.evidence import (
     Products,
     Weighed,
     held_out,
-    in_sample,
     posterior_weights,
     weigh,
 )
@@ -190,15 +191,17 @@ class Scoring:
 
         best = tested(max(weighed, key=lambda option: option[0]))
         most_gain = best.total_gain
-        simpler = [
-            option
-            for option in weighed
-            if option[1].freedom(int(option[3].changes.sum())) <= self._constants.simpler * best.freedom
-        ]
         total = float(logsumexp(logs) - np.log(len(logs)))
-        if simpler:
-            best = self.simplest(best, [tested(max(simpler, key=lambda option: option[0]))])
-        return replace(best, log_evidence=total, most_gain=most_gain)
+        most = self._constants.simpler * best.freedom
+        while simpler := [
+            option for option in weighed if 0 < option[1].freedom(int(option[3].changes.sum())) <= most
+        ]:
+            simple = tested(max(simpler, key=lambda option: option[0]))
+            most = self._constants.simpler * simple.freedom
+            if simple.log_evidence > 0:
+                best = self.simplest(best, [simple])
+        sizes = tuple((form.freedom(int(own.changes.sum())), value) for value, form, _, own, _ in weighed)
+        return replace(best, log_evidence=total, most_gain=most_gain, forms=sizes)
 
     def simplest(self, best: Score, scores: Sequence[Score]) -> Score:
         """The likeliest of those simpler than the best that carry most of what it explains, or the best."""
@@ -207,7 +210,7 @@ class Scoring:
             for score in scores
             if score.effect.is_predictable
             and score.freedom <= self._constants.simpler * best.freedom
-            and score.total_gain >= self._constants.carries * best.total_gain > 0
+            and score.total_gain > max(0.0, self._constants.carries * best.total_gain)
         ]
         return max(simpler, key=lambda score: score.log_evidence, default=best)
 
@@ -223,7 +226,8 @@ class Scoring:
         energy: Floats | None = None,
     ) -> Score:
         """A score less what the effect explains of the model's own held-out residual."""
-        gain = tested.gain - self._usual_gain(form.candidate.effect, tested)
+        # A channel that it does not change gains nothing, usual or not.
+        gain = tested.gain - self._usual_gain(form.candidate.effect, tested) * weighed.changes
         fall = (gain * tested.noise).sum(axis=0)
         worth = fall / (self._energy if energy is None else energy)
         taken_off = fall * self.whitening.scale**2
@@ -276,7 +280,8 @@ class Scoring:
 
         Bins that weights are fitted to say too much, held-out bins say as much too little (Akaike 1974).
         The mean of both matters where a cause has many weights and there are few blocks for each, such
-        as kinds of a covariate.
+        as kinds of a covariate. The 95 % limit of the mean share over folds is added: the fewer blocks
+        the reference has, the less it can rule out.
         """
         if not score.effect.is_predictable:
             return score.taken_off
@@ -287,14 +292,22 @@ class Scoring:
         fitting = score.form.candidate.fitting
         included = np.ones(len(CHANNELS)) if fitting.allowed is None else fitting.allowed.astype(np.float64)
         every = replace(score.weighed, included=included)
-        tested = held_out(products, fitting, every)
-        own = in_sample(products, fitting, every) + (tested.gain * tested.noise).sum(axis=0)
-        return np.asarray(0.5 * own * self.whitening.scale**2)
+        folds = [held_out(products, fitting, every, seen=seen) for seen in (True, False)]
+        seen, unseen = (tested.gain * tested.noise for tested in folds)
+        energy = np.maximum((folds[0].before * folds[0].noise).sum(axis=0), 1e-9)
+        by_fold = products.folds * (seen / energy).mean(axis=1)
+        error = corrected_standard_error(by_fold, 1.0 / (products.folds - 1))
+        open_share = float(stats.t.ppf(0.95, products.folds - 1)) * error
+        own = np.maximum(0.5 * (seen + unseen).sum(axis=0), 0.0)
+        return np.asarray((own + open_share * energy) * self.whitening.scale**2)
 
     def _contact_offset(self, base: Base, left: Floats) -> Score | None:
         """Offsets of each contact, if the model's own held-out residual says how much is usual."""
         segments = np.unique(self.observations.segment[self._blocks.fit])
         if self._reference is None or len(segments) < FEWEST:
+            return None
+        if self._reference.structure and ContactOffset.name not in self._reference.structure:
+            # The reference had too few contacts to tell how far their offsets scatter anyway.
             return None
         effect = ContactOffset()
         found = {

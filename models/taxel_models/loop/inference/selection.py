@@ -75,10 +75,14 @@ class JointSelection:
         left = self._scoring.residual(self._taken)
         return Attribution(self._scoring.observations, named, self._rejected(scores, alone, named), left)
 
-    def proves_itself(self, score: Score) -> bool:
-        """Whether it stands on held-out folds, is worth naming, and its weights do not contradict it."""
+    def proves_itself(self, score: Score, own: Score | None = None) -> bool:
+        """Whether it stands on held-out folds, is worth naming, and its weights do not contradict it.
+
+        Args:
+            own: that was named already, and is compared with others in its place.
+        """
         constants = self._constants
-        if (score.name, score.form.candidate.form) in self._tried:
+        if score is not own and (score.name, score.form.candidate.form) in self._tried:
             return False
         if score.form.candidate.certain:
             return True
@@ -89,26 +93,44 @@ class JointSelection:
             return False
         if score.effect.is_predictable:
             least = max(constants.least_share, constants.least_channel_share)
-            enough = score.worth.mean() >= constants.least_share or score.worth[changes].max() >= least
+            some = changes & (score.worth >= least) & (score.channel_t >= constants.least_t)
+            enough = score.worth.mean() >= constants.least_share or some.any()
         else:
             enough = score.worth.mean() >= 2 * constants.least_channel_share
         if not enough or score.t < constants.least_t:
             return False
         return not self._scoring.contradicts(score, self._taken)
 
-    def choose(self, scores: Sequence[Score]) -> Score | None:
+    def _casts_doubt(self, other: Score, best: Score) -> bool:
+        """Whether a likelier effect, about as simple, does not repeat: the best may only stand for it."""
+        likelier = other is not best and other.log_evidence > best.log_evidence
+        simple = 0 < self._constants.simpler * other.freedom <= best.freedom
+        tried = (other.name, other.form.candidate.form) in self._tried
+        return likelier and simple and not tried and other.t < self._constants.least_t
+
+    def choose(self, scores: Sequence[Score], own: Score | None = None) -> Score | None:
         """The likeliest effect that proves itself, or a simpler one that carries most of it."""
-        able = [score for score in scores if self.proves_itself(score)]
+        able = [score for score in scores if self.proves_itself(score, own)]
         certain = [score for score in able if score.form.candidate.certain]
         if certain or not able:
             return certain[0] if certain else None
         best = able[0]
+        # Others stand beside a constant, so that they are always likelier than it is alone.
+        if not best.effect.is_constant and any(self._casts_doubt(score, best) for score in scores):
+            return None
         constant = next((score for score in able if score.effect.is_constant), None)
         if constant and best.needs_constant and 2 * constant.log_evidence > best.log_evidence:
             # More than half of what is found is the constant's.
             return constant
         # A constant is judged by itself, and all others beside one.
-        return self._scoring.simplest(best, [score for score in able if not score.effect.is_constant])
+        others = [score for score in able if not score.effect.is_constant]
+        # Where the best has a form as simple and likelier, it is as simple itself.
+        simpler = [
+            score
+            for score in others
+            if score.evidence_within(score.freedom) > best.evidence_within(score.freedom)
+        ]
+        return self._scoring.simplest(best, simpler)
 
     def _take(self, score: Score) -> None:
         score = self._scoring.refined(score, self._taken)
@@ -182,7 +204,7 @@ class JointSelection:
             others = [each for each in self._taken if each is not taken]
             scores = self._scoring.scores(others)
             own = next((score for score in scores if score.name == taken.name), None)
-            chosen = self.choose(scores)
+            chosen = self.choose(scores, own)
             if chosen is not None and self._replaces(chosen, own) and taken.name not in replaced:
                 replaced.add(taken.name)
                 self._taken = others

@@ -13,7 +13,6 @@ from taxel_models.loop.inference.evidence import (
     Products,
     Weighed,
     held_out,
-    in_sample,
     posterior_weights,
     weigh,
 )
@@ -138,24 +137,30 @@ def test_chance_shows_as_much_in_sample_as_it_costs_on_held_out_bins(draw: Draw)
         noise = Design(random.normal(size=base.target.values.shape), base.target.fold)
         values = Design(random.normal(size=(21, 120, 2)), base.target.fold)
         chance = Products.of(Base(noise, base.design, base.precision, base.quantum), values)
-        tested = held_out(chance, Fitting(), weighed)
-        inside.append(in_sample(chance, Fitting(), weighed).mean())
-        outside.append((tested.gain * tested.noise).sum(axis=0).mean())
+        for gains, seen in ((inside, True), (outside, False)):
+            tested = held_out(chance, Fitting(), weighed, seen=seen)
+            gains.append((tested.gain * tested.noise).sum(axis=0).mean())
     assert np.mean(inside) == pytest.approx(2.0, rel=0.1)
     assert np.mean(outside) == pytest.approx(-2.0, rel=0.25)
 
 
 @pytest.mark.parametrize("pooled", [False, True])
 def test_weights_of_the_wrong_sign_are_no_evidence(draw: Draw, pooled: bool) -> None:
-    products = draw(4, size=1)
-    for sign in (1.0, -1.0):
-        other = Products(products.base, sign * products.between, products.gram, sign * products.cross)
-        free, bound = Fitting(pooled=pooled), Fitting(pooled=pooled, positive=True)
-        some, only = weigh(other, free, DECLARED), weigh(other, bound, DECLARED)
-        every = Weighed(1.0, 0.5, np.ones(21), np.ones(21))
-        _, weights = posterior_weights(other, free, every)
-        _, kept = posterior_weights(other, bound, every)
-        np.testing.assert_allclose(kept, np.maximum(weights, 0.0), atol=1e-12)
-        right = weights[:, 0] > 0
-        np.testing.assert_allclose(only.by_channel[right], some.by_channel[right], rtol=1e-6)
-        assert (only.by_channel[~right] <= 1e-9).all()
+    products, every = draw(4, size=1), Weighed(1.0, 0.5, np.ones(21), np.ones(21))
+    free, bound = Fitting(pooled=pooled), Fitting(pooled=pooled, positive=True)
+    _, weights = posterior_weights(products, Fitting(), every)
+    right = np.sign(weights)
+
+    def turned(signs: np.ndarray) -> Products:
+        between, cross = products.between * signs[:, :, None], products.cross * signs
+        return Products(products.base, between, products.gram, cross)
+
+    some, only = (weigh(turned(right), fitting, DECLARED) for fitting in (free, bound))
+    np.testing.assert_allclose(only.by_channel, some.by_channel)
+    _, kept = posterior_weights(turned(right), bound, every)
+    assert (kept > 0).all()
+    wrong = weigh(turned(-right), bound, DECLARED)
+    assert (wrong.by_channel <= 1e-9).all()
+    assert wrong.log_evidence < 0 < some.log_evidence
+    _, kept = posterior_weights(turned(-right), bound, every)
+    np.testing.assert_array_equal(kept, 0.0)
