@@ -42,4 +42,4 @@ def test_what_a_constant_decides_is_shown() -> None:
     assert [one.changed for one in (below, above)] == [1, 1]
     assert below.summary.right_first == 0.0
     usual, _ = sensitivities(benchmark, rounds, partial(run_rounds_on, rounds=1), ("least_share",))
-    assert (usual.constant, usual.value, usual.changed) == ("least_share", 0.0075, 0)
+    assert (usual.constant, usual.value, usual.changed) == ("least_share", 0.015, 0)

@@ -32,7 +32,7 @@ class Constants:
     strength: float = 0.5
     least_included: float = 0.1
     robust: float = 1.0
-    least_t: float = 3.5
+    least_t: float = 3.0
     least_share: float = 0.03
     least_channel_share: float = 0.15
     carries: float = 0.67

@@ -306,9 +306,6 @@ class Scoring:
         segments = np.unique(self.observations.segment[self._blocks.fit])
         if self._reference is None or len(segments) < FEWEST:
             return None
-        if self._reference.structure and ContactOffset.name not in self._reference.structure:
-            # The reference had too few contacts to tell how far their offsets scatter anyway.
-            return None
         effect = ContactOffset()
         found = {
             seconds: calibrated(self.observations, self._blocks, left, self._row_weights, seconds)
