@@ -237,7 +237,7 @@ def test_a_channel_that_an_offset_takes_to_the_end_of_its_counts_is_not_broken(
     counts = recording.channels.copy()
     counts[:, 5] = np.clip(counts[:, 5] - np.quantile(counts[:, 5], 0.3), 0, 4095)
     cut = gather(smooth, [replace(recording, channels=counts)], measured_temperature=True)
-    broken = counts.copy()
+    broken = recording.channels.copy()
     # A loose contact reads 0 wherever the channel is.
     broken[(np.arange(len(counts)) // 150) % 4 == 0, 5] = 0
     loose = gather(smooth, [replace(recording, channels=broken)], measured_temperature=True)

@@ -13,6 +13,7 @@ from taxel_models.loop.blocks import Blocks, cut
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED, Constants
+from taxel_models.loop.inference.own_structure import structure_of
 from taxel_models.loop.inference.scoring import Scoring
 from taxel_models.loop.inference.whitening import Bins, NoiseShape
 from taxel_models.loop.observations import Observations, gather
@@ -47,7 +48,7 @@ def held_out_residual(
     scoring = Scoring(observations, blocks, effects, found, constants, lambda _: None)
     structure = {
         name: OwnStructure(log_evidence=tuple(log_evidence.tolist()), gain=tuple(gain.tolist()))
-        for name, (log_evidence, gain) in scoring.structure().items()
+        for name, (log_evidence, gain) in structure_of(scoring).items()
     }
     if Offset.name in structure:
         own = structure[Offset.name]

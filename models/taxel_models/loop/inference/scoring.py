@@ -5,13 +5,10 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy import stats
 from scipy.special import logsumexp
-from threadpoolctl import threadpool_limits
 
 from taxel.channels import CHANNELS, COUNTS_MAX, ELECTRODE_COLUMNS
 from taxel.manifest import HeldOutResidual
-from taxel_models.evaluation.standard_error import corrected_standard_error
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect, Fitting, Remaining
@@ -44,7 +41,7 @@ REFITS: Final = 3
 """Rounds in which weights, or a form's parameters, are found again."""
 
 
-class _Bases(NamedTuple):
+class Bases(NamedTuple):
     """What forms are weighed beside, and the evidence of the constant between the two."""
 
     plain: Base
@@ -129,12 +126,12 @@ class Scoring:
         design = Design(np.concatenate(values, axis=2), self.bins.fold)
         return Base(target, design, np.concatenate(precision, axis=1), self.whitening.quantum)
 
-    def _bases(self, taken: Sequence[Taken]) -> _Bases:
+    def bases(self, taken: Sequence[Taken]) -> Bases:
         """The base, the same beside a constant of each channel, and the constant's own evidence."""
         beside = self.base(taken).with_constant(self._ones)
         plain = beside.without_last()
         constant = weigh(Products.of(plain, self._ones), Fitting(), self._constants)
-        return _Bases(plain, beside, constant.log_evidence)
+        return Bases(plain, beside, constant.log_evidence)
 
     def _forms_of(self, effect: Effect, left: Floats) -> list[Form]:
         if effect.looks_at_residual or effect.label not in self._forms:
@@ -149,7 +146,7 @@ class Scoring:
     def scores(self, taken: Sequence[Taken]) -> list[Score]:
         """Every other effect beside some named ones, the likeliest first."""
         left = self.residual(taken)
-        bases = self._bases(taken)
+        bases = self.bases(taken)
         names = {each.name for each in taken}
         found = []
         for effect in self._effects:
@@ -167,7 +164,7 @@ class Scoring:
         found += [] if contact is None else [contact]
         return sorted(found, key=lambda score: -score.log_evidence)
 
-    def _score(self, effect: Effect, forms: Sequence[Form], bases: _Bases) -> Score:
+    def _score(self, effect: Effect, forms: Sequence[Form], bases: Bases) -> Score:
         usual = self._usual_evidence(effect.label)
         weighed: list[tuple[float, Form, Products, Weighed, bool]] = []
         logs = []
@@ -251,18 +248,6 @@ class Scoring:
         gain = np.array(self._reference.structure[name].gain)
         return np.asarray(bins[:, None] * gain / (tested.noise * self.whitening.scale**2))
 
-    def structure(self) -> dict[str, tuple[Floats, Floats]]:
-        """For each effect alone, its log odds (21,) and its gain (21,), counts², for each bin."""
-        with threadpool_limits(1):
-            scores = self.scores([])
-            return {
-                score.name: (
-                    np.maximum(score.weighed.by_channel, 0.0) / len(self.bins),
-                    np.maximum(self._own_gain(score), 0.0) / len(self.bins),
-                )
-                for score in scores
-            }
-
     def unknown_mean(self) -> Floats:
         """(21,) the size of a constant that the model's own held-out residual leaves open, counts."""
         if self._reference is None or Offset.name not in self._reference.structure:
@@ -274,32 +259,6 @@ class Scoring:
         """(21,) what a constant (21,), counts, adds to the whitened squared error of a bin, counts²."""
         size = (self._ones.values[:, :, 0] ** 2).mean(axis=1)
         return np.asarray(size * counts**2)
-
-    def _own_gain(self, score: Score) -> Floats:
-        """(21,) what an effect takes off the squared error in every channel, counts².
-
-        Bins that weights are fitted to say too much, held-out bins say as much too little (Akaike 1974).
-        The mean of both matters where a cause has many weights and there are few blocks for each, such
-        as kinds of a covariate. The 95 % limit of the mean share over folds is added: the fewer blocks
-        the reference has, the less it can rule out.
-        """
-        if not score.effect.is_predictable:
-            return score.taken_off
-        bases = self._bases([])
-        products = Products.of(bases.beside, score.form.design)
-        if score.effect.is_constant:
-            products = replace(products, base=bases.plain)
-        fitting = score.form.candidate.fitting
-        included = np.ones(len(CHANNELS)) if fitting.allowed is None else fitting.allowed.astype(np.float64)
-        every = replace(score.weighed, included=included)
-        folds = [held_out(products, fitting, every, seen=seen) for seen in (True, False)]
-        seen, unseen = (tested.gain * tested.noise for tested in folds)
-        energy = np.maximum((folds[0].before * folds[0].noise).sum(axis=0), 1e-9)
-        by_fold = products.folds * (seen / energy).mean(axis=1)
-        error = corrected_standard_error(by_fold, 1.0 / (products.folds - 1))
-        open_share = float(stats.t.ppf(0.95, products.folds - 1)) * error
-        own = np.maximum(0.5 * (seen + unseen).sum(axis=0), 0.0)
-        return np.asarray((own + open_share * energy) * self.whitening.scale**2)
 
     def _contact_offset(self, base: Base, left: Floats) -> Score | None:
         """Offsets of each contact, if the model's own held-out residual says how much is usual."""
@@ -342,7 +301,7 @@ class Scoring:
 
     def refined(self, score: Score, taken: Sequence[Taken]) -> Score:
         """The likeliest of the forms around an effect's likeliest one, if its forms are a grid."""
-        bases = self._bases(taken)
+        bases = self.bases(taken)
         for _ in range(REFITS):
             finer = [
                 form
