@@ -172,12 +172,17 @@ def _named(result: LoopResult, effect: Effect) -> Named:
     values, target = form.design.values, whitening(whitening.bins.means(residual.T[:, :, None]))
     gram = values.transpose(0, 2, 1) @ values + np.eye(form.size)
     weights = form.weights(np.linalg.solve(gram, values.transpose(0, 2, 1) @ target)[:, :, 0])
+    if candidate.moved is None:
+        contribution = candidate.basis.times(weights)
+    else:
+        # Its change is predicted at some rows only.
+        contribution = candidate.moved(observations).predicted - observations.predicted
     return Named(
         candidate=candidate,
         equation=effect.equation,
         weights=weights,
         fold_weights=np.repeat(weights[None], 8, axis=0),
-        contribution=candidate.basis.times(weights),
+        contribution=contribution,
         log_evidence=1.0,
         included=np.ones(len(CHANNELS)),
         t=3.0,

@@ -118,7 +118,8 @@ def test_channels_that_change_count_and_others_do_not() -> None:
     only = np.zeros(21)
     only[4] = 1.0
     t = t_over_folds(gain, Weighed(1.0, 0.5, only, only))
-    assert t == pytest.approx(gain[:, 4].mean() / (gain[:, 4].std(ddof=1) * np.sqrt(1 / 8 + 1 / 7)))
+    roots = np.sqrt(gain[:, 4])
+    assert t == pytest.approx(roots.mean() / (roots.std(ddof=1) * np.sqrt(1 / 8 + 1 / 7)))
     # Beside the noise of all others, what the other folds show tells which channel counts.
     noisy = gain + np.where(np.arange(21) == 4, 0.0, 30.0 * random.normal(size=(8, 21)))
     plain = noisy.sum(axis=1)
