@@ -34,8 +34,9 @@ check:
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# A test file stays on one worker, so that its fixtures are made once.
 unit:
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
 # ARGS: pytest's arguments, instead of all tests and the shipped models' predictions.
 arm: $(VENV)/.all

@@ -60,6 +60,24 @@ def loop(
     exclude: Annotated[
         list[str] | None, typer.Option(help="An effect not to look for; give it again for several.")
     ] = None,
+    residual_model: Annotated[
+        bool,
+        typer.Option(
+            "--residual-model",
+            help="Also fit a model of what no effect explains, from what is known while serving. It has no "
+            "name and says nothing of causes.",
+        ),
+    ] = False,
+    stability: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            max=1000,
+            metavar="N",
+            help="Name effects anew on N random halves of the blocks, and count how often each is named; "
+            "0: do not.",
+        ),
+    ] = 2,
     seed: Annotated[int, typer.Option(help="Seed of the split and of all random draws.")] = 0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a report at OUTPUT.")] = False,
     as_json: Json = False,
@@ -70,6 +88,7 @@ def loop(
     """
     import taxel
     from taxel_models.loop.effects.registry import effect_named
+    from taxel_models.loop.next_recording.proposals import propose
     from taxel_models.loop.pipeline import LoopSettings, run_loop
     from taxel_models.loop.report.report import REPORT, write_report
     from taxel_models.loop.report.table import findings_table
@@ -88,6 +107,8 @@ def loop(
         calibration_s=calibration,
         least_share=least_share,
         exclude=tuple(exclude or ()),
+        residual_model=residual_model,
+        stability=stability,
     )
     name, _, version = model.partition("/")
     with taxel.load(repository) as source, ERR.status("reading") as status:
@@ -99,6 +120,7 @@ def loop(
             settings,
             lambda doing: status.update(f"looking at {doing}"),
         )
+        result = propose(result, progress=lambda doing: status.update(f"simulating {doing}"))
     try:
         if export and result.new.effects:
             result = _exported(result, repository)
@@ -111,7 +133,7 @@ def loop(
         OUT.print(findings_table(result.findings))
         OUT.print(f"Wrote {output}: report.md, report.html, report.json.", soft_wrap=True)
         if export:
-            exported = result.findings.exported or "nothing: no effect was named that a model can have"
+            exported = result.findings.exported or "nothing: nothing was found that a model can have"
             OUT.print(f"Exported {exported}.", soft_wrap=True)
 
 

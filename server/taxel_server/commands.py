@@ -11,17 +11,24 @@ from dataclasses import asdict
 from pathlib import Path
 from threading import Event, Timer
 from types import FrameType
-from typing import Annotated, Any, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import typer
 
 from taxel.commands.cli import ERR, OUT, Json, needs
 from taxel.dependencies import SERVING
-from taxel.errors import ArtifactError
-from taxel.lane.offer import LaneOffer
+from taxel.errors import ArtifactError, TaxelError
 from taxel.local import shipped_repository
 from taxel.predictor import ModelInfo
+from taxel_server.operations.log_format import LogFormat, set_up_log
+from taxel_server.operations.service_manager import ServiceManager
 from taxel_server.options import ServerOptions
+
+if TYPE_CHECKING:
+    from taxel_server.loading.loader import Loader
+    from taxel_server.service import Service
+
+_LOG: Final = logging.getLogger(__name__)
 
 STOPPING: Final = (signal.SIGINT, signal.SIGTERM)
 
@@ -67,41 +74,58 @@ def serve(
     lane: Annotated[str | None, _option("lane", "WHERE")] = None,
     spin_us: Annotated[int | None, _option("spin_us", "N")] = None,
     halt: Annotated[bool | None, _option("halt")] = None,
+    http: Annotated[str | None, _option("http", "HOST:PORT")] = None,
+    load_seconds: Annotated[int | None, _option("load_seconds", "S")] = None,
+    load_memory_mib: Annotated[int | None, _option("load_memory_mib", "MIB")] = None,
     drain_seconds: Annotated[float | None, _option("drain_seconds", "S")] = None,
     log_level: Annotated[LogLevel, typer.Option(help="What to log on stderr.")] = "warning",
+    log_format: Annotated[LogFormat, typer.Option(help="How to log it: text or JSON.")] = "text",
     as_json: Json = False,
 ) -> None:
     """Serve the models of a repository, or those that come with Taxel, until told to stop.
 
     Every option may also be an environment variable (TAXEL_REPOSITORY, TAXEL_LISTEN …) or a key of
     taxel.toml in the working directory. SIGINT and SIGTERM finish the queued requests; a second
-    signal exits at once.
+    signal exits at once. SIGHUP loads new versions beside those that are served.
     """
     given = {name: value for name, value in locals().items() if name in ServerOptions.model_fields}
     _exit_at_once_on(STOPPING, code=0)
+    hangup = _hangup_event()
+    terminal = os.isatty(0)
 
     from taxel_server.engine import Engine
+    from taxel_server.loading.loader import Loader
+    from taxel_server.loading.trials import Trials
     from taxel_server.processor import keep_cores_awake
     from taxel_server.runtimes import RuntimeOptions
     from taxel_server.service import Service
     from taxel_server.settings import read_settings
 
-    logging.basicConfig(
-        level=log_level.upper(), stream=sys.stderr, format="%(asctime)s %(levelname)s %(name)s: %(message)s"
-    )
+    set_up_log(log_level, log_format)
     _log_errors_of_zenoh()
     settings = read_settings({name: value for name, value in given.items() if value is not None})
     repository = settings.repository or shipped_repository()
     awake = None if settings.halt else keep_cores_awake()
     engine = Engine(repository, RuntimeOptions(settings.threads, settings.providers))
-    if not engine.load_all():
+    loader = Loader(engine, Trials(settings.load_seconds, settings.load_memory_mib))
+    loader.start()
+    loader.wait()
+    if not engine.loaded():
         raise ArtifactError(_nothing_to_serve(repository, engine.models()))
     stop = _event_on(STOPPING)
-    service = Service(engine, settings).start()
-    _announce(settings.listen, service.lane, engine.models(), as_json)
-    # The kernel may give a signal to one of zenoh's threads, which does not wake this one.
-    while not stop.wait(_SIGNAL_CHECK_S):
-        pass
+    try:
+        service = Service(engine, settings, loader).start()
+    except TaxelError:
+        loader.close()
+        raise
+    _announce(settings.listen, service, engine.models(), as_json)
+    manager = ServiceManager()
+    manager.tell("READY=1", f"STATUS=serving {len(engine.loaded())} versions")
+    while _serve_until(stop, hangup, service, loader, manager) and not _has_gone(terminal):
+        _LOG.info("reloading")
+        manager.tell_reloading()
+        loader.reload()
+    manager.tell("STOPPING=1")
     if awake is not None:
         awake.close()
     _leave_within(settings.drain_seconds + _AFTER_DRAINING_S, service.abandon)
@@ -109,6 +133,38 @@ def serve(
         ERR.print("a client has stopped reading: leaving without it", style="yellow")
         # The session would wait for that client on the way out of the interpreter, too.
         _exit_now(0)
+
+
+def _serve_until(
+    stop: Event, hangup: Event, service: "Service", loader: "Loader", manager: ServiceManager
+) -> bool:
+    """Give the watchdog its signs until a signal comes. Returns whether it was SIGHUP."""
+    loading = True
+    # The kernel may give a signal to one of zenoh's threads, which does not wake this one.
+    while not stop.wait(_SIGNAL_CHECK_S):
+        if hangup.is_set():
+            hangup.clear()
+            return True
+        if loading and loader.is_idle:
+            loading = False
+            _LOG.info("loaded", extra={"fields": dict(loader.counts)})
+            manager.tell("READY=1", f"STATUS=serving {loader.counts['loaded']} versions")
+        if manager.expects_sign and service.is_live:
+            manager.give_sign()
+    return False
+
+
+def _hangup_event() -> Event:
+    """An event that SIGHUP sets, where the system has this signal."""
+    event = Event()
+    if number := getattr(signal, "SIGHUP", None):
+        signal.signal(number, lambda *_: event.set())
+    return event
+
+
+def _has_gone(terminal: bool) -> bool:
+    """Whether SIGHUP came because the terminal, if the server was started in one, was closed."""
+    return terminal and not os.isatty(0)
 
 
 def _log_errors_of_zenoh() -> None:
@@ -127,14 +183,13 @@ def _log_errors_of_zenoh() -> None:
     zenoh.init_log_from_env_or("error")
 
 
-def _announce(
-    listen: tuple[str, ...], lane: LaneOffer | None, models: list[ModelInfo], as_json: bool
-) -> None:
+def _announce(listen: tuple[str, ...], service: "Service", models: list[ModelInfo], as_json: bool) -> None:
     """Print on stdout that the server is ready; for programs, one JSON object in one line."""
     if as_json:
         ready = {
             "listen": list(listen),
-            "lane": lane.address if lane else None,
+            "lane": service.lane.address if service.lane else None,
+            "http": service.http,
             "models": [asdict(model) for model in models],
         }
         sys.stdout.write(json.dumps(ready) + "\n")
@@ -143,6 +198,8 @@ def _announce(
     for model in models:
         reason = f": {model.reason}" if model.reason else ""
         OUT.print(f"{model.name}/{model.version} {model.state}{reason}", markup=False, soft_wrap=True)
+    if service.http:
+        OUT.print(f"metrics on http://{service.http}/metrics", soft_wrap=True)
     OUT.print(f"listening on {', '.join(listen)}", soft_wrap=True)
     sys.stdout.flush()
 

@@ -1,6 +1,7 @@
 """The engine: a repository of artifacts and the runtimes that evaluate them; knows no transport."""
 
 import logging
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -24,6 +25,10 @@ _WARM_UP_ROWS: Final = (1, 8, 64, 512)
 
 _MANY_ROWS: Final = 1024
 """Rows of a full batch at the server's default setting."""
+
+
+Place = tuple[str, str]
+"""A version's place in the repository: name and version."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,20 +81,90 @@ class Engine:
     def __init__(self, repository: Path, options: RuntimeOptions = DEFAULTS) -> None:
         self._repository = repository
         self._options = options
-        self._versions = {
-            name: artifacts.versions(repository, name) for name in artifacts.names(repository)
-        }
-        self._outcomes: dict[tuple[str, str], LoadedModel | str] = {}
+        self._versions: dict[str, list[str]] = {}
+        self._outcomes: dict[Place, LoadedModel | str] = {}
         """The result of each load: a model, or the reason why there is none."""
+        self._held: dict[Place, str] = {}
+        """Versions that somebody else will `load` or `refuse`, and why they are not there yet."""
         self._lock = Lock()
+        self.scan()
+
+    def scan(self, hold: str | None = None) -> list[Place]:
+        """Look into the repository again.
+
+        Args:
+            hold: `hold` what this returns, with this reason.
+
+        Returns:
+            The versions that are not loaded: new ones, and those that could not be loaded before.
+
+        Raises:
+            ArtifactError: the repository is no folder.
+        """
+        found = {}
+        for name in artifacts.names(self._repository):
+            try:
+                found[name] = artifacts.versions(self._repository, name)
+            except (OSError, NotFound) as error:
+                _LOG.warning("model %s is left out: %s", name, error)
+        with self._lock:
+            # A version that is served stays, even where its folder has gone.
+            for name, version in self._outcomes:
+                if isinstance(self._outcomes[name, version], LoadedModel):
+                    found[name] = sorted({*found.get(name, ()), version}, key=int)
+            self._versions = dict(sorted(found.items()))
+            places = [(name, version) for name, versions in found.items() for version in versions]
+            missing = [place for place in places if not isinstance(self._outcomes.get(place), LoadedModel)]
+            if hold is not None:
+                self._held.update(dict.fromkeys(missing, hold))
+            return missing
+
+    def folder(self, place: Place) -> Path:
+        """The folder of a version."""
+        return self._repository.joinpath(*place)
+
+    def hold(self, places: Iterable[Place], reason: str) -> None:
+        """Keep versions from being loaded when they are asked for, until `load` or `refuse` is called."""
+        with self._lock:
+            self._held.update(dict.fromkeys(places, reason))
+
+    def load(self, place: Place) -> LoadedModel | str:
+        """Load a version that was held; requests to others go on meanwhile.
+
+        Returns:
+            The model, or the reason why there is none.
+        """
+        return self._settle(place, self._load(*place))
+
+    def refuse(self, place: Place, reason: str) -> str:
+        """Do not load a version that was held; returns the reason."""
+        _LOG.warning("model %s/%s is unavailable: %s", *place, reason)
+        self._settle(place, reason)
+        return reason
+
+    def _settle(self, place: Place, outcome: LoadedModel | str) -> LoadedModel | str:
+        with self._lock:
+            self._outcomes[place] = outcome
+            self._held.pop(place, None)
+        return outcome
 
     def load_all(self) -> list[LoadedModel]:
-        """Load and warm up every version of every model; returns those that loaded."""
+        """Load and warm up every version of every model that is not held; returns those that loaded."""
         outcomes = [
             self._outcome(name, version)
             for name, versions in self._versions.items()
             for version in versions
         ]
+        return [outcome for outcome in outcomes if isinstance(outcome, LoadedModel)]
+
+    def loaded(self) -> list[LoadedModel]:
+        """The versions that are loaded now, in the order of `models`."""
+        with self._lock:
+            outcomes = [
+                self._outcomes.get((name, version))
+                for name, versions in self._versions.items()
+                for version in versions
+            ]
         return [outcome for outcome in outcomes if isinstance(outcome, LoadedModel)]
 
     def models(self) -> list[ModelInfo]:
@@ -132,6 +207,8 @@ class Engine:
     def _outcome(self, name: str, version: str) -> LoadedModel | str:
         place = (name, version)
         with self._lock:
+            if (held := self._held.get(place)) is not None:
+                return held
             if place not in self._outcomes:
                 self._outcomes[place] = self._load(name, version)
             return self._outcomes[place]
@@ -149,7 +226,8 @@ class Engine:
         return reason
 
     def _info(self, name: str, version: str) -> ModelInfo:
-        found = self._outcomes.get((name, version)) or self._examined(name, version)
+        place = (name, version)
+        found = self._held.get(place) or self._outcomes.get(place) or self._examined(name, version)
         if isinstance(found, str):
             return ModelInfo(name, version, "UNAVAILABLE", found, platform="", combination=None)
         manifest = found.manifest

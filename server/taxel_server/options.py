@@ -67,6 +67,19 @@ class ServerOptions(BaseModel):
         description="Whether idle cores may sleep deeply; --no-halt needs the right to write "
         "/dev/cpu_dma_latency, and costs power.",
     )
+    http: str = Field(
+        default="off",
+        description="Where metrics and health are told over HTTP, as HOST:PORT, or off.",
+    )
+    load_seconds: int = Field(
+        default=20,
+        gt=0,
+        le=3600,
+        description="Seconds of the processor that an ONNX file may take for its first evaluations.",
+    )
+    load_memory_mib: int = Field(
+        default=4096, ge=64, le=2**24, description="MiB that an ONNX file may take for them."
+    )
     drain_seconds: float = Field(
         default=1.2,
         ge=0,
@@ -98,6 +111,13 @@ class ServerOptions(BaseModel):
             parse_address(lane)
         return lane
 
+    @field_validator("http")
+    @classmethod
+    def _is_address(cls, http: str) -> str:
+        if http != "off":
+            host_and_port(http)
+        return http
+
     @model_validator(mode="after")
     def _fit_each_other(self) -> Self:
         if self.max_request_rows > self.max_queue_rows:
@@ -106,3 +126,15 @@ class ServerOptions(BaseModel):
                 f"{self.max_queue_rows}, or the largest requests could never be queued"
             )
         return self
+
+
+def host_and_port(address: str) -> tuple[str, int]:
+    """The host and the port of `HOST:PORT`.
+
+    Raises:
+        ValueError: it is none.
+    """
+    host, colon, port = address.rpartition(":")
+    if not (colon and host and port.isascii() and port.isdigit() and int(port) < 65_536):
+        raise ValueError(f"{address!r}: expected HOST:PORT, such as 127.0.0.1:9464, or off")
+    return host.strip("[]"), int(port)

@@ -1,14 +1,19 @@
 """A server: the core, and the transports that bring it requests."""
 
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from taxel.errors import TaxelError
 from taxel.lane.offer import LaneOffer
 from taxel_server.core.core import Core
 from taxel_server.engine import Engine
+from taxel_server.loading.loader import Loader
+from taxel_server.operations.liveness import Liveness
 from taxel_server.options import ServerOptions
 from taxel_server.transports.lane_transport import LaneTransport
 from taxel_server.transports.zenoh_transport import ZenohTransport
+
+if TYPE_CHECKING:
+    from taxel_server.operations.http_endpoint import HttpEndpoint
 
 
 class Service:
@@ -17,10 +22,15 @@ class Service:
     Args:
         engine: its models are loaded and warmed up.
         options: where to listen, and the limits.
+        loader: loads further models while the server runs, if there is one.
     """
 
-    def __init__(self, engine: Engine, options: ServerOptions) -> None:
+    def __init__(self, engine: Engine, options: ServerOptions, loader: Loader | None = None) -> None:
         self._core = Core(engine, options)
+        self._loader = loader
+        self._liveness = Liveness(lambda: self._core.progress)
+        self._http: HttpEndpoint | None = None
+        self._options = options
         self._zenoh = ZenohTransport(self._core, options)
         self._lane = LaneTransport(self._core, options)
 
@@ -34,6 +44,16 @@ class Service:
         """Where clients on this machine may ask, too; None if there is no lane."""
         return self._core.lane
 
+    @property
+    def http(self) -> str | None:
+        """Where metrics and health are told over HTTP, as HOST:PORT; None if nowhere."""
+        return self._http.address if self._http else None
+
+    @property
+    def is_live(self) -> bool:
+        """Whether the server makes progress."""
+        return self._liveness.is_live()
+
     def start(self) -> Self:
         """Listen and answer.
 
@@ -43,15 +63,33 @@ class Service:
         """
         self._zenoh.listen()
         try:
+            self._http = self._listen_for_http()
             self._core.lane = self._lane.listen()
         except TaxelError:
+            if self._http is not None:
+                self._http.close()
             self._zenoh.hang_up()
             raise
+        if self._loader is not None:
+            self._core.statistics.loads = self._loader.counts
+            self._loader.watch(self._core.refresh_routes)
         self._core.start()
         self._lane.start()
         self._zenoh.start()
         self._core.ready = True
+        if self._http is not None:
+            self._http.start()
         return self
+
+    def _listen_for_http(self) -> "HttpEndpoint | None":
+        if self._options.http == "off":
+            return None
+        from taxel_server.operations.http_endpoint import HttpEndpoint
+        from taxel_server.operations.metrics import registry_of
+
+        core = self._core
+        registry = registry_of(core.statistics.read, lambda: core.ready)
+        return HttpEndpoint(self._options.http, registry, self._liveness.is_live, lambda: core.ready)
 
     def close(self) -> bool:
         """Stop: accept no more requests, answer the queued ones, and close the session.
@@ -62,7 +100,11 @@ class Service:
         Returns:
             False if a client that has stopped reading kept the session open.
         """
+        if self._loader is not None:
+            self._loader.close()
         self._core.drain()
+        if self._http is not None:
+            self._http.close()
         self._lane.close()
         return self._zenoh.close()
 

@@ -26,6 +26,7 @@ from taxel.corrections import (
     Leak,
     Location,
     Parameter,
+    RandomFeatures,
     Saturation,
     Term,
     Weighted,
@@ -88,6 +89,16 @@ def terms(rng: np.random.Generator) -> list[Any]:
             others=rows_of(rng.normal(size=(21, 21))),
             limits=tuple(rng.uniform(0, 1, 21).tolist()),
         ),
+        RandomFeatures(
+            features=("fz", "creep"),
+            means=tuple(rng.uniform(0, 4095, 23).tolist()),
+            scales=tuple(rng.uniform(0.1, 1000, 23).tolist()),
+            limit=2.0,
+            projection=rows_of(rng.normal(size=(23, 5))),
+            phases=tuple(rng.uniform(0, 6, 5).tolist()),
+            weights=rows_of(rng.normal(size=(5, 21))),
+            constants=slope,
+        ),
     ]
 
 
@@ -132,6 +143,21 @@ def obvious(term: Term, p: Rows, columns: dict[str, float], channel: int) -> flo
                 for other, weights, limit in zip(CHANNELS, term.others, term.limits, strict=True)
             )
             return share * found[name] + others
+        case RandomFeatures():
+            inputs = [*p.tolist(), *(columns[feature] for feature in term.features)]
+            z = [
+                min(max((value - mean) / scale, -term.limit), term.limit)
+                for value, mean, scale in zip(inputs, term.means, term.scales, strict=True)
+            ]
+            cosines = [
+                math.cos(
+                    phase + sum(row[place] * part for row, part in zip(term.projection, z, strict=True))
+                )
+                for place, phase in enumerate(term.phases)
+            ]
+            return term.constants[channel] + sum(
+                weights[channel] * cosine for weights, cosine in zip(term.weights, cosines, strict=True)
+            )
     raise AssertionError(term)
 
 

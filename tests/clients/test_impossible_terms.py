@@ -8,6 +8,17 @@ from pydantic import TypeAdapter, ValidationError
 from taxel.corrections import Term
 
 ONES = (1.0,) * 21
+RANDOM = {
+    "kind": "random_features",
+    "features": [],
+    "means": ONES,
+    "scales": ONES,
+    "limit": 3,
+    "projection": [[1]] * 21,
+    "phases": [0],
+    "weights": [ONES],
+    "constants": ONES,
+}
 
 
 @pytest.mark.parametrize(
@@ -50,6 +61,11 @@ ONES = (1.0,) * 21
             "expected 1",
         ),
         ({"kind": "crosstalk", "leaks": [["e1", "e20", 1]], "rest": ONES}, "no channel 'e20'"),
+        ({**RANDOM, "projection": [[1, 2]] * 21}, r"projection\[0\] has 2 values: expected 1"),
+        ({**RANDOM, "features": ["fx"]}, "means has 21 values: expected 22"),
+        ({**RANDOM, "weights": [ONES, ONES]}, "weights has 2 values: expected 1"),
+        ({**RANDOM, "phases": [float("inf")]}, "finite"),
+        ({**RANDOM, "scales": [0.0] * 21}, "greater than 0"),
         ({"kind": "fault", "channel": "tdc", "value": 1}, "no channel 'tdc'"),
         ({"kind": "fault", "channel": "e1", "value": float("nan")}, "finite"),
         ({"kind": "guess"}, "guess"),

@@ -18,6 +18,7 @@ from taxel.errors import (
     Internal,
     InvalidArgument,
     NotFound,
+    PermissionDenied,
     RequestError,
     ResourceExhausted,
     Unavailable,
@@ -25,6 +26,7 @@ from taxel.errors import (
 from taxel.manifest import Manifest, ModelFile, Normalisation, Training, WindowLayout, tensors
 from taxel.protocol import InferResponse, pack_error, pack_infer_response, packb
 from taxel.remote import RemotePredictor, RemoteSource
+from taxel.remote.remote_model import RemoteModel
 
 Answer = Callable[[zenoh.Query], None]
 
@@ -124,14 +126,11 @@ def test_a_timeout_must_be_above_zero(timeout: float) -> None:
         taxel.connect("tcp/127.0.0.1:7447", timeout=timeout)
 
 
-def test_a_query_that_nobody_answers_is_unavailable(connected: Callable[[Answer], RemoteSource]) -> None:
+def test_a_query_that_is_dropped_is_denied(connected: Callable[[Answer], RemoteSource]) -> None:
     client = connected(turning_away)
-    with pytest.raises(
-        Unavailable,
-        match="nobody answers taxel/v2/repository/index: expected a `taxel serve`",
-    ):
-        client.models()
-    assert not client.ready()
+    for ask in (client.models, client.ready):
+        with pytest.raises(PermissionDenied, match=r"a server is there, but taxel/v2/.* gets no answer"):
+            ask()
 
 
 def test_a_silent_server_exceeds_the_deadline(
@@ -142,7 +141,7 @@ def test_a_silent_server_exceeds_the_deadline(
     with pytest.raises(DeadlineExceeded, match=r"no answer to taxel/v2 within 0\.1 s"):
         client.get("taxel/v2", timeout=0.1)
     with pytest.raises(DeadlineExceeded):
-        RemotePredictor(client, manifest).predict(np.zeros((1, 6)), timeout=0.01)
+        RemotePredictor(client, RemoteModel(manifest, "taxel")).predict(np.zeros((1, 6)), timeout=0.01)
     assert len(held) == 2
 
 
@@ -180,7 +179,7 @@ def test_predictions_for_other_windows_are_refused(
     connected: Callable[[Answer], RemoteSource], manifest: Manifest
 ) -> None:
     two = InferResponse(np.zeros((2, 21), np.float32), "skin", "1", None, 0, 0, 2)
-    predictor = RemotePredictor(connected(saying(pack_infer_response(two))), manifest)
+    predictor = RemotePredictor(connected(saying(pack_infer_response(two))), RemoteModel(manifest, "taxel"))
     assert predictor.predict(np.zeros((2, 6))).shape == (2, 21)
     with pytest.raises(Internal, match="2 rows to 3 windows"):
         predictor.predict(np.zeros((3, 6)))
@@ -218,7 +217,7 @@ def test_queries_that_nobody_waits_for_are_on_their_way_together(
     held: SimpleQueue[zenoh.Query] = SimpleQueue()
     client = connected(held.put)
     for number in range(3):
-        client.send(f"taxel/{number}", b"", outcomes.put)
+        client.connection.send(f"taxel/{number}", b"", 10, outcomes.put)
     queries = [held.get(timeout=10) for _ in range(3)]
     assert outcomes.empty()
     for query in reversed(queries):
@@ -233,7 +232,7 @@ def test_queries_that_nobody_waits_for_are_on_their_way_together(
     ("answer", "error", "message"),
     [
         (refusing(pack_error(ResourceExhausted("full"))), ResourceExhausted, "full"),
-        (turning_away, Unavailable, "nobody answers taxel/v2"),
+        (turning_away, PermissionDenied, "taxel/v2 gets no answer"),
     ],
 )
 def test_a_query_that_nobody_waits_for_has_the_same_errors(
@@ -244,7 +243,7 @@ def test_a_query_that_nobody_waits_for_has_the_same_errors(
     message: str,
 ) -> None:
     client = connected(answer)
-    client.send("taxel/v2", b"", outcomes.put)
+    client.connection.send("taxel/v2", b"", 10, outcomes.put)
     found = outcomes.get(timeout=10)
     with pytest.raises(error) as caught:
         client.get("taxel/v2")
@@ -257,13 +256,12 @@ def test_a_query_that_nobody_waits_for_ends_in_time(
 ) -> None:
     held: list[zenoh.Query] = []
     client = connected(held.append)
-    client.timeout = 0.1
-    client.send("taxel/v2", b"", outcomes.put)
+    client.connection.send("taxel/v2", b"", 0.1, outcomes.put)
     found = outcomes.get(timeout=10)
     assert isinstance(found, DeadlineExceeded)
     assert "no answer to taxel/v2 within 0.1 s" in str(found)
     client.close()
-    client.send("taxel/v2", b"", outcomes.put)
+    client.connection.send("taxel/v2", b"", 10, outcomes.put)
     assert isinstance(outcomes.get(timeout=10), Unavailable)
 
 
@@ -274,8 +272,9 @@ def test_answers_may_be_fetched_after_later_queries_were_sent(
         with query:
             query.reply(query.key_expr, query.payload)
 
-    ask = connected(repeating).pipelined_asker("taxel/v2", 10)
-    answers = [ask(bytes([number])) for number in range(5)]
+    connection = connected(repeating).connection
+    connection.prepare("taxel/v2", 10)
+    answers = [connection.start("taxel/v2", bytes([number]), 10) for number in range(5)]
     assert [answer() for answer in answers] == [bytes([number]) for number in range(5)]
 
 

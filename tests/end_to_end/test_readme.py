@@ -25,6 +25,15 @@ def test_the_readme_example_runs(tmp_path: Path) -> None:
     assert "'e19'" in done.stdout
 
 
+def test_the_examples_of_the_page_on_simulators_run(tmp_path: Path) -> None:
+    examples = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "simulators.md").read_text(), re.DOTALL)
+    script = tmp_path / "example.py"
+    script.write_text("\n".join([*examples, "print(channels.shape)"]))
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.endswith("(64, 21)\n")
+
+
 def test_every_link_of_the_documents_leads_somewhere() -> None:
     if not (ROOT / "docs" / "results").is_dir():
         pytest.skip("a source archive leaves the results out")

@@ -1,5 +1,6 @@
 """Ensembles: trained together, exported as one file, served with the spread of their members."""
 
+import asyncio
 from pathlib import Path
 
 import msgpack
@@ -9,7 +10,6 @@ import pytest
 import taxel
 from taxel.errors import InvalidArgument, SettingsError
 from taxel.protocol import pack_infer_request, unpack_infer_request
-from taxel_bench.server_process import running_server
 from taxel_exporters.export import export
 from taxel_models.families.registry import family, resolve
 from taxel_models.training import trained as trained_models
@@ -17,6 +17,7 @@ from taxel_models.training.split import SplitSettings
 from taxel_models.training.train import TrainingSettings, train
 from taxel_models.training.trained import TrainedModel
 from taxel_models.twin import simulate
+from taxel_server.transports.memory import MemoryServer
 
 OVERRIDES = {
     "members": "ffnn:2,network-b:1,xgb:1",
@@ -73,10 +74,18 @@ def test_members_of_a_family_differ_by_their_seed(trained: TrainedModel, windows
 
 
 def test_remote_and_local_agree_on_the_spread(repository: Path, windows: np.ndarray) -> None:
-    with running_server(repository) as endpoint, taxel.connect(endpoint) as server:
+    with MemoryServer(repository) as memory, taxel.connect(transport=memory) as server:
         remote = server.predictor("ensemble")
         found = remote.predict_with_spread(windows)
         alone = remote.predict(windows)
+
+        async def awaited() -> tuple[np.ndarray, np.ndarray]:
+            async with taxel.connect_async(transport=memory) as source:
+                predictor = await source.predictor("ensemble")
+                return await predictor.predict_with_spread(windows)
+
+        for awaited_values, values in zip(asyncio.run(awaited()), found, strict=True):
+            np.testing.assert_array_equal(awaited_values, values)
     with taxel.load(repository) as source:
         expected = source.predictor("ensemble").predict_with_spread(windows)
     for remote_values, local_values in zip(found, expected, strict=True):
@@ -101,7 +110,7 @@ def test_a_single_model_gives_no_spread(trained_folder: Path, tmp_path: Path) ->
     windows = np.zeros((1, 12), np.float32)
     with taxel.load(tmp_path) as source, pytest.raises(InvalidArgument, match="gives no spread"):
         source.predictor("xgb").predict_with_spread(windows)
-    with running_server(tmp_path) as endpoint, taxel.connect(endpoint) as server:
+    with MemoryServer(tmp_path) as memory, taxel.connect(transport=memory) as server:
         with pytest.raises(InvalidArgument, match="gives no spread"):
             server.predictor("xgb").predict_with_spread(windows)
         request = pack_infer_request(windows, spread=True)

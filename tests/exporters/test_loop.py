@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,9 @@ import taxel
 from taxel.commands.cli import failing_clearly
 from taxel_exporters import corrected
 from taxel_exporters.loop import loop
+from taxel_models.loop import residual_model
 from taxel_models.loop.blocks import cut
+from taxel_models.loop.effects.registry import NAMES
 from taxel_models.loop.observations import Observations, gather
 from taxel_models.recordings import read_recording, write_ruppel
 from taxel_models.recovery.injection import Injection
@@ -86,6 +89,47 @@ def test_what_is_exported_gives_what_was_reported(
     again = run(app, repository, data, output)
     assert again.exit_code == 2
     assert "--overwrite" in again.stderr
+
+
+def test_a_residual_model_is_reported_without_a_name_and_exported(
+    app: typer.Typer, repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(residual_model, "COSINES", 64)
+    monkeypatch.setattr(residual_model, "COSINES_TRIED", 64)
+    recording = simulate(9_000, 21)
+    pressed = np.linalg.norm(recording.samples.force, axis=1)
+    channels = recording.channels.copy()
+    channels[:, 5:12] += (90.0 * np.sin(1.5 * pressed))[:, None]
+    path = tmp_path / "bent.csv"
+    write_ruppel(replace(recording, channels=np.clip(channels, 0, 4095)), path)
+    excluded = [argument for name in NAMES for argument in ("--exclude", name)]
+    output = tmp_path / "report"
+    result = run(
+        app,
+        repository,
+        path,
+        output,
+        "--residual-model",
+        "--export",
+        "--json",
+        "--model",
+        f"{MODEL}/1",
+        *excluded,
+    )
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert found["effects"] == []
+    told = found["residual_model"]
+    assert {gain["channel"] for gain in told["channels"]} >= {f"e{number}" for number in range(4, 11)}
+    assert all(gain["folds"] > 2 * gain["error"] for gain in told["channels"])
+    assert found["after"]["norm_mae"] == pytest.approx(found["before"]["norm_mae"] - told["gain"])
+    assert "Unnamed: a residual model" in (output / "report.md").read_text()
+    with taxel.load(repository) as source:
+        manifest = source.predictor(*found["exported"].split("/")).manifest
+    (effect,) = manifest.effects
+    assert effect.name == residual_model.NAME
+    assert manifest.parity is not None
+    assert manifest.parity.largest_difference < 0.01
 
 
 def test_a_report_outlives_an_export_that_fails(

@@ -10,10 +10,10 @@ from typer.testing import CliRunner
 
 from taxel.channels import COUNTS_MAX, ELECTRODE_COLUMNS
 from taxel.errors import SettingsError
+from taxel.skin import height_above_skin
 from taxel_models.commands.twin import twin
 from taxel_models.recordings import Recording, read_ruppel
 from taxel_models.twin import simulate
-from taxel_models.twin.geometry import height_above_skin
 from taxel_models.twin.simulation import POSITION_EVERY
 from taxel_models.twin.summary import summarise
 from taxel_models.twin.temperature import celsius, core_celsius, tdc_counts

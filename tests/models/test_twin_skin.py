@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from taxel.skin import gap_to_skin, height_above_skin, patch
 from taxel_models.twin.fluid import THINNEST, counts_of, log_impedance, pocketed, thickness
-from taxel_models.twin.geometry import gap_to_skin, height_above_skin, patch
 from taxel_models.twin.sensor import Sensor
 from taxel_models.twin.skin import FLUID_LIMIT_N, Skin, fluid_force, sunk_share
 

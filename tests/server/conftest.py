@@ -20,9 +20,11 @@ from numpy.typing import NDArray
 import taxel
 from taxel.artifacts import MANIFEST, manifest_json
 from taxel.manifest import Manifest, ModelFile, Normalisation, Training, WindowLayout, tensors
+from taxel.remote import RemoteSource
 from taxel_server.engine import Engine
 from taxel_server.options import ServerOptions
 from taxel_server.service import Service
+from taxel_server.transports.memory import MemoryServer
 
 ArtifactMaker = Callable[..., Path]
 WindowMaker = Callable[..., NDArray[np.float32]]
@@ -159,6 +161,20 @@ def serving() -> Iterator[ServerStarter]:
             return place
 
         yield serve
+
+
+@pytest.fixture(scope="session")
+def memory_server(engine: Engine) -> Iterator[MemoryServer]:
+    """A server of the engine in this process, for tests that need no socket."""
+    with MemoryServer(engine) as server:
+        yield server
+
+
+@pytest.fixture(scope="session")
+def memory(memory_server: MemoryServer) -> Iterator[RemoteSource]:
+    """A client of that server."""
+    with taxel.connect(transport=memory_server) as source:
+        yield source
 
 
 @pytest.fixture

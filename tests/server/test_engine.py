@@ -68,6 +68,11 @@ def truncate(folder: Path) -> None:
     model.write_bytes(model.read_bytes()[:-100])
 
 
+def replace(folder: Path) -> None:
+    model = folder / "model.json"
+    model.write_bytes(model.read_bytes().replace(b"1", b"2", 1))
+
+
 def garble(folder: Path) -> None:
     (folder / "manifest.json").write_text('{"name": 1}')
 
@@ -78,7 +83,13 @@ def remove(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("damage", "reason"), [(truncate, "sha256"), (garble, "name"), (remove, "manifest.json")]
+    ("damage", "reason"),
+    [
+        (truncate, "bytes, but its manifest says"),
+        (replace, "sha256"),
+        (garble, "name"),
+        (remove, "manifest.json"),
+    ],
 )
 @pytest.mark.parametrize("eager", [True, False])
 def test_a_damaged_artifact_is_unavailable_and_harms_no_other(

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 import taxel
 from taxel.errors import DeadlineExceeded, InvalidArgument, SettingsError, Unavailable
-from taxel.lane import lookup
 from taxel.lane.client import ConnectionLost, Lane
 from taxel.lane.offer import LaneOffer, machine_identity
 from taxel.protocol import unpackb
+from taxel.remote import core
 from taxel_server.engine import Engine
 from taxel_server.options import ServerOptions
 from taxel_server.processor import keep_cores_awake
@@ -60,7 +60,7 @@ def test_an_offer_that_cannot_be_understood_is_none(told: object) -> None:
 def test_another_machines_lane_is_left_alone(
     service: Service, endpoint: str, monkeypatch: pytest.MonkeyPatch, make_windows: WindowMaker
 ) -> None:
-    monkeypatch.setattr(lookup, "machine_identity", lambda: "another")
+    monkeypatch.setattr(core, "machine_identity", lambda: "another")
     with taxel.connect(endpoint) as source:
         predictor = source.predictor("skin")
         assert (predictor.transport, predictor.predict(make_windows(1)).shape) == ("zenoh", (1, 21))
@@ -85,7 +85,7 @@ def test_a_restarted_server_is_found_again_and_the_retry_is_counted(
         with pytest.raises(Unavailable, match=r"lane was lost|no lane"):
             predictor.predict(windows)
         again = Service(engine, ServerOptions(listen=(endpoint,))).start()
-        source.retries = 0
+        source.core.retries = 0
         try:
             while source.transport != "lane":
                 pass
@@ -157,9 +157,11 @@ def test_a_lane_that_is_lost_late_leaves_zenoh_the_rest_of_the_time(
     with taxel.connect(endpoint, timeout=20) as source:
         predictor = source.predictor("skin")
         assert source.transport == "lane"
-        get = source.get
+        start = source.connection.start
         monkeypatch.setattr(Lane, "infer", lose)
-        monkeypatch.setattr(source, "get", lambda *given: waits.append(given[-1]) or get(*given))
+        monkeypatch.setattr(
+            source.connection, "start", lambda *given: waits.append(given[-1]) or start(*given)
+        )
         assert predictor.predict(make_windows(1)).shape == (1, 21)
     (wait,) = waits
     assert 0 < wait <= 20.25 - 0.4

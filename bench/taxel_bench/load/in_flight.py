@@ -7,7 +7,7 @@ from threading import Semaphore
 import numpy as np
 
 from taxel.errors import DeadlineExceeded, RequestError, Unavailable
-from taxel.remote_connection import Done
+from taxel.remote.query_transport import Done
 from taxel_bench.load.records import RECORD, Records, record
 
 

@@ -108,7 +108,8 @@ class Stream:
             _sleep_until(start + due)
             if in_flight.server_gone:
                 break
-            self.source.send(self.key, self._payload(number), in_flight.depart(due))
+            done = in_flight.depart(due)
+            self.source.connection.send(self.key, self._payload(number), self.source.timeout, done)
         return in_flight.land(self.settings.timeout_s + _PATIENCE_S)
 
     def _schedule(self) -> NDArray[np.float64]:

@@ -21,17 +21,20 @@ if TYPE_CHECKING:
         InvalidArgument,
         MissingDependency,
         NotFound,
+        PermissionDenied,
         RecordingError,
         RequestError,
         ResourceExhausted,
+        ServerLost,
         SettingsError,
         TaxelError,
         Unavailable,
     )
     from taxel.local import load
     from taxel.manifest import Manifest
-    from taxel.predictor import ModelInfo, Predictor, PredictorSource
-    from taxel.remote import connect
+    from taxel.predictor import ModelInfo, Predictor, PredictorSource, Timing
+    from taxel.remote.async_source import connect_async
+    from taxel.remote.source import connect
     from taxel.windows import (
         LiveWindow,
         Samples,
@@ -50,17 +53,20 @@ _HOMES: Final = {
         "InvalidArgument",
         "MissingDependency",
         "NotFound",
+        "PermissionDenied",
         "RecordingError",
         "RequestError",
         "ResourceExhausted",
+        "ServerLost",
         "SettingsError",
         "TaxelError",
         "Unavailable",
     ),
     "local": ("load",),
     "manifest": ("Manifest",),
-    "predictor": ("ModelInfo", "Predictor", "PredictorSource"),
-    "remote": ("connect",),
+    "predictor": ("ModelInfo", "Predictor", "PredictorSource", "Timing"),
+    "remote.source": ("connect",),
+    "remote.async_source": ("connect_async",),
     "windows": (
         "LiveWindow",
         "Samples",
@@ -87,20 +93,24 @@ __all__ = [
     "MissingDependency",
     "ModelInfo",
     "NotFound",
+    "PermissionDenied",
     "Predictor",
     "PredictorSource",
     "RecordingError",
     "RequestError",
     "ResourceExhausted",
     "Samples",
+    "ServerLost",
     "SettingsError",
     "TaxelError",
+    "Timing",
     "Unavailable",
     "WindowSpec",
     "WindowStream",
     "Windows",
     "build_windows",
     "connect",
+    "connect_async",
     "load",
 ]
 

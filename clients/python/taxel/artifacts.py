@@ -2,16 +2,22 @@
 
 import hashlib
 import json
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 from pydantic import TypeAdapter, ValidationError
 
+from taxel.contained import open_contained
 from taxel.errors import ArtifactError, NotFound
-from taxel.manifest import Manifest, Name, Version
+from taxel.manifest import Manifest, ModelFile, Name, Version
 
 MANIFEST: Final = "manifest.json"
+
+MOST_MANIFEST_BYTES: Final = 4 * 2**20
+MOST_MODEL_BYTES: Final = 2**30
+"""The largest files that are read. Shipped manifests have 12 kB, shipped model files 5 MB."""
 
 _NAME: Final = TypeAdapter[str](Name)
 _VERSION: Final = TypeAdapter[str](Version)
@@ -89,40 +95,50 @@ def _accepts(adapter: TypeAdapter[str], text: str) -> bool:
 
 
 def read(folder: Path) -> Artifact:
-    """Read and check one artifact: its manifest, its place, and its model file's hash.
+    """Read and check one artifact: its manifest, its place, and its model file's size and hash.
+
+    Each file is ordinary and of a bounded size, and no link leads out of the repository: this is checked
+    before a byte is read.
 
     Raises:
         ArtifactError: anything is missing, damaged or inconsistent; the text says what.
     """
+    repository = folder.parent.parent
     path = folder / MANIFEST
     try:
-        text = path.read_bytes()
+        with open_contained(path, inside=repository, most_bytes=MOST_MANIFEST_BYTES) as file:
+            text = file.read(MOST_MANIFEST_BYTES)
+        manifest = Manifest.model_validate_json(text)
     except OSError as error:
         raise ArtifactError(f"{path}: {error.strerror or error}") from None
-    try:
-        manifest = Manifest.model_validate_json(text)
     except ValidationError as error:
         raise ArtifactError(f"{path}: {describe(error)}") from None
     if (manifest.name, manifest.version) != (folder.parent.name, folder.name):
         place = f"{folder.parent.name}/{folder.name}"
         raise ArtifactError(f"{path} is of {manifest.name}/{manifest.version}, but lies in {place}")
     model_path = folder / manifest.model_file.name
-    try:
-        found = fingerprint(model_path)
-    except OSError as error:
-        raise ArtifactError(f"{model_path}: {error.strerror or error}") from None
-    if found != manifest.model_file.sha256:
-        raise ArtifactError(
-            f"{model_path}: sha256 {found[:12]}…, but its manifest says "
-            f"{manifest.model_file.sha256[:12]}…: the file is damaged or was replaced"
-        )
+    _check_model_file(model_path, manifest.model_file, repository)
     return Artifact(manifest, model_path)
 
 
-def fingerprint(path: Path) -> str:
-    """The sha256 of a file, in hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def _check_model_file(path: Path, expected: ModelFile, repository: Path) -> None:
+    """Raise if a file is not the one that its manifest describes."""
+    try:
+        with open_contained(path, inside=repository, most_bytes=MOST_MODEL_BYTES) as file:
+            size = os.fstat(file.fileno()).st_size
+            if size != expected.size:
+                raise ArtifactError(
+                    f"{path}: {size} bytes, but its manifest says {expected.size}: "
+                    "the file is damaged or was replaced"
+                )
+            found = hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise ArtifactError(f"{path}: {error.strerror or error}") from None
+    if found != expected.sha256:
+        raise ArtifactError(
+            f"{path}: sha256 {found[:12]}…, but its manifest says "
+            f"{expected.sha256[:12]}…: the file is damaged or was replaced"
+        )
 
 
 def describe(error: ValidationError) -> str:

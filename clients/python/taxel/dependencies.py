@@ -6,7 +6,7 @@ from typing import Final
 
 from taxel.errors import MissingDependency
 
-SERVING: Final = ("msgspec", "numba", "onnx", "onnxruntime", "pydantic_settings")
+SERVING: Final = ("msgspec", "numba", "onnx", "onnxruntime", "prometheus_client", "pydantic_settings")
 """The packages of the extra `server`: for predictions in this process, and for a server."""
 
 

@@ -6,7 +6,9 @@
     │   ├── NotFound            no such model, version or key
     │   ├── ResourceExhausted   the server's queue is full, or the request is too large
     │   ├── DeadlineExceeded    the answer would have come too late
+    │   ├── PermissionDenied    a server is there, but does not let this client ask
     │   ├── Unavailable         nobody answers, or the server is stopping
+    │   │   └── ServerLost      the connection was lost before the answer was there
     │   └── Internal            a fault of the server
     ├── ArtifactError           a model on disk is damaged, inconsistent or unsupported
     ├── RecordingError          a recording is damaged; names the file, line and expectation
@@ -25,6 +27,7 @@ Code = Literal[
     "NOT_FOUND",
     "RESOURCE_EXHAUSTED",
     "DEADLINE_EXCEEDED",
+    "PERMISSION_DENIED",
     "UNAVAILABLE",
     "INTERNAL",
 ]
@@ -64,10 +67,20 @@ class DeadlineExceeded(RequestError):
     code = "DEADLINE_EXCEEDED"
 
 
+class PermissionDenied(RequestError):
+    """A server is there, but its access control does not let this client ask."""
+
+    code = "PERMISSION_DENIED"
+
+
 class Unavailable(RequestError):
     """No server answers at this endpoint, or it is stopping."""
 
     code = "UNAVAILABLE"
+
+
+class ServerLost(Unavailable):
+    """The connection to the server was lost before the answer was there; the next call connects again."""
 
 
 class Internal(RequestError):
@@ -108,6 +121,7 @@ _BY_CODE: Final[dict[str, type[RequestError]]] = {
         NotFound,
         ResourceExhausted,
         DeadlineExceeded,
+        PermissionDenied,
         Unavailable,
         Internal,
     )

@@ -7,10 +7,11 @@ installed without them.
 
 from collections.abc import Callable
 from importlib.metadata import entry_points
+from os import PathLike
 from pathlib import Path
 from typing import Final, cast
 
-from taxel.errors import ArtifactError, MissingDependency
+from taxel.errors import ArtifactError, InvalidArgument, MissingDependency
 from taxel.predictor import PredictorSource
 
 ENGINES: Final = "taxel.engines"
@@ -25,10 +26,13 @@ def load(repository: str | Path | None = None) -> PredictorSource:
 
     Raises:
         ArtifactError: the path is not a folder.
+        InvalidArgument: that is no path.
         MissingDependency: the engine is not installed.
     """
     if repository is None:
         repository = shipped_repository()
+    elif not isinstance(repository, (str, PathLike)):
+        raise InvalidArgument(f"repository is {repository!r}: expected a folder's path, or None")
     for entry in entry_points(group=ENGINES):
         try:
             opener = cast("Callable[[Path], PredictorSource]", entry.load())

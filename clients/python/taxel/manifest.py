@@ -12,6 +12,12 @@ from taxel.windows import PERIOD_NS, ExtraFeature, WindowSpec
 
 SCHEMA: Final = 1
 
+MOST_FEATURES: Final = 1024
+"""The most features of a window. The largest input combination has 72."""
+
+MOST_EFFECTS: Final = 64
+MOST_EXTRAS: Final = 256
+
 INPUT_NAME: Final = "window"
 OUTPUT_NAME: Final = "channels"
 SPREAD_NAME: Final = "spread"
@@ -28,7 +34,7 @@ class Tensor(Schema):
 
     name: str
     datatype: Literal["FP32"] = "FP32"
-    shape: tuple[Literal[-1], Annotated[int, Field(gt=0)]]
+    shape: tuple[Literal[-1], Annotated[int, Field(gt=0, le=MOST_FEATURES)]]
 
 
 class WindowLayout(Schema):
@@ -41,8 +47,8 @@ class WindowLayout(Schema):
 
     combination: int
     sample_period_ms: float = PERIOD_NS / 1e6
-    features: tuple[str, ...]
-    extras: tuple[ExtraFeature, ...] = ()
+    features: Annotated[tuple[str, ...], Field(max_length=MOST_FEATURES)]
+    extras: Annotated[tuple[ExtraFeature, ...], Field(max_length=MOST_EXTRAS)] = ()
     look_ahead: int
     shift: int = 0
 
@@ -233,7 +239,7 @@ class Manifest(Schema):
     window: WindowLayout
     channels: tuple[str, ...] = CHANNELS
     normalisation: Normalisation
-    effects: tuple[AppliedEffect, ...] = ()
+    effects: Annotated[tuple[AppliedEffect, ...], Field(max_length=MOST_EFFECTS)] = ()
     parameters: int
     training: Training | None
     imported: Imported | None = None

@@ -3,15 +3,38 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Final, Literal, NamedTuple, NoReturn, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
+from taxel.arguments import checked_rate, is_whole
 from taxel.errors import InvalidArgument
+from taxel.fingers import Fingers
 from taxel.manifest import Manifest, WindowLayout
 from taxel.windows import WindowSpec, WindowStream
 from taxel.windows.checks import check_windows
+
+NOT_PICKLED: Final = (
+    "a {} cannot be pickled or copied: it belongs to its process; send the endpoint or the repository's "
+    "path, and the model's name, and open them there with taxel.connect or taxel.load"
+)
+"""Why a predictor or a source stays in its process."""
+
+
+class Timing(NamedTuple):
+    """How long the server took for a request.
+
+    Attributes:
+        queue_us: microseconds from the request's arrival until its evaluation began.
+        compute_us: microseconds of its evaluation, together with the requests in the same batch.
+        batch_rows: windows that were evaluated together.
+    """
+
+    queue_us: int
+    compute_us: int
+    batch_rows: int
 
 
 @dataclass(frozen=True)
@@ -47,8 +70,8 @@ class ModelInfo:
         return cls(**{name: value for name, value in fields.items() if name in known})
 
 
-class Predictor(ABC):
-    """Turns windows into the 21 channels.
+class BasePredictor:
+    """What every predictor knows of its model, whether its calls wait or are awaited.
 
     Attributes:
         manifest: everything about the model.
@@ -72,14 +95,56 @@ class Predictor(ABC):
         Raises:
             InvalidArgument: wrong shape or datatype, no rows, or a value that is not finite.
         """
-        if self._extras:
-            windows = _with_extras(np.asarray(windows), self.manifest.window)
-        return check_windows(windows, self._features)
+        try:
+            if self._extras:
+                windows = _with_extras(np.asarray(windows), self.manifest.window)
+            return check_windows(windows, self._features)
+        except (TypeError, ValueError) as error:
+            raise InvalidArgument(f"window: {error}: expected an array (n, f) of numbers") from None
 
     def stream(self, *, rate_hz: float = 100.0, fingers: int = 1) -> WindowStream:
-        """A builder of this model's windows, extra features included, from live samples."""
+        """A builder of this model's windows, extra features included, from live samples.
+
+        Raises:
+            InvalidArgument: no rate that windows can be built at, or no number of fingertips.
+        """
+        if not is_whole(fingers):
+            raise InvalidArgument(f"fingers is {fingers!r}: expected a whole number, at least 1")
         extras = self.manifest.window.extras
-        return WindowStream(self.window, rate_hz=rate_hz, fingers=fingers, extras=extras)
+        return WindowStream(self.window, rate_hz=checked_rate(rate_hz), fingers=fingers, extras=extras)
+
+    def check_gives_spread(self) -> None:
+        """Raise if the model gives no spread.
+
+        Raises:
+            InvalidArgument: the model is no ensemble.
+        """
+        if not self.manifest.gives_spread:
+            label = f"{self.manifest.name}/{self.manifest.version}"
+            raise InvalidArgument(f"outputs[1]: {label} gives no spread: expected an ensemble")
+
+    @override
+    def __reduce__(self) -> NoReturn:
+        raise InvalidArgument(NOT_PICKLED.format(type(self).__name__))
+
+
+class Predictor(BasePredictor, ABC):
+    """Turns windows into the 21 channels."""
+
+    def fingers(
+        self, count: int, *, rate_hz: float = 100.0, prime: Literal["rest"] | None = "rest"
+    ) -> Fingers:
+        """Many fingertips of a simulator, each with a clock, a reset and a past of its own.
+
+        Args:
+            count: how many there are.
+            rate_hz: how often their `step` is called.
+            prime: `"rest"`: begin as if nothing had touched for long. None: without a past.
+
+        Raises:
+            InvalidArgument: `count` is below 1, or the rate is no positive number.
+        """
+        return Fingers(self, count, rate_hz=rate_hz, prime=prime)
 
     @abstractmethod
     def predict(self, windows: NDArray[Any], *, timeout: float | None = None) -> NDArray[np.float32]:
@@ -134,16 +199,6 @@ class Predictor(ABC):
             RequestError: no prediction could be had.
         """
 
-    def check_gives_spread(self) -> None:
-        """Raise if the model gives no spread.
-
-        Raises:
-            InvalidArgument: the model is no ensemble.
-        """
-        if not self.manifest.gives_spread:
-            label = f"{self.manifest.name}/{self.manifest.version}"
-            raise InvalidArgument(f"outputs[1]: {label} gives no spread: expected an ensemble")
-
 
 def _with_extras(windows: NDArray[Any], layout: WindowLayout) -> NDArray[Any]:
     """Windows with defaults for the extra features that are missing at the end."""
@@ -163,6 +218,10 @@ def _with_extras(windows: NDArray[Any], layout: WindowLayout) -> NDArray[Any]:
 
 class PredictorSource(ABC):
     """Where predictors come from: a server (`taxel.connect`) or a repository (`taxel.load`)."""
+
+    @override
+    def __reduce__(self) -> NoReturn:
+        raise InvalidArgument(NOT_PICKLED.format(type(self).__name__))
 
     @abstractmethod
     def models(self) -> list[ModelInfo]:

@@ -1,16 +1,19 @@
 """The base class and the field types of everything in a manifest."""
 
-from typing import Annotated
+from typing import Annotated, Final
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat
 
 from taxel.channels import CHANNELS
 
+MOST_TEXT: Final = 10_000
+"""The most characters of one text; the longest text of a shipped manifest has some hundred."""
+
 
 class Schema(BaseModel):
-    """The base of a manifest's parts. They are frozen and refuse unknown fields."""
+    """The base of a manifest's parts. They are frozen and refuse unknown fields and endless texts."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, str_max_length=MOST_TEXT)
 
 
 def _channel(name: str) -> str:

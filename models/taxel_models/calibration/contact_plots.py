@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from taxel.channels import ELECTRODES
+from taxel.skin import height_above_skin
 from taxel_models.calibration.calibration import Calibration, distances
 from taxel_models.calibration.nearest import NEAR_MM
-from taxel_models.twin.geometry import height_above_skin
 from taxel_models.twin.sensor import Sensor
 
 _SHOWN_MM: Final = 3.0

@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.errors import RecordingError
+from taxel.skin import height_above_skin
 from taxel_models.calibration.identifiability import residual_sd
 from taxel_models.calibration.light_contacts import LightContacts
 from taxel_models.calibration.motion import Placement, outward
-from taxel_models.twin.geometry import height_above_skin
 
 SOFTNESS_SD_MM: Final = 1.0
 """SD of the deviations d, and of s about 0. It is wide: an indentation under 1 N is about a millimetre."""

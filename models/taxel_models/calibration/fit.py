@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from taxel.errors import RecordingError, SettingsError
+from taxel.skin import height_above_skin
 from taxel_models.calibration.courses import refine
 from taxel_models.calibration.identifiability import undetermined
 from taxel_models.calibration.light_contacts import LightContacts
 from taxel_models.calibration.motion import RIGID, STANDOFF, Placement, components_of, outward
-from taxel_models.twin.geometry import height_above_skin
 
 OUTLIER_MM: Final = 1.0
 """Larger distances count about linearly (soft L1 loss), so an outlier has little weight."""

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import ELECTRODES
-from taxel_models.twin.geometry import height_above_skin
+from taxel.skin import height_above_skin
 from taxel_models.twin.sensor import Sensor
 
 NEAR_MM: Final = 2.0

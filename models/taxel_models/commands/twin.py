@@ -44,6 +44,15 @@ Into = Annotated[
     Path | None,
     typer.Option(metavar="RECORDING", help="Inject into this recording instead of a simulated one."),
 ]
+Steps = Annotated[
+    Path | None,
+    typer.Option(
+        "--protocol",
+        metavar="JSON",
+        help="Touch the finger as a recording protocol says, such as one of `taxel loop`. It says how "
+        "long, too.",
+    ),
+]
 
 
 def twin(
@@ -53,6 +62,7 @@ def twin(
     effect: Effects = None,
     truth: Truth = None,
     into: Into = None,
+    protocol: Steps = None,
     as_json: Json = False,
 ) -> None:
     """Write a simulated recording of a BioTac 2P, in the CSV format of the published data set.
@@ -61,17 +71,18 @@ def twin(
     The recording does not name them; a second file does.
     """
     from taxel_models.recordings import read_recording, write_ruppel
-    from taxel_models.twin import simulate
     from taxel_models.twin.summary import summarise
 
     if into is not None and not effect:
         raise SettingsError("--into: expected --effect, something to inject")
+    if into is not None and protocol is not None:
+        raise SettingsError("--into and --protocol: expected one of them")
     if truth is not None and not effect:
         raise SettingsError("--truth: expected --effect as well")
     if effect:
         require("--effect", "loop", "scipy")
     check_file_place(output)
-    recording = simulate(rows, seed) if into is None else read_recording(into)
+    recording = read_recording(into) if into is not None else _simulated(rows, seed, protocol)
     injection = _injected(recording, effect, seed) if effect else None
     if injection is not None:
         recording = injection.recording
@@ -88,6 +99,13 @@ def twin(
     )
     for name, value in summary.items():
         OUT.print("  " + _SUMMARY[name].format(value))
+
+
+def _simulated(rows: int, seed: int, protocol: Path | None) -> "Recording":
+    from taxel_models.twin import perform, simulate
+    from taxel_models.twin.protocol import read_protocol
+
+    return simulate(rows, seed) if protocol is None else perform(read_protocol(protocol), seed)
 
 
 def _injected(recording: "Recording", effects: list[str], seed: int) -> "Injection":

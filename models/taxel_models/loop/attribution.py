@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Candidate
+from taxel_models.loop.findings import ParameterCorrelation
 from taxel_models.loop.observations import Observations
 
 
@@ -19,7 +20,8 @@ class Named:
         candidate: the form that was taken.
         equation: what it adds to a channel.
         weights: (21, k), the posterior mean by the fit part, beside the other named effects.
-        fold_weights: (folds, 21, k), without a prior and without each fold; empty where nothing is fitted.
+        fold_weights: (folds, 21, k) by the fit part without each fold, without the prior that shrinks
+            `weights`; empty where nothing is fitted.
         contribution: (n, 21) what it adds to the prediction, counts.
         log_evidence: logarithm of the odds with it to those without it, when it was named.
         included: (21,) probability that each channel has it.
@@ -27,7 +29,6 @@ class Named:
         p_value: one-sided, of that t.
         confounded_with: effects that could replace it.
         conditional: the share of the fit part's energy that is lost without it.
-        unshrunk: (21, k) weights without their prior, which draws them to 0.
         unknown: (21, k) how far the model's own error leaves each weight open, half of a 95 % interval.
     """
 
@@ -42,7 +43,6 @@ class Named:
     p_value: float
     confounded_with: tuple[str, ...] = ()
     conditional: float = 0.0
-    unshrunk: Floats | None = None
     unknown: Floats | float = 0.0
 
     @property
@@ -90,9 +90,11 @@ class Attribution:
         named: in the order in which they were named.
         rejected: the others.
         residual: (n, 21) what is left, counts.
+        correlation: between the weights of the named effects; None where fewer than two are fitted.
     """
 
     observations: Observations
     named: tuple[Named, ...]
     rejected: tuple[Rejected, ...]
     residual: Floats
+    correlation: ParameterCorrelation | None = None

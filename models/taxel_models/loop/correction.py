@@ -6,7 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, AppliedEffect, Composition, Parameter
+from taxel.corrections import (
+    CALIBRATION_AGE,
+    CALIBRATION_EXTRAS,
+    AppliedEffect,
+    Composition,
+    Parameter,
+    Term,
+)
 from taxel.windows import ExtraFeature
 from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats
@@ -63,14 +70,33 @@ def corrected(first: Observations, attribution: Attribution, new: NewEffects) ->
     Args:
         first: the observations before any input was moved: effects take features as they are given.
     """
-    moved = attribution.observations
+    terms = [term for effect in new.effects for term in effect.terms]
+    return composed(first, attribution.observations, terms, new.extras)
+
+
+def composed(
+    first: Observations, moved: Observations, terms: Iterable[Term], extras: Iterable[ExtraFeature]
+) -> Floats:
+    """(n, 21) what a model gives with terms added.
+
+    Args:
+        first: the observations before any input was moved.
+        moved: the same with moved inputs, or `first`.
+        extras: the features that the terms need beside the window.
+    """
+    columns = feature_columns(first, moved, extras)
+    return Composition(terms).counts(moved.base, columns, start=moved.predicted)
+
+
+def feature_columns(
+    first: Observations, moved: Observations, extras: Iterable[ExtraFeature]
+) -> dict[str, Floats]:
+    """The features of the corrected model's windows by name, each (n,), as its terms take them."""
     shift = moved.shift_ticks - first.shift_ticks
     windows = first.windows[first.rows_before(shift)]
     names = first.manifest.spec.unshifted.features
     columns = {name: windows[:, place].astype(np.float64) for place, name in enumerate(names)}
-    columns.update({extra.name: _column(first, extra) for extra in new.extras})
-    composition = Composition(term for effect in new.effects for term in effect.terms)
-    return composition.counts(moved.base, columns, start=moved.predicted)
+    return columns | {extra.name: _column(first, extra) for extra in extras}
 
 
 def served_windows(first: Observations, attribution: Attribution, new: NewEffects, rows: int) -> Windows:

@@ -4,6 +4,7 @@ from typing import Any, Final
 
 from taxel.corrections import Parameter
 from taxel.schema import Schema
+from taxel_models.twin.protocol import RecordingProtocol
 
 SCHEMA: Final = 1
 
@@ -103,6 +104,135 @@ class Unexplained(Schema):
     autocorrelation: dict[str, float]
 
 
+class ChannelGain(Schema):
+    """What a residual model brings to a channel.
+
+    Attributes:
+        channel: its name.
+        folds: fall of its normalised MAE on held-out folds of the fit part, by which it was accepted.
+        error: standard error of that over blocks.
+        evaluation: fall of its normalised MAE on the evaluation part, which nothing was fitted to.
+    """
+
+    channel: str
+    folds: float
+    error: float
+    evaluation: float
+
+
+class FoundResidualModel(Schema):
+    """A model of what no effect explains. It has no name and says nothing of causes.
+
+    Attributes:
+        about: what it is, in words.
+        channels: those that have it, with its gain on held-out blocks.
+        gain: fall of the normalised MAE on the evaluation part, mean over all 21 channels.
+        needs: features that it takes while serving, beside the window.
+    """
+
+    about: str
+    channels: tuple[ChannelGain, ...]
+    gain: float
+    needs: tuple[str, ...]
+
+
+class RunsAlong(Schema):
+    """How much one quantity runs along with another in the recordings, whatever the residual is.
+
+    Attributes:
+        quantity: such as `place`.
+        along: such as `time` or `material`.
+        share: of the quantity's variance that the other one foretells, less what chance gives.
+    """
+
+    quantity: str
+    along: str
+    share: float
+
+
+class NextRecording(Schema):
+    """What to record to tell two causes apart.
+
+    Attributes:
+        causes: the named one and the one that it cannot be told from.
+        protocol: what to do; None if the loop would decide rightly in fewer than eight of ten recordings of
+            every protocol of the menu.
+        file: the protocol's file in the report's folder; empty if there is none.
+        duration_s: how long it takes.
+        simulated: recordings of it that were simulated, half of them with each cause.
+        right: how many of these the loop decided rightly.
+    """
+
+    causes: tuple[str, str]
+    protocol: RecordingProtocol | None = None
+    file: str = ""
+    duration_s: float = 0.0
+    simulated: int = 0
+    right: int = 0
+
+
+class Autocorrelation(Schema):
+    """Of the residual on the evaluation part, inside segments.
+
+    Attributes:
+        lags_s: m lags, s.
+        band: (m,) so far from 0 lie 99 % of the values of white noise.
+        before: of each channel's first residual, (m,).
+        after: of what is left of it, (m,).
+    """
+
+    lags_s: tuple[float, ...]
+    band: tuple[float, ...]
+    before: dict[str, tuple[float, ...]]
+    after: dict[str, tuple[float, ...]]
+
+
+class CrossCorrelation(Schema):
+    """Of the residual with an input so many seconds earlier, on the evaluation part, inside segments.
+
+    Attributes:
+        input: its name.
+        lags_s: m lags, s.
+        before: of each channel's first residual, (m,).
+        after: of what is left of it, (m,).
+        band_before: for each channel, so far from 0 lie 99 % of the values of a residual that does not
+            depend on the input. Rows of a block may be correlated; blocks are taken as independent.
+        band_after: likewise.
+    """
+
+    input: str
+    lags_s: tuple[float, ...]
+    before: dict[str, tuple[float, ...]]
+    after: dict[str, tuple[float, ...]]
+    band_before: dict[str, float]
+    band_after: dict[str, float]
+
+
+class ParameterCorrelation(Schema):
+    """Correlations between the weights of all named effects, as the fit part determines them.
+
+    Attributes:
+        parameters: k names, each of an effect and a weight.
+        matrix: (k, k), each value of the channel in which it is largest, signed. Near 1 or -1, the
+            recording tells only a sum or a difference of the two.
+    """
+
+    parameters: tuple[str, ...]
+    matrix: tuple[tuple[float, ...], ...]
+
+
+class Stability(Schema):
+    """How often effects are named on random halves of the fit part's blocks.
+
+    Attributes:
+        halves: how many; each half is used with the other half (Shah and Samworth 2013).
+        chosen: the share of the halves on which each effect was named, the most frequent first.
+    """
+
+    halves: int
+    chosen: dict[str, float]
+
+
 class Findings(Schema):
     """Everything the loop found.
 
@@ -115,6 +245,14 @@ class Findings(Schema):
         before: errors of the model on the evaluation part, as `taxel predict` reports them.
         after: errors of the corrected model there, by the forms that are served.
         changes: a sentence for each channel whose sensitivity changed over the session.
+        residual_model: what foretells a part of the rest, if it was asked for and proved itself.
+        confounding: what runs along with what in the recordings, the largest share first; empty for
+            fewer than eight contacts.
+        next_recordings: for each pair of causes that cannot be told apart, what to record.
+        autocorrelation: of the residual before and after.
+        cross_correlation: of the residual with each input, before and after.
+        parameter_correlation: between fitted weights; None if fewer than two were fitted.
+        stability: on random halves of the blocks; None if that was not asked for.
         exported: the version that was written, or None.
     """
 
@@ -130,4 +268,11 @@ class Findings(Schema):
     test: PairedTest
     unexplained: Unexplained
     changes: tuple[str, ...] = ()
+    residual_model: FoundResidualModel | None = None
+    confounding: tuple[RunsAlong, ...] = ()
+    next_recordings: tuple[NextRecording, ...] = ()
+    autocorrelation: Autocorrelation | None = None
+    cross_correlation: tuple[CrossCorrelation, ...] = ()
+    parameter_correlation: ParameterCorrelation | None = None
+    stability: Stability | None = None
     exported: str | None = None

@@ -12,8 +12,9 @@ def parameters(named: Named) -> list[Parameter]:
     """The parameters of a form and its weights; weights that all channels have in common once.
 
     Intervals are 95 % of the jackknife over the cross-validation's folds (Efron and Tibshirani 1993), with
-    the quantile of t for so many folds. They are about the weights without their prior, and count what the
-    model's own error leaves open.
+    the quantile of t for so many folds. They are those of the weights without the prior, and count what the
+    model's own error leaves open. The value is the
+    weight that is served, which the prior shrinks a little; an interval that it would leave reaches to it.
     """
     candidate, folds = named.candidate, named.fold_weights
     found = [
@@ -23,21 +24,21 @@ def parameters(named: Named) -> list[Parameter]:
     if candidate.fitting.fixed:
         return found
     quantile = float(stats.t.ppf(0.975, len(folds) - 1))
+    centres = folds.mean(axis=0)
     half_widths = np.hypot(np.sqrt((len(folds) - 1) * folds.var(axis=0)) * quantile, named.unknown)
-    centres = named.weights if named.unshrunk is None else named.unshrunk
     for place, name in enumerate(candidate.weight_names):
         channels = [("", 2)] if candidate.fitting.pooled else _changed(named)
         for channel, column in channels:
-            value, half_width = named.weights[column, place], half_widths[column, place]
-            centre = centres[column, place]
+            value = named.weights[column, place]
+            centre, half_width = centres[column, place], half_widths[column, place]
             label = f"{name} {channel}".strip()
             found.append(
                 Parameter(
                     name=label,
                     value=float(value),
                     unit=candidate.weight_unit,
-                    low=float(centre - half_width),
-                    high=float(centre + half_width),
+                    low=float(min(centre - half_width, value)),
+                    high=float(max(centre + half_width, value)),
                 )
             )
     return found

@@ -14,6 +14,7 @@ from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import FOLDS, Blocks, cut
 from taxel_models.loop.channel_history import sensitivity_changes
+from taxel_models.loop.confounding import confounding
 from taxel_models.loop.correction import NewEffects, corrected, served_windows
 from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.effects.gain import Gain
@@ -26,10 +27,13 @@ from taxel_models.loop.findings import (
 )
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.selection import JointSelection
+from taxel_models.loop.inference.stability import on_halves
 from taxel_models.loop.intervals import parameters
 from taxel_models.loop.noise import NoiseFloor
 from taxel_models.loop.observations import Observations, gather
+from taxel_models.loop.residual_correlation import autocorrelations, cross_correlations
 from taxel_models.loop.residual_diagnostics import diagnose_residual
+from taxel_models.loop.residual_model import residual_model
 from taxel_models.model import Model
 from taxel_models.recordings import Recording
 
@@ -47,6 +51,8 @@ class LoopSettings:
         least_share: the share of the error that an effect must remove to be named.
         exclude: effects that are not tried, such as `temperature`.
         constants: of the inference; `least_share` above counts in place of theirs.
+        residual_model: whether to fit a model of what no effect explains.
+        stability: on so many random halves of the blocks, effects are named anew and counted; 0 for none.
     """
 
     seed: int = 0
@@ -57,6 +63,8 @@ class LoopSettings:
     least_share: float = DECLARED.least_share
     exclude: tuple[str, ...] = ()
     constants: Constants = DECLARED
+    residual_model: bool = False
+    stability: int = 0
 
 
 @dataclass(frozen=True)
@@ -110,19 +118,44 @@ def run_loop(
     if settings.calibration_s:
         observations = observations.calibrated(settings.calibration_s)
     blocks = cut(observations, seed=settings.seed, held_out=settings.held_out, group=settings.hold_out_by)
+    runs_along = confounding(observations)
     effects = [effect for effect in candidates(observations) if effect.label not in settings.exclude]
+    reference = reference or model.manifest.held_out_residual
+    constants = replace(settings.constants, least_share=settings.least_share)
     attribution = JointSelection(
-        observations,
-        blocks,
-        effects,
-        reference=reference or model.manifest.held_out_residual,
-        constants=replace(settings.constants, least_share=settings.least_share),
-        progress=progress,
+        observations, blocks, effects, reference=reference, constants=constants, progress=progress
     ).run()
     figures = {named.name: parameters(named) for named in attribution.named}
     new = NewEffects.of(attribution, figures)
     after = corrected(observations, attribution, new)
+    unnamed = None
+    if settings.residual_model:
+        if progress is not None:
+            progress("what no effect explains")
+        left = observations.measured - after
+        unnamed = residual_model(
+            observations, attribution, blocks, left, exclude=settings.exclude, seed=settings.seed
+        )
+    told = None
+    if unnamed is not None:
+        before, new = after, unnamed.added_to(new)
+        after = corrected(observations, attribution, new)
+        told = unnamed.found(observations, blocks, before, after)
     findings = _findings(observations, recordings, blocks, settings, attribution, figures, new, after)
+    findings = findings.model_copy(update={"confounding": runs_along, "residual_model": told})
+    if settings.stability:
+        stability = on_halves(
+            observations,
+            blocks,
+            effects,
+            attribution,
+            settings.stability,
+            seed=settings.seed,
+            reference=reference,
+            constants=constants,
+            progress=progress or (lambda _: None),
+        )
+        findings = findings.model_copy(update={"stability": stability})
     return LoopResult(findings, observations, blocks, attribution, new, after)
 
 
@@ -193,6 +226,9 @@ def _findings(
         test=_paired(observations, blocks, after, output_std),
         changes=tuple(change.sentence() for change in changes),
         unexplained=diagnose_residual(observations, left, noise, rows),
+        autocorrelation=autocorrelations(observations, observations.residual, left, rows),
+        cross_correlation=cross_correlations(observations, blocks, observations.residual, left),
+        parameter_correlation=attribution.correlation,
     )
 
 

@@ -10,6 +10,7 @@ from taxel_models.loop.basis import Floats
 from taxel_models.loop.findings import Unexplained
 from taxel_models.loop.noise import NoiseFloor
 from taxel_models.loop.observations import Observations
+from taxel_models.loop.residual_correlation import correlations
 from taxel_models.loop.resting import TOUCH_N
 from taxel_models.loop.spectrum import power_density, stretches
 
@@ -40,7 +41,7 @@ def diagnose_residual(
     """
     energy = (left[rows] ** 2).mean(axis=0)
     shares = 1.0 - noise.share(energy)
-    tick = _correlations(observations, left, rows, 1)
+    tick = correlations(observations, left, rows, 1)
     share = float(shares.mean())
     lags = {"10 ms": float(tick.mean()), "1 s": autocorrelation(observations, left, rows, _SECOND)}
     structured = share > MORE_THAN_NOISE and lags["10 ms"] > AUTOCORRELATION
@@ -53,17 +54,7 @@ def diagnose_residual(
 
 def autocorrelation(observations: Observations, left: Floats, rows: NDArray[np.bool_], lag: int) -> float:
     """Mean over the channels at a lag in ticks, inside segments."""
-    return float(_correlations(observations, left, rows, lag).mean())
-
-
-def _correlations(observations: Observations, left: Floats, rows: NDArray[np.bool_], lag: int) -> Floats:
-    """(21,) autocorrelation at a lag in ticks; 0 where no rows are so far apart."""
-    both = rows[lag:] & rows[:-lag] & (observations.segment[lag:] == observations.segment[:-lag])
-    if not both.any():
-        return np.zeros(len(CHANNELS))
-    centred = left - left[rows].mean(axis=0)
-    products = (centred[lag:][both] * centred[:-lag][both]).mean(axis=0)
-    return np.asarray(products / np.maximum((centred[rows] ** 2).mean(axis=0), 1e-9))
+    return float(correlations(observations, left, rows, lag).mean())
 
 
 def _hint(observations: Observations, left: Floats, rows: NDArray[np.bool_], beyond: Floats) -> str:

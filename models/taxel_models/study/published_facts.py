@@ -21,6 +21,7 @@ from taxel.artifacts import folder_of, read
 from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
 from taxel.commands.cli import Json, failing_clearly, print_json
 from taxel.errors import SettingsError
+from taxel.skin import height_above_skin
 from taxel_models.calibration.light_contacts import LightContacts
 from taxel_models.calibration.limits import Limits
 from taxel_models.calibration.nearest import NearestElectrodes
@@ -28,7 +29,6 @@ from taxel_models.recordings import Recording
 from taxel_models.shipped import shipped_repository
 from taxel_models.study.published import ROWS, published_result, published_temperature
 from taxel_models.twin import simulate
-from taxel_models.twin.geometry import height_above_skin
 from taxel_models.twin.sensor import Sensor
 from taxel_models.twin.summary import TOUCHED_N, summarise
 from taxel_models.twin.temperature import END_COUNTS, MEAN_COUNTS, START_COUNTS

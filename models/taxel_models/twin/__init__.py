@@ -1,5 +1,5 @@
 """The twin: a seeded simulation of one BioTac 2P fingertip, for machines without a recording."""
 
-from taxel_models.twin.simulation import simulate
+from taxel_models.twin.simulation import perform, simulate
 
-__all__ = ["simulate"]
+__all__ = ["perform", "simulate"]

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_models.twin.geometry import Patch, patch
+from taxel.skin import Patch, patch
 from taxel_models.twin.lag import PERIOD_S, lagged
 
 PHASES_S: Final = {
@@ -143,11 +143,11 @@ def _press(pace: _Pace, dice: np.random.Generator) -> NDArray[np.float64]:
     light = dice.uniform(*LIGHT_TOUCH_N, pace.cycles)
     return np.asarray(
         pace.follow(0, 0, peak, held, light, 0, 0)
-        * np.maximum(1.0 + TREMOR * _tremor(len(pace.time), dice), 0.0)
+        * np.maximum(1.0 + TREMOR * tremor(len(pace.time), dice), 0.0)
     )
 
 
-def _tremor(rows: int, dice: np.random.Generator) -> NDArray[np.float64]:
+def tremor(rows: int, dice: np.random.Generator) -> NDArray[np.float64]:
     """Slow, smooth random noise (rows,) with an SD of about 1."""
     white = dice.standard_normal(rows) * np.sqrt(4.0 * TREMOR_S / PERIOD_S)
     return lagged(lagged(np.append(0.0, white), TREMOR_S), TREMOR_S)[1:]

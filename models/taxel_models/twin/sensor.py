@@ -9,10 +9,12 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel.skin import Fingertip, published_geometry
+
 
 @dataclass(frozen=True)
 class Sensor:
-    """One fingertip, untouched; `sensor.json` beside this file names the source of each figure.
+    """One fingertip, untouched. Its shape is in `taxel.skin`, the other figures in `sensor.json`.
 
     Attributes:
         positions: (19, 3), the electrodes on the core, mm, in the sensor's frame.
@@ -33,17 +35,17 @@ class Sensor:
     @classmethod
     @cache
     def biotac_2p(cls) -> Self:
-        """The sensor of the paper's data set; published normals are rounded, so they are rescaled to 1."""
+        """The sensor of the paper's data set."""
         text = (files(__package__) / "sensor.json").read_text(encoding="utf-8")
         figures = json.loads(text)
         rest = dict(figures["resting_counts"])
-        normals = np.array([electrode["normal"] for electrode in figures["electrodes"]], dtype=float)
+        shape = published_geometry()
         return cls(
             positions=np.array(
-                [electrode["position_mm"] for electrode in figures["electrodes"]], dtype=float
+                [electrode["position_mm"] for electrode in shape["electrodes"]], dtype=float
             ),
-            normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
-            skin_radius=float(figures["skin_radius_mm"]),
+            normals=Fingertip.biotac_2p().normals,
+            skin_radius=float(shape["skin_radius_mm"]),
             indenter_radius=float(figures["indenter_radius_mm"]),
             electrode_rest=np.array(rest.pop("electrodes"), dtype=float),
             rest=rest,

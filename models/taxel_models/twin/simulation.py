@@ -1,5 +1,7 @@
 """From contacts to counts: the parts of the twin in physical order."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -11,6 +13,7 @@ from taxel_models.recordings.recording import Recording
 from taxel_models.twin.constants import JITTER_MM, Constants
 from taxel_models.twin.contacts import Contacts, contacts
 from taxel_models.twin.converter import NOISE, convert, electrode_noise, one_after_another
+from taxel_models.twin.course import course_of
 from taxel_models.twin.fluid import (
     counts_of,
     film_log_ratio,
@@ -20,11 +23,13 @@ from taxel_models.twin.fluid import (
 )
 from taxel_models.twin.lag import PERIOD_S, lagged
 from taxel_models.twin.pressure import static_counts, vibration_counts
+from taxel_models.twin.protocol import RecordingProtocol
 from taxel_models.twin.skin import STROKE, Skin, dent, fluid_force, sunk_share
 from taxel_models.twin.temperature import (
     LOG_IMPEDANCE_PER_KELVIN,
     REFERENCE_C,
     core_celsius,
+    core_celsius_between,
     flow_counts,
     tdc_counts,
 )
@@ -51,16 +56,65 @@ def simulate(rows: int, seed: int, constants: Constants | None = None) -> Record
     """
     if rows < 1 or seed < 0:
         raise SettingsError(f"rows is {rows} and seed {seed}: expected at least 1 row and a seed from 0")
-    paths, tracking, cell, texture, noise_levels, noise, grip, pocket = np.random.default_rng(seed).spawn(8)
+    generators = np.random.default_rng(seed).spawn(8)
     finger = constants or Constants()
-    sensor = finger.sensor
+    touch = contacts(rows + 1, finger.sensor.skin_radius, generators[0])
+    core = core_celsius(rows + 1, np.minimum(touch.press, 1.0), finger.on_for_s, finger.cooling_k)
+    time_ns = PERIOD_NS * np.arange(rows, dtype=np.int64)
+    whole = (slice(0, rows + 1),)
+    return _recorded(touch, core, whole, time_ns, finger, generators, f"twin-{seed}")
+
+
+def perform(protocol: RecordingProtocol, seed: int, constants: Constants | None = None) -> Recording:
+    """A recording of one finger that is touched as a protocol says; the same for the same arguments.
+
+    A further column of the protocol is a covariate of the recording. The finger does not respond to it.
+
+    Args:
+        seed: seed of every random choice; each part has its own generator.
+        constants: of the finger and its rig; the protocol says how long the finger is on before.
+
+    Raises:
+        SettingsError: `seed` is negative.
+    """
+    if seed < 0:
+        raise SettingsError(f"seed is {seed}: expected at least 0")
+    generators = np.random.default_rng(seed).spawn(8)
+    finger = constants or Constants()
+    course = course_of(protocol, finger.sensor.skin_radius, generators[0])
+    touch, rows = course.contacts, course.rows
+    lengths = [stretch.stop - stretch.start for stretch in course.stretches]
+    touched = np.minimum(touch.press, 1.0)
+    core = core_celsius_between(lengths, course.gaps, touched, protocol.on_for_s, finger.cooling_k)
+    time_ns = np.rint(course.time_s[:rows] * 1e9).astype(np.int64)
+    recording = _recorded(touch, core, course.stretches, time_ns, finger, generators, f"twin-{seed}")
+    return replace(recording, covariates=course.columns)
+
+
+def _recorded(
+    touch: Contacts,
+    core: NDArray[np.float64],
+    stretches: Sequence[slice],
+    time_ns: NDArray[np.int64],
+    finger: Constants,
+    generators: Sequence[np.random.Generator],
+    name: str,
+) -> Recording:
+    """What a finger gives and a rig records.
+
+    Args:
+        touch: over n + 1 rows.
+        core: (n + 1,) °C.
+        stretches: rows without a gap between them, n + 1 in all.
+        time_ns: (n,) since the first row.
+    """
+    _, tracking, cell, texture, noise_levels, noise, grip, pocket = generators
+    rows, sensor = len(time_ns), finger.sensor
     skin = Skin.of(sensor)
-    touch = contacts(rows + 1, sensor.skin_radius, paths)
     squared = skin.squared_distances(touch.places.point)
     sunk = sunk_share(touch.press)
     indented = STROKE * sunk * skin.fluid_near(squared)
 
-    core = core_celsius(rows + 1, np.minimum(touch.press, 1.0), finger.on_for_s, finger.cooling_k)
     warmer = core - REFERENCE_C
     sunken = lagged(dent(sunk, indented), finger.fluid_lag_s)
     film = thickness(sensor, skin, squared, touch.places.normal, sunken, touch.shear)
@@ -72,6 +126,7 @@ def simulate(rows: int, seed: int, constants: Constants | None = None) -> Record
     static = static_counts(load, warmer)
     pac0, pac1 = vibration_counts(static, touch.rubbing, touch.press, texture)
     tdc = tdc_counts(core)
+    flow = np.concatenate([flow_counts(tdc[stretch]) for stretch in stretches])
 
     def read(name: str, counts: NDArray[np.float64]) -> NDArray[np.float64]:
         return convert(counts[:rows], NOISE[name[:3]], noise)
@@ -84,16 +139,16 @@ def simulate(rows: int, seed: int, constants: Constants | None = None) -> Record
         ]
     )
     return Recording.of(
-        EPOCH_NS + PERIOD_NS * np.arange(rows, dtype=np.int64),
+        EPOCH_NS + time_ns,
         _tracked(touch, indented, finger.tracking_mm, tracking)[:rows] / 1000.0,
         _force(touch, finger.force_noise_n, cell)[:rows],
         channels,
         {
             "pac1": read("pac1", sensor.rest["pac1"] + pac1),
-            "tac": read("tac", sensor.rest["tac"] + flow_counts(tdc)),
+            "tac": read("tac", sensor.rest["tac"] + flow),
             "tdc": read("tdc", tdc),
         },
-        name=f"twin-{seed}",
+        name=name,
         format="twin",
     )
 

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_models.twin.geometry import gap_to_skin
+from taxel.skin import gap_to_skin
 from taxel_models.twin.sensor import Sensor
 
 RUBBER_MM: Final = 0.9

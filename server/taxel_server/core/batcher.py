@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from taxel.errors import DeadlineExceeded, Internal, RequestError, ResourceExhausted, Unavailable
 from taxel.protocol import InferResponse
 from taxel_server.core.jobs import Job, Work, checked_request, response_of
+from taxel_server.core.refusals import Refusals
 from taxel_server.core.statistics import ModelStatistics
 from taxel_server.engine import LoadedModel
 
@@ -36,9 +37,18 @@ class Batcher:
         max_batch_rows: most windows evaluated in one go.
         max_queue_rows: most windows submitted and not yet answered.
         max_queue_requests: most jobs submitted and not yet answered.
+        refusals: takes note of the jobs that get an error here.
     """
 
-    def __init__(self, *, max_batch_rows: int, max_queue_rows: int, max_queue_requests: int) -> None:
+    def __init__(
+        self,
+        *,
+        max_batch_rows: int,
+        max_queue_rows: int,
+        max_queue_requests: int,
+        refusals: Refusals | None = None,
+    ) -> None:
+        self._refusals = refusals or Refusals()
         self._max_batch_rows = max_batch_rows
         self._max_queue_rows = max_queue_rows
         self._max_queue_requests = max_queue_requests
@@ -118,6 +128,21 @@ class Batcher:
     def queued_rows(self) -> int:
         """Windows submitted and not yet answered."""
         return self._rows
+
+    @property
+    def open_requests(self) -> int:
+        """Jobs submitted and not yet answered."""
+        return len(self._open)
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether the worker runs."""
+        return self._worker.is_alive()
+
+    @property
+    def answered(self) -> int:
+        """Jobs that got an answer or a refusal since the start; it rises as long as there is progress."""
+        return sum(statistics.requests for statistics in [*self._statistics.values()])
 
     def statistics(self, model: LoadedModel) -> dict[str, Any]:
         """The statistics of a model."""
@@ -242,7 +267,7 @@ class Batcher:
             else:
                 self._statistics[job.model].add_response(result)
         if isinstance(result, RequestError):
-            _LOG.debug("%s: %s: %s", job.model.label, result.code, result)
+            self._refusals.add(result, client=job.client, model=job.model.label, request_id=job.request_id)
         try:
             job.answer(result)
         except Exception:

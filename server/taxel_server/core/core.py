@@ -8,6 +8,8 @@ from taxel.protocol import model_path
 from taxel_server.core.batcher import Batcher
 from taxel_server.core.jobs import Job
 from taxel_server.core.metadata import ServerMetadata
+from taxel_server.core.refusals import Refusals
+from taxel_server.core.server_statistics import ServerStatistics
 from taxel_server.engine import Engine, LoadedModel
 from taxel_server.options import ServerOptions
 
@@ -28,19 +30,27 @@ class Core:
         self.lane: LaneOffer | None = None
         """Where clients on this machine may ask, too."""
         self._drain_seconds = options.drain_seconds
-        self._routes = _infer_routes(engine)
+        self._engine = engine
+        self._routes: dict[str, LoadedModel] = {}
+        self.refresh_routes()
+        self.refusals = Refusals()
         self._batcher = Batcher(
+            refusals=self.refusals,
             max_batch_rows=options.max_batch_rows,
             max_queue_rows=options.max_queue_rows,
             max_queue_requests=options.max_queue_requests,
         )
-        self._metadata = ServerMetadata(
-            engine, lambda: self.ready, self._batcher.statistics, lambda: self.lane
-        )
+        self.statistics = ServerStatistics(engine, self._batcher, self.refusals)
+        self._metadata = ServerMetadata(engine, lambda: self.ready, self.statistics, lambda: self.lane)
         self.model_at: Callable[[str], LoadedModel | None] = self._routes.get
         """The model of an inference request's path, such as `v2/models/xgb/infer`; None if it is none."""
         self.submit: Callable[[Job], None] = self._batcher.submit
         self.run: Callable[[Job], None] = self._batcher.run
+
+    @property
+    def progress(self) -> tuple[bool, int, int]:
+        """Whether the worker runs, how many requests wait, and how many were answered since the start."""
+        return self._batcher.is_alive, self._batcher.open_requests, self._batcher.answered
 
     @property
     def queued_rows(self) -> int:
@@ -55,6 +65,10 @@ class Core:
             Unavailable: the model cannot be loaded.
         """
         return self._metadata.answer(path)
+
+    def refresh_routes(self) -> None:
+        """Route requests to what the engine has loaded by now. A request under way keeps its model."""
+        self._routes.update(_infer_routes(self._engine))
 
     def start(self) -> None:
         """Start the batcher's worker."""

@@ -34,7 +34,14 @@ class Job(ABC):
     Args:
         model: which model it is for.
         rows: how many windows it counts for while it is queued, at least 1.
+
+    Attributes:
+        client: who asks, as far as the transport knows.
+        request_id: the client's own id, once it is known.
     """
+
+    client: str = ""
+    request_id: str | int | None = None
 
     def __init__(self, model: LoadedModel, rows: int) -> None:
         self.model: Final = model

@@ -7,9 +7,10 @@ from typing import Any, Final
 from taxel import __version__
 from taxel.errors import NotFound, Unavailable
 from taxel.lane.offer import LaneOffer
+from taxel_server.core.server_statistics import ServerStatistics
 from taxel_server.engine import Engine, LoadedModel
 
-EXTENSIONS: Final = ("repository_index", "model_stats")
+EXTENSIONS: Final = ("repository_index", "model_stats", "server_stats")
 
 
 class ServerMetadata:
@@ -18,7 +19,7 @@ class ServerMetadata:
     Args:
         engine: whose models these are.
         ready: whether the server takes requests.
-        statistics: what a model has done.
+        statistics: what the server and its models have done.
         lane: where clients on this machine may ask, too.
     """
 
@@ -26,7 +27,7 @@ class ServerMetadata:
         self,
         engine: Engine,
         ready: Callable[[], bool],
-        statistics: Callable[[LoadedModel], dict[str, Any]],
+        statistics: ServerStatistics,
         lane: Callable[[], LaneOffer | None],
     ) -> None:
         self._engine = engine
@@ -44,6 +45,8 @@ class ServerMetadata:
         match path.split("/"):
             case ["v2"]:
                 return self._describe()
+            case ["v2", "stats"]:
+                return self._statistics.read()
             case ["v2", "health", "live"]:
                 return {"live": True}
             case ["v2", "health", "ready"]:
@@ -68,7 +71,7 @@ class ServerMetadata:
             case ["ready"]:
                 return {"ready": self._model_ready(name, version)}
             case ["stats"]:
-                return self._statistics(self._engine.model(name, version))
+                return self._statistics.of_model(self._engine.model(name, version))
             case ["infer"]:
                 # Only an inference request for an unknown model comes here.
                 self._engine.model(name, version)

@@ -31,10 +31,14 @@ class Histogram:
 
 
 class ModelStatistics:
-    """Counters of one model. Written under the batcher's lock; read at any time."""
+    """Counters of one model. Written under the batcher's lock; read at any time.
+
+    Attributes:
+        requests: answered and failed ones.
+    """
 
     def __init__(self) -> None:
-        self._requests = 0
+        self.requests = 0
         self._rows = 0
         self._errors: Counter[str] = Counter()
         self._batch_rows = Histogram()
@@ -43,14 +47,14 @@ class ModelStatistics:
 
     def add_response(self, response: InferResponse) -> None:
         """Count a request that was answered with predictions."""
-        self._requests += 1
+        self.requests += 1
         self._rows += len(response.outputs)
         self._queue_us.add(response.queue_us)
         self._compute_us.add(response.compute_us)
 
     def add_error(self, code: str) -> None:
         """Count a request that was refused or failed."""
-        self._requests += 1
+        self.requests += 1
         self._errors[code] += 1
 
     def add_batch(self, rows: int) -> None:
@@ -60,7 +64,7 @@ class ModelStatistics:
     def as_dict(self) -> dict[str, Any]:
         """As on the wire; `requests` counts answered and failed requests."""
         return {
-            "requests": self._requests,
+            "requests": self.requests,
             "rows": self._rows,
             "errors": dict(self._errors),
             "batch_rows": self._batch_rows.as_dict(),

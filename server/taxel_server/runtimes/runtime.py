@@ -43,10 +43,12 @@ def _trees(artifact: Artifact, options: RuntimeOptions) -> Runtime:
 
 
 def _onnx(artifact: Artifact, options: RuntimeOptions) -> Runtime:
+    from taxel_server.runtimes.graph_checks import check_graph
     from taxel_server.runtimes.networks import faster_runtime
     from taxel_server.runtimes.onnx_models import OnnxRuntime
 
     path, normalisation = artifact.model_path, artifact.manifest.normalisation
+    check_graph(path)
     runtime = OnnxRuntime(path, normalisation, options.threads, options.providers)
     if runtime.features != len(normalisation.input_mean):
         return runtime  # which `open_runtime` refuses

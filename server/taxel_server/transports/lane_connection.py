@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from taxel.errors import Internal, InvalidArgument, NotFound, RequestError, ResourceExhausted
 from taxel.lane.frames import HEAD_BYTES, ID_AT, RequestHead, pack_reply, read_request_head
+from taxel.lane.offer import name_of
 from taxel_server.core.core import Core
 from taxel_server.core.jobs import Job, check_shape
 from taxel_server.engine import LoadedModel
@@ -27,7 +28,7 @@ _LOG: Final = logging.getLogger(__name__)
 _RECEIVE_BYTES: Final = 65_536
 
 
-class LaneConnection:
+class ClientConnection:
     """Reads requests and sends replies; all methods but `send` belong to the lane's thread.
 
     Args:
@@ -42,11 +43,12 @@ class LaneConnection:
         client: socket.socket,
         core: Core,
         budget: Budget,
-        notify: Callable[["LaneConnection"], None],
+        notify: Callable[["ClientConnection"], None],
     ) -> None:
         self.socket = client
         self.progressed_at = 0.0
         """When bytes last moved while a request or a reply was under way."""
+        self._name = name_of(client)
         self._core = core
         self._budget = budget
         self._notify = notify
@@ -99,6 +101,7 @@ class LaneConnection:
             self._take_requests(data, alone)
         except InvalidArgument as error:
             # Where the next request starts is not known any more.
+            self._core.refusals.add(error, client=self._name)
             self.send(pack_reply(0, error))
             return False
         return True
@@ -194,6 +197,7 @@ class LaneConnection:
                 if stop > end:
                     self._await_rest(head, model, memoryview(data)[start:])
             except RequestError as error:
+                self._core.refusals.add(error, client=self._name, request_id=head.id)
                 self.send(pack_reply(head.id, error))
                 self._to_skip = max(stop - end, 0)
             else:
@@ -240,9 +244,9 @@ class LaneConnection:
         infer: Callable[[Job], None],
     ) -> None:
         try:
-            infer(LaneJob(self.send, model, head, request_id, windows))
+            infer(LaneJob(self.send, model, head, request_id, windows, self._name))
         except RequestError as error:
-            _LOG.debug("%s: %s: %s", model.label, error.code, error)
+            self._core.refusals.add(error, client=self._name, model=model.label, request_id=request_id)
             self.send(pack_reply(request_id, error))
         except Exception:
             _LOG.exception("a request could not be handed on")

@@ -46,11 +46,13 @@ class LaneJob(Job):
         head: RequestHead,
         request_id: int,
         windows: NDArray[np.float32],
+        client: str,
     ) -> None:
         super().__init__(model, head.rows)
+        self.client = client
         self._send = send
         self._head = head
-        self._id = request_id
+        self.request_id: int = request_id
         self._windows = windows
 
     @override
@@ -60,7 +62,7 @@ class LaneJob(Job):
 
     @override
     def answer(self, result: InferResponse | RequestError) -> None:
-        self._send(pack_reply(self._id, result))
+        self._send(pack_reply(self.request_id, result))
 
 
 class Arriving:

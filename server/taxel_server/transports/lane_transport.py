@@ -18,7 +18,7 @@ from taxel.errors import TaxelError
 from taxel.lane.offer import LaneOffer, machine_identity, of_this_user
 from taxel_server.core.core import Core
 from taxel_server.options import ServerOptions
-from taxel_server.transports.lane_connection import LaneConnection
+from taxel_server.transports.lane_connection import ClientConnection
 from taxel_server.transports.lane_requests import Budget
 from taxel_server.transports.lane_socket import LaneSocket, automatic_address
 
@@ -53,9 +53,9 @@ class LaneTransport:
         self._core = core
         self._options = options
         self._budget = Budget(_MOST_BYTES)
-        self._clients: dict[socket.socket, LaneConnection] = {}
-        self._under_way: set[LaneConnection] = set()
-        self._notified: deque[LaneConnection] = deque()
+        self._clients: dict[socket.socket, ClientConnection] = {}
+        self._under_way: set[ClientConnection] = set()
+        self._notified: deque[ClientConnection] = deque()
         self._accepts_again_at = 0.0
         self._stop_at: float | None = None
         self._socket: LaneSocket | None = None
@@ -82,6 +82,7 @@ class LaneTransport:
         """Take requests, if there is a lane."""
         if self._socket is None:
             return
+        self._core.statistics.connections["lane"] = lambda: len(self._clients)
         self._listener = self._socket.socket
         self._waker, self._woken = socket.socketpair()
         self._waker.setblocking(False)
@@ -144,7 +145,7 @@ class LaneTransport:
             _give_way()
         return events
 
-    def _serve(self, connection: LaneConnection, mask: int, alone: bool) -> None:
+    def _serve(self, connection: ClientConnection, mask: int, alone: bool) -> None:
         """Read from a client, or send what it takes."""
         try:
             if mask & selectors.EVENT_WRITE:
@@ -164,7 +165,7 @@ class LaneTransport:
         elif connection.is_under_way or connection in self._under_way:
             self._watch(connection)
 
-    def _watch(self, connection: LaneConnection) -> None:
+    def _watch(self, connection: ClientConnection) -> None:
         """Wait for the client to read if replies wait for it, and else for its requests."""
         if connection.is_under_way:
             self._under_way.add(connection)
@@ -174,7 +175,7 @@ class LaneTransport:
         if self._selector.get_key(connection.socket).events != wanted:
             self._selector.modify(connection.socket, wanted, connection)
 
-    def _drop(self, connection: LaneConnection) -> None:
+    def _drop(self, connection: ClientConnection) -> None:
         self._under_way.discard(connection)
         if self._clients.pop(connection.socket, None) is not None:
             self._selector.unregister(connection.socket)
@@ -197,10 +198,12 @@ class LaneTransport:
         client.setblocking(False)
         if not unix:
             client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._clients[client] = connection = LaneConnection(client, self._core, self._budget, self._notify)
+        self._clients[client] = connection = ClientConnection(
+            client, self._core, self._budget, self._notify
+        )
         self._selector.register(client, selectors.EVENT_READ, connection)
 
-    def _notify(self, connection: LaneConnection) -> None:
+    def _notify(self, connection: ClientConnection) -> None:
         """Called by any thread: a client's outbox has filled, or it has gone."""
         self._notified.append(connection)
         self._wake()

@@ -34,10 +34,14 @@ class MetadataThread:
 
     Args:
         answer: the answer to a key; raises `RequestError` to refuse.
+        refused: is told what `answer` refused.
     """
 
-    def __init__(self, answer: Callable[[str], dict[str, Any]]) -> None:
+    def __init__(
+        self, answer: Callable[[str], dict[str, Any]], refused: Callable[[RequestError], None]
+    ) -> None:
         self._answer = answer
+        self._refused = refused
         self._queue: SimpleQueue[tuple[zenoh.Query, RequestError | None] | None] = SimpleQueue()
         self._thread = Thread(target=self._run, name="taxel-metadata", daemon=True)
 
@@ -73,7 +77,7 @@ class MetadataThread:
         try:
             return packb(self._answer(key))
         except RequestError as error:
-            _LOG.debug("%s: %s: %s", key, error.code, error)
+            self._refused(error)
             return error
         except Exception:
             _LOG.exception("%s could not be answered", key)

@@ -7,6 +7,7 @@ from typing import Final
 
 import zenoh
 
+from taxel import zenoh_process
 from taxel.endpoints import EXPECTED, reason_of
 from taxel.errors import SettingsError, TaxelError
 
@@ -59,6 +60,6 @@ def open_session(listen: Sequence[str], *, shared_memory: bool = False) -> zenoh
     except zenoh.ZError:
         raise SettingsError(f"listen: {endpoints}: {EXPECTED}") from None
     try:
-        return zenoh.open(config)
+        return zenoh_process.open_session(config)
     except zenoh.ZError as error:
         raise TaxelError(f"cannot listen on {endpoints}: {reason_of(error)}") from None

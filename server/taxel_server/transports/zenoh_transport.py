@@ -30,6 +30,9 @@ _LOG: Final = logging.getLogger(__name__)
 
 _NOTHING: Final = zenoh.ZBytes(b"")
 
+CLIENT: Final = "zenoh"
+"""What clients over zenoh are called: a query does not tell whose it is."""
+
 _CHANNEL: Final = 16384
 """The most queries in the channel; if it is full, clients wait to send."""
 
@@ -39,6 +42,8 @@ _FAREWELL_S: Final = 0.2
 
 class QueryJob(Job):
     """An inference query."""
+
+    client = CLIENT
 
     def __init__(
         self,
@@ -55,7 +60,10 @@ class QueryJob(Job):
 
     @override
     def decode(self) -> InferRequest:
-        return self._reader.read(self._payload.to_bytes())
+        request = self._reader.read(self._payload.to_bytes())
+        if request.id is not None:
+            self.request_id = request.id
+        return request
 
     @override
     def answer(self, result: InferResponse | RequestError) -> None:
@@ -75,7 +83,10 @@ class ZenohTransport:
         self._options = options
         self._reader = RequestReader(core.max_request_rows)
         self._below_prefix = len(options.prefix) + 1
-        self._metadata_thread = MetadataThread(lambda key: core.answer(key[self._below_prefix :]))
+        self._metadata_thread = MetadataThread(
+            lambda key: core.answer(key[self._below_prefix :]),
+            lambda error: core.refusals.add(error, client=CLIENT),
+        )
 
     def listen(self) -> None:
         """Open the session.
@@ -84,7 +95,9 @@ class ZenohTransport:
             SettingsError: an endpoint is malformed.
             TaxelError: an endpoint is occupied.
         """
-        self._session = open_session(self._options.listen, shared_memory=self._options.shared_memory)
+        session = open_session(self._options.listen, shared_memory=self._options.shared_memory)
+        self._session = session
+        self._core.statistics.connections["zenoh"] = lambda: len(session.info.transports())
 
     def start(self) -> None:
         """Take queries."""
@@ -146,7 +159,7 @@ class ZenohTransport:
             rows = self._reader.rows_in(len(payload), len(model.manifest.window.features))
             infer(QueryJob(query, payload, model, rows, self._reader))
         except RequestError as error:
-            _LOG.debug("%s: %s: %s", model.label, error.code, error)
+            self._core.refusals.add(error, client=CLIENT, model=model.label)
             self._metadata_thread.take(query, error)
 
 

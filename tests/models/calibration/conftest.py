@@ -3,8 +3,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from taxel.skin import patch
 from taxel_models.calibration.light_contacts import LightContacts
-from taxel_models.twin.geometry import patch
 
 RADIUS = 7.0
 

@@ -10,12 +10,12 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from taxel.commands.cli import failing_clearly
+from taxel.skin import height_above_skin
 from taxel_models.calibration.misaligned_twin import moved
 from taxel_models.calibration.motion import Motion
 from taxel_models.commands.calibrate import calibrate
 from taxel_models.recordings import read_ruppel, write_ruppel
 from taxel_models.twin import simulate
-from taxel_models.twin.geometry import height_above_skin
 
 
 @pytest.fixture(scope="module")

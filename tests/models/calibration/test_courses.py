@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from taxel.skin import patch
 from taxel_models.calibration.fit import Fit, fit
 from taxel_models.calibration.light_contacts import LightContacts
-from taxel_models.twin.geometry import patch
 
 RADIUS = 7.0
 CONTACTS, POSITIONS = 300, 8

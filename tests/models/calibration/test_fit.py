@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from taxel.errors import RecordingError, SettingsError
+from taxel.skin import height_above_skin
 from taxel_models.calibration.fit import Fit, fit
 from taxel_models.calibration.light_contacts import LightContacts
 from taxel_models.calibration.motion import Motion, Placement, outward
-from taxel_models.twin.geometry import height_above_skin
 
 RADIUS = 7.0
 Make = Callable[..., LightContacts]

@@ -143,15 +143,20 @@ def weights(name: str, values: dict[str, float], found: Case) -> tuple[np.ndarra
     return np.empty(0), np.empty(0)
 
 
-def test_its_interval_holds_what_was_injected(smooth: Any, make: Make) -> None:
-    found = played(smooth, make(noise=4.0), "offset", seed=5)
-    inside = [
-        figure.low <= truth <= figure.high
-        for figure, truth in zip(
-            found.result.findings.effects[0].parameters, np.rint(found.truth["offset"]), strict=True
-        )
-    ]
-    assert np.mean(inside) >= 0.8
+def test_intervals_hold_what_was_injected(smooth: Any, make: Make) -> None:
+    """95 % of them: of 84, 73 or fewer hold in one of 300 such tests."""
+    inside = []
+    for seed in (5, 6, 7, 8):
+        recording = make(6_000, seed=seed)
+        offsets = np.random.default_rng(seed).normal(size=21) * STRENGTH
+        recording = replace(recording, channels=recording.channels + np.rint(offsets))
+        settings = LoopSettings(seed=seed, exclude=tuple(name for name in NAMES if name != "offset"))
+        (found,) = run_loop(smooth, [recording], settings).findings.effects
+        inside += [
+            figure.low is not None and figure.high is not None and figure.low <= truth <= figure.high
+            for figure, truth in zip(found.parameters, np.rint(offsets), strict=True)
+        ]
+    assert sum(inside) > 73
 
 
 @pytest.mark.parametrize("turn_deg", [[0.0, 0.0, 90.0], [0.0, 180.0, 0.0], [40.0, -30.0, 0.0]])

@@ -12,17 +12,23 @@ import pytest
 from taxel.channels import CHANNELS
 from taxel.errors import SettingsError
 from taxel_models.loop.attribution import Named
-from taxel_models.loop.effects.effect import Effect, Remaining
+from taxel_models.loop.effects.effect import Candidate, Effect, Remaining
+from taxel_models.loop.effects.interference import Interference
 from taxel_models.loop.effects.registry import NAMES, candidates
 from taxel_models.loop.findings import Findings
 from taxel_models.loop.inference.constants import DECLARED
+from taxel_models.loop.inference.contact_offset import ContactOffset
 from taxel_models.loop.inference.forms import prepared
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.pipeline import LoopResult, LoopSettings, run_loop
+from taxel_models.loop.report.confounded_picture import draw_confounded
+from taxel_models.loop.report.contents import Told, contents
+from taxel_models.loop.report.document import Picture
 from taxel_models.loop.report.drivers import axis_of
 from taxel_models.loop.report.effect_pictures import draw_effect
 from taxel_models.loop.report.error_pictures import bars
 from taxel_models.loop.report.partial import Partial
+from taxel_models.loop.report.rendering import markdown
 from taxel_models.loop.report.report import REPORT, write_report
 from taxel_models.model import Model
 from taxel_models.recordings import Recording
@@ -32,6 +38,7 @@ LOOKED_FOR = ("offset", "drift")
 DRIFTING = slice(10, 14)
 STUCK = CHANNELS.index("e18")
 PNG = b"\x89PNG"
+WATERFALL = Picture("waterfall.png", "explained shares", "Where the energy goes.")
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +53,7 @@ def result(smooth: Model, make: Callable[..., Recording]) -> LoopResult:
     channels[:, DRIFTING] += np.linspace(0, 150, ROWS)[:, None]
     channels[:, STUCK] = np.where(np.arange(ROWS) % 1000 < 300, 1500, channels[:, STUCK])
     others = tuple(name for name in NAMES if name not in LOOKED_FOR)
-    settings = LoopSettings(exclude=(*others, "covariate:material"))
+    settings = LoopSettings(exclude=(*others, "covariate:material"), stability=2)
     auxiliary = {**recording.auxiliary, "tdc": np.linspace(1900, 1990, ROWS)}
     recording = replace(recording, channels=channels, auxiliary=auxiliary)
     return run_loop(smooth, [recording], settings)
@@ -92,6 +99,63 @@ def test_markdown_shows_every_picture_and_effect(folder: Path, result: LoopResul
         assert f"\n## {effect.name}\n" in text
 
 
+def test_the_first_screen_is_a_sentence_what_changed_a_picture_and_a_table(result: LoopResult) -> None:
+    changed = ("e7 lost 70 % of its sensitivity over this session.",)
+    findings = result.findings.model_copy(update={"changes": changed})
+    text = markdown(contents(Told(findings, result.new.extras, {"waterfall": WATERFALL})))
+    first = [part for part in text.split("\n## ")[0].split("\n\n") if part]
+    title, sentence, note, picture, _, table = first
+    assert title == f"# What {findings.model} lacks"
+    assert sentence.startswith(f"{findings.model} is off by a normalised MAE of")
+    assert sentence.count(". ") == 0
+    assert "offset and drift" in sentence or "drift and offset" in sentence
+    assert note == f"> **{changed[0]}**"
+    assert picture == "![explained shares](waterfall.png)"
+    rows = table.strip().splitlines()
+    assert [row.split(" | ")[0].strip("| ") for row in rows[2:]] == [one.name for one in findings.effects]
+    assert all(" of 2 | " in row for row in rows[2:])
+
+
+def test_many_parameters_fold_away_in_both_forms(folder: Path) -> None:
+    text, page = ((folder / f"report.{kind}").read_text("utf-8") for kind in ("md", "html"))
+    for written in (text, page):
+        assert written.count("<details>") == written.count("</details>") == 1
+        before, folded = written.split("<details>")
+        folded, after = folded.split("</details>")
+        for channel in ("e1", "e6", "e10"):
+            assert f"offset {channel}" in folded
+        assert "elapsed[0:70s]" in after
+        assert "offset e1 " not in before + after
+
+
+def test_diagnostics_are_for_programs_too(result: LoopResult) -> None:
+    findings = result.findings
+    assert findings.autocorrelation is not None
+    assert set(findings.autocorrelation.before) == set(CHANNELS)
+    inputs = {one.input for one in findings.cross_correlation}
+    assert inputs == {"force", *(f"{what} {axis}" for what in ("force", "position") for axis in "xyz")}
+    assert findings.stability is not None
+    assert set(findings.stability.chosen) == {"offset", "drift"}
+    assert findings.parameter_correlation is not None
+    matrix = np.array(findings.parameter_correlation.matrix)
+    assert matrix.shape == (len(findings.parameter_correlation.parameters),) * 2
+    np.testing.assert_array_equal(matrix, matrix.T)
+    assert np.abs(matrix).max() == 1.0
+
+
+def test_effects_that_cannot_be_told_apart_are_a_graph(result: LoopResult, tmp_path: Path) -> None:
+    offset, drift = result.findings.effects
+    both = (offset, drift.model_copy(update={"confounded_with": ("temperature", "gain")}))
+    findings = result.findings.model_copy(update={"effects": both})
+    assert not any(effect.confounded_with for effect in result.findings.effects)
+    graph = Picture("graph.png", "graph", draw_confounded(findings, tmp_path / "graph.png"))
+    assert (tmp_path / "graph.png").read_bytes().startswith(PNG)
+    text = markdown(contents(Told(findings, result.new.extras, {"confounded": graph})))
+    told = text.split("\n## What cannot be told apart\n")[1].split("\n## ")[0]
+    assert "drift cannot be told apart here from temperature and gain" in told
+    assert "](graph.png)" in told
+
+
 def test_html_stands_alone(folder: Path) -> None:
     page = _Page()
     page.feed((folder / "report.html").read_text("utf-8"))
@@ -119,15 +183,14 @@ def test_an_earlier_report_is_replaced_and_nothing_else(
     assert (again / "report.md").read_text() == (folder / "report.md").read_text()
 
 
-def test_no_effect_reads_well(result: LoopResult, tmp_path: Path) -> None:
+def test_no_effect_reads_well(result: LoopResult) -> None:
     findings = result.findings.model_copy(update={"effects": (), "after": result.findings.before})
-    nothing = replace(result, findings=findings, after=result.observations.predicted)
-    write_report(tmp_path / "report", nothing)
-    opening = (tmp_path / "report" / "report.md").read_text("utf-8").splitlines()[2]
+    lines = markdown(contents(Told(findings, [], {"waterfall": WATERFALL}))).splitlines()
+    assert lines[2].endswith("and no effect was named.")
+    opening = lines[lines.index("## In words") + 2]
     assert "No effect was named" in opening
     assert "There is nothing to add to the model." in opening
     assert "once corrected" not in opening
-    assert not list((tmp_path / "report").glob("effect-*.png"))
 
 
 def test_waterfall_accounts_for_all_energy(result: LoopResult) -> None:
@@ -162,6 +225,33 @@ def test_every_effect_can_be_drawn(result: LoopResult, name: str, tmp_path: Path
         assert axis_of(result, partial, channel).values.shape == (result.blocks.evaluation.sum(),)
 
 
+def test_a_wave_is_drawn_with_its_frequency_and_channels(result: LoopResult, tmp_path: Path) -> None:
+    observations, blocks = result.observations, result.blocks
+    random = np.random.default_rng(0)
+    left = random.normal(size=observations.residual.shape)
+    left[:, [4, 9]] += 5.0 * np.sin(2 * np.pi * 17.3 * observations.time_s)[:, None]
+    remaining = Remaining(left, blocks.fit, np.ones(len(observations)))
+    (wave,) = Interference().forms(observations, remaining)
+    named = replace(_bare(result, wave), contribution=wave.basis.times(np.ones((len(CHANNELS), 1))))
+    attribution = replace(result.attribution, residual=left - named.contribution)
+    played = replace(result, attribution=attribution)
+    caption = draw_effect(played, Partial.of(played, named), tmp_path / "wave.png")
+    assert "in e3, e8, with and without the wave" in caption
+    assert (tmp_path / "wave.png").read_bytes().startswith(PNG)
+
+
+def test_offsets_of_contacts_are_drawn_with_what_a_calibration_brings(
+    result: LoopResult, tmp_path: Path
+) -> None:
+    observations = result.observations
+    offsets = np.random.default_rng(0).normal(size=(int(observations.segment.max()) + 1, len(CHANNELS)))
+    form = ContactOffset().form(9.0 * offsets[observations.segment], {0.5: 0.4, 1.0: 0.5})
+    named = replace(_bare(result, form), contribution=9.0 * offsets[observations.segment])
+    caption = draw_effect(result, Partial.of(result, named), tmp_path / "contacts.png")
+    assert "each contact's mean residual" in caption
+    assert (tmp_path / "contacts.png").read_bytes().startswith(PNG)
+
+
 def _named(result: LoopResult, effect: Effect) -> Named:
     """The first form of an effect, fitted to the first residual."""
     observations, blocks = result.observations, result.blocks
@@ -172,17 +262,24 @@ def _named(result: LoopResult, effect: Effect) -> Named:
     values, target = form.design.values, whitening(whitening.bins.means(residual.T[:, :, None]))
     gram = values.transpose(0, 2, 1) @ values + np.eye(form.size)
     weights = form.weights(np.linalg.solve(gram, values.transpose(0, 2, 1) @ target)[:, :, 0])
+    bare = _bare(result, candidate)
     if candidate.moved is None:
         contribution = candidate.basis.times(weights)
     else:
         # Its change is predicted at some rows only.
         contribution = candidate.moved(observations).predicted - observations.predicted
+    return replace(bare, weights=weights, contribution=contribution)
+
+
+def _bare(result: LoopResult, candidate: Candidate) -> Named:
+    """A form that changes nothing yet."""
+    weights = np.ones((len(CHANNELS), candidate.basis.size))
     return Named(
         candidate=candidate,
-        equation=effect.equation,
+        equation="",
         weights=weights,
         fold_weights=np.repeat(weights[None], 8, axis=0),
-        contribution=contribution,
+        contribution=np.zeros_like(result.observations.residual),
         log_evidence=1.0,
         included=np.ones(len(CHANNELS)),
         t=3.0,

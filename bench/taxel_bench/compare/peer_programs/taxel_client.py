@@ -22,8 +22,9 @@ class TaxelClient(Client):
         (model,) = source.models()
         self._predictor = source.predictor(model.name, model.version)
         self._timeout_ms = source.timeout * 1e3
-        key = model_key(source.prefix, model.name, model.version, "infer")
-        self._ask = source.pipelined_asker(key, source.timeout)
+        self._key = model_key(source.prefix, model.name, model.version, "infer")
+        self._connection = source.connection
+        self._connection.prepare(self._key, source.timeout)
 
     @override
     def connect(self, at_once: int) -> None:
@@ -42,7 +43,7 @@ class TaxelClient(Client):
                 unpack_infer_response(on_their_way.popleft()())
                 answered += 1
             payload = pack_infer_request(query, timeout_ms=self._timeout_ms)
-            on_their_way.append(self._ask(payload))
+            on_their_way.append(self._connection.start(self._key, payload, self._timeout_ms / 1e3))
         for answer in on_their_way:
             unpack_infer_response(answer())
         return answered + len(on_their_way)
@@ -56,9 +57,8 @@ class LaneClient(TaxelClient):
         manifest = self._predictor.manifest
         self._path = model_path(manifest.name, manifest.version, "infer")
         self._timeout_s = source.timeout
-        lane = source.lanes.find() if source.lanes else None
-        assert lane is not None
-        self._connection = LaneConnection(lane.address)
+        assert source.lane_address is not None
+        self._lane = LaneConnection(source.lane_address)
 
     @override
     def ask_many(self, queries: Iterator[NDArray[np.float32]], at_once: int) -> int:
@@ -69,13 +69,13 @@ class LaneClient(TaxelClient):
                 answered += 1
             else:
                 on_their_way += 1
-            self._connection.send(self._path, query, self._timeout_s, self._timeout_s, spread=False)
+            self._lane.send(self._path, query, self._timeout_s, self._timeout_s, spread=False)
         for _ in range(on_their_way):
             self._take_answer()
         return answered + on_their_way
 
     def _take_answer(self) -> None:
-        head, content = self._connection.receive(self._timeout_s)
+        head, content = self._lane.receive(self._timeout_s)
         read_counts(content, head)
 
 

@@ -9,6 +9,7 @@ from taxel.corrections.effect import AppliedEffect, Parameter, Term
 from taxel.corrections.fault import Fault
 from taxel.corrections.frame import Frame
 from taxel.corrections.location import Location, location_design
+from taxel.corrections.random_features import RandomFeatures
 from taxel.corrections.saturation import Saturation, saturation_design
 from taxel.corrections.weighted import ONE, Shape, Weighted, weighted_shape
 
@@ -27,6 +28,7 @@ __all__ = [
     "Location",
     "OffsetCalibration",
     "Parameter",
+    "RandomFeatures",
     "Saturation",
     "Shape",
     "Term",

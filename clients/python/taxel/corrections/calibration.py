@@ -36,7 +36,7 @@ class OffsetCalibration:
 
         Args:
             measured: (m, 21), the sensor's channels, counts.
-            predicted: (m, 21), the same model's, called without calibration extras.
+            predicted: (m, 21), of the version that the loop was given, called without calibration extras.
 
         Raises:
             InvalidArgument: shapes disagree, there is no row, or a value is not finite.

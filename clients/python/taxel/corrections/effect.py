@@ -10,6 +10,7 @@ from taxel.corrections.crosstalk import Crosstalk
 from taxel.corrections.fault import Fault
 from taxel.corrections.frame import Frame
 from taxel.corrections.location import Location
+from taxel.corrections.random_features import RandomFeatures
 from taxel.corrections.saturation import Saturation
 from taxel.corrections.weighted import Weighted
 from taxel.schema import ChannelName, Schema
@@ -31,7 +32,7 @@ def _with_present_kind(fields: Any) -> Any:
 
 
 Term = Annotated[
-    Weighted | Calibrated | Location | Crosstalk | Saturation | Fault,
+    Weighted | Calibrated | Location | Crosstalk | Saturation | RandomFeatures | Fault,
     Field(discriminator="kind"),
     BeforeValidator(_with_present_kind),
 ]

@@ -1,82 +1,87 @@
-"""Whether a client can take its server's lane: looked up once, then ever less often if there is none."""
+"""Whether a client has its server's lane, and when it looks for one: ever less often if there is none."""
 
 import time
-from collections.abc import Callable
-from contextlib import suppress
 from threading import Lock
-from typing import Any, Final
+from typing import Final, Generic, Protocol, TypeVar
 
-from taxel.lane.client import Lane
-from taxel.lane.offer import LaneOffer, machine_identity
-
-_PAUSE_S: Final = 1.0
+_RETRY_S: Final = 0.25
 """Between two attempts to find a lane, while the server cannot be asked or has just been lost."""
 
+_FIRST_PAUSE_S: Final = 2.0
 _LONGEST_PAUSE_S: Final = 60.0
-"""Pauses double up to this one while the server answers, but there is no lane to take."""
+"""While the server answers, but there is no lane to take, pauses double from the first to the longest."""
 
 
-class LaneLookup:
-    """Finds the lane of one server. Thread-safe.
+class OpenLane(Protocol):
+    """The client's end of a lane."""
 
-    Args:
-        read_metadata: the server's metadata; raises an error if they cannot be had.
-        spin_us: as in `Lane`.
+    address: str
+
+    def close(self) -> None:
+        """Close its connections."""
+
+
+LaneT = TypeVar("LaneT", bound=OpenLane)
+
+
+class LaneLookup(Generic[LaneT]):
+    """Remembers the lane of one server, and says who may look for it. Thread-safe; it waits for nothing.
+
+    Attributes:
+        lane: the lane, as far as it is known.
+        looking: whether somebody looks for one now.
     """
 
-    def __init__(self, read_metadata: Callable[[], Any], spin_us: int = 0) -> None:
-        self._spin_us = spin_us
-        self._read_metadata = read_metadata
+    def __init__(self) -> None:
+        self.lane: LaneT | None = None
+        self.looking = False
         self._lock = Lock()
         self._again_at = 0.0
-        self._pause_s = _PAUSE_S
-        self.lane: Lane | None = None
-        """The lane, as far as it is known."""
+        self._pause_s = _FIRST_PAUSE_S
+        self._closed = False
 
-    def find(self) -> Lane | None:
-        """The lane; None if the server has none, or is on another machine, or cannot be reached so."""
+    def begin(self) -> bool:
+        """Whether the caller is to look for a lane now; then it must call `end`."""
         with self._lock:
-            if self.lane is None and time.monotonic() >= self._again_at:
-                self.lane = self._looked_up()
-                self._again_at = time.monotonic() + self._pause_s
-            return self.lane
+            if self.lane or self.looking or self._closed or time.monotonic() < self._again_at:
+                return False
+            self.looking = True
+            return True
 
-    def lost(self, lane: Lane, *, again: bool) -> Lane | None:
+    def lost(self, lane: LaneT) -> bool:
         """Give up a lane whose connection was lost.
 
-        Args:
-            lane: that was lost.
-            again: connect again at once.
-
         Returns:
-            The new lane; None if there is none now.
+            Whether the caller is to open it again; then it must call `end`. Else somebody else does.
         """
         with self._lock:
-            if self.lane is lane:
+            if self.lane is not lane:
+                return False
+            lane.close()
+            self.lane = None
+            self.looking = True
+            return True
+
+    def end(self, lane: LaneT | None, *, there_is_none: bool = False) -> None:
+        """What was found.
+
+        Args:
+            lane: the lane; None if it was not found.
+            there_is_none: the server has answered, and has none that this client can take.
+        """
+        with self._lock:
+            self.looking = False
+            self._again_at = time.monotonic() + (self._pause_s if there_is_none else _RETRY_S)
+            self._pause_s = min(2 * self._pause_s, _LONGEST_PAUSE_S) if there_is_none else _FIRST_PAUSE_S
+            if lane is not None and self._closed:
                 lane.close()
-                self.lane = None
-                self._pause_s = _PAUSE_S
-                self._again_at = time.monotonic() + self._pause_s
-                if again:
-                    with suppress(OSError):
-                        self.lane = Lane(lane.address, self._spin_us)
-            return self.lane
+            else:
+                self.lane = lane
 
     def close(self) -> None:
         """Close the lane; there is none from now on."""
         with self._lock:
-            self._again_at = float("inf")
+            self._closed = True
             if self.lane is not None:
                 self.lane.close()
                 self.lane = None
-
-    def _looked_up(self) -> Lane | None:
-        pause_s, self._pause_s = self._pause_s, _PAUSE_S
-        # Whatever is wrong with the lane, zenoh remains.
-        with suppress(Exception):
-            offer = LaneOffer.read(self._read_metadata())
-            # A look costs a query, which a window would wait for each time.
-            self._pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
-            if offer is not None and offer.machine == machine_identity():
-                return Lane(offer.address, self._spin_us)
-        return None

@@ -96,10 +96,26 @@ def of_this_user(connection: socket.socket) -> bool:
     """
     if not hasattr(socket, "SO_PEERCRED"):
         return True
-    _, user, _ = _CREDENTIALS.unpack(
-        connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-    )
+    _, user = _peer(connection)
     return user in (os.geteuid(), 0)
+
+
+def name_of(client: socket.socket) -> str:
+    """What a client of a lane is called in logs: its process or its port, or `lane` if neither is known."""
+    if client.family in (socket.AF_INET, socket.AF_INET6):
+        with suppress(OSError):
+            host, port = client.getpeername()[:2]
+            return f"{host}:{port}"
+    elif hasattr(socket, "SO_PEERCRED"):
+        return f"pid {_peer(client)[0]}"
+    return "lane"
+
+
+def _peer(connection: socket.socket) -> tuple[int, int]:
+    """Process and user of the other end of a unix socket; Linux only."""
+    credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+    process, user, _ = _CREDENTIALS.unpack(credentials)
+    return process, user
 
 
 def machine_identity() -> str:

@@ -52,6 +52,10 @@ class Recursive(Schema, ABC):
         """The function from (y, u) to the y of the next tick."""
 
     @abstractmethod
+    def follow(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+        """`rule` for arrays, element by element; the same bits."""
+
+    @abstractmethod
     def value(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
         """The feature, element by element."""
 
@@ -83,6 +87,10 @@ class _Relaxing(Recursive):
     def rule(self) -> Callable[[float, float], float]:
         step = -expm1(-TICK_S / self.time_constant_s)
         return lambda y, u: y + step * (u - y)
+
+    @override
+    def follow(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+        return y + -expm1(-TICK_S / self.time_constant_s) * (u - y)
 
 
 class Relaxation(_Relaxing):
@@ -121,6 +129,10 @@ class Play(Recursive):
     def rule(self) -> Callable[[float, float], float]:
         width = self.width_n
         return lambda y, u: min(max(y, u - width), u + width)
+
+    @override
+    def follow(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.minimum(np.maximum(y, u - self.width_n), u + self.width_n)
 
     @override
     def value(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -52,6 +52,12 @@ def are_kinds(values: Floats) -> bool:
     return len(values) <= MOST_KINDS and bool((values == np.rint(values)).all())
 
 
+def kind_extra(column: str, values: Floats, kind: float) -> ExtraFeature:
+    """Whether a column (n,) has a value. Users of the model give it; its default is its share of rows."""
+    share = float((values == kind).mean())
+    return ExtraFeature(name=f"{column}={kind:g}", unit="0 or 1", default=share, taken_by="effects")
+
+
 class Covariate(Effect):
     """A constant for each kind, or a line in an amount. The column NAME has the effect `covariate:NAME`."""
 
@@ -88,7 +94,5 @@ class Covariate(Effect):
             yield weighted(observations, name, "line", "unit", [driver], weight_unit="counts per unit")
 
     def _is(self, values: np.ndarray[tuple[int], np.dtype[np.float64]], kind: float) -> Driver:
-        name = f"{self.column}={kind:g}"
-        here = (values == kind).astype(np.float64)
-        extra = ExtraFeature(name=name, unit="0 or 1", default=float(here.mean()), taken_by="effects")
-        return Driver(name, here, extra)
+        extra = kind_extra(self.column, values, kind)
+        return Driver(extra.name, (values == kind).astype(np.float64), extra)

@@ -214,10 +214,14 @@ def elapsed(observations: Observations, edges: Floats) -> list[Driver]:
 
 
 def given(observations: Observations, name: str, unit: str) -> Driver:
-    """A recorded column as a driver. Users of the model give it; its default is the mean."""
-    values = observations.covariates[name]
-    extra = ExtraFeature(name=name, unit=unit, default=float(values.mean()), taken_by="effects")
-    return Driver(name, values, extra)
+    """A recorded column as a driver."""
+    return Driver(name, observations.covariates[name], given_extra(observations, name, unit))
+
+
+def given_extra(observations: Observations, name: str, unit: str) -> ExtraFeature:
+    """A recorded column as an extra. Users of the model give it; its default is the mean."""
+    default = float(observations.covariates[name].mean())
+    return ExtraFeature(name=name, unit=unit, default=default, taken_by="effects")
 
 
 def _settles(driver: Driver) -> bool:

@@ -12,8 +12,8 @@ from taxel_models.loop.effects.effect import Effect
 from taxel_models.loop.inference.evidence import Weighed
 from taxel_models.loop.inference.forms import Form
 
-_NO_PRIOR: Final = 1e3
-"""A prior size over the residual that nothing reaches."""
+UNSHRUNK: Final = 1e3
+"""A prior size, over the channel's residual, that leaves weights as the recording gives them."""
 
 
 @dataclass(frozen=True)
@@ -111,10 +111,10 @@ class Taken:
         """Its evidence when it was named."""
         return self.score.weighed
 
+    @property
     def without_prior(self) -> Self:
-        """The same, so that its weights are not drawn to 0."""
-        weighed = replace(self.weighed, strength=_NO_PRIOR)
-        return replace(self, score=replace(self.score, weighed=weighed))
+        """The same with weights that are not shrunk: by least squares."""
+        return replace(self, score=replace(self.score, weighed=replace(self.weighed, strength=UNSHRUNK)))
 
     @property
     def is_regressor(self) -> bool:

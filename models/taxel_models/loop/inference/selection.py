@@ -19,6 +19,7 @@ from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.forms import prepared
+from taxel_models.loop.inference.parameter_correlation import parameter_correlation
 from taxel_models.loop.inference.score import Score, Taken, t_over_folds
 from taxel_models.loop.inference.scoring import REFITS, Progress, Scoring
 from taxel_models.loop.observations import Observations
@@ -73,7 +74,9 @@ class JointSelection:
         if [one.name for one in named] != before:
             scores = self._scoring.scores(self._taken)
         left = self._scoring.residual(self._taken)
-        return Attribution(self._scoring.observations, named, self._rejected(scores, alone, named), left)
+        rejected = self._rejected(scores, alone, named)
+        correlation = parameter_correlation(self._taken, self._scoring.base(self._taken).noise)
+        return Attribution(self._scoring.observations, named, rejected, left, correlation)
 
     def proves_itself(self, score: Score, own: Score | None = None) -> bool:
         """Whether it stands on held-out folds, is worth naming, and its weights do not contradict it.
@@ -242,15 +245,15 @@ class JointSelection:
         lost = ((now + taken.contribution[fit]) ** 2).mean(axis=0) - (now**2).mean(axis=0)
         fixed = taken.form.candidate.fitting.fixed
         folds = 0 if fixed else int(self._scoring.bins.fold.max()) + 1
-        free = taken.without_prior()
-        fold_weights = [self._scoring.weights(free, others, fold) for fold in range(folds)]
+        # An interval around a shrunk weight would miss the true one.
+        plain, beside = taken.without_prior, [each.without_prior for each in others]
+        fold_weights = [self._scoring.weights(plain, beside, fold) for fold in range(folds)]
         counts = taken.effect.is_constant and taken.form.candidate.weight_unit == "counts"
         unknown = self._scoring.unknown_mean()[:, None] if counts else np.zeros_like(taken.weights)
         return Named(
             candidate=taken.form.candidate,
             equation=taken.effect.equation,
             weights=taken.weights,
-            unshrunk=taken.weights if fixed else self._scoring.weights(free, others),
             fold_weights=np.array(fold_weights),
             unknown=unknown,
             contribution=taken.contribution,

@@ -21,6 +21,14 @@ class Paragraph:
 
 
 @dataclass(frozen=True)
+class Note:
+    """Lines that stand out."""
+
+    kind: ClassVar = "note"
+    lines: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Table:
     """Rows of cells, each as long as the head."""
 
@@ -45,7 +53,16 @@ class Picture:
     caption: str
 
 
-Block = Heading | Paragraph | Table | Picture
+@dataclass(frozen=True)
+class Fold:
+    """What a reader opens only if needed."""
+
+    kind: ClassVar = "fold"
+    title: str
+    blocks: "tuple[Block, ...]"
+
+
+Block = Heading | Paragraph | Note | Table | Picture | Fold
 
 
 @dataclass(frozen=True)

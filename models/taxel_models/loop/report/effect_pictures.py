@@ -8,17 +8,21 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy import stats
 
 from taxel.channels import CHANNELS
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats, Shared
 from taxel_models.loop.effects.fault import Fault
+from taxel_models.loop.effects.interference import Interference
 from taxel_models.loop.effects.location import Location
 from taxel_models.loop.effects.offset import Offset
+from taxel_models.loop.inference.contact_offset import ContactOffset
 from taxel_models.loop.pipeline import LoopResult
 from taxel_models.loop.report.colours import AFTER, BEFORE, MEASURED
 from taxel_models.loop.report.drivers import axis_of
 from taxel_models.loop.report.partial import Partial
+from taxel_models.loop.report.signature_pictures import draw_contact_offset, draw_interference
 from taxel_models.loop.resting import TOUCH_N
 
 _BINS: Final = 14
@@ -43,6 +47,8 @@ def draw_effect(result: LoopResult, partial: Partial, path: Path) -> str:
     Returns:
         A caption.
     """
+    if partial.named.name == ContactOffset.name:
+        return draw_contact_offset(result, partial, path)
     if partial.kind == Offset.name and not isinstance(partial.named.candidate.basis, Shared):
         # An offset of each contact has no mean to speak of.
         return _against_driver(result, partial, path)
@@ -109,7 +115,7 @@ def _means(result: LoopResult, partial: Partial, path: Path) -> str:
         (0.2, partial.after, AFTER, "after"),
     ):
         means = np.array([residual[blocks == block].mean(axis=0) for block in np.unique(blocks)])
-        reach = 1.96 * means.std(axis=0, ddof=1) / np.sqrt(len(means))
+        reach = stats.t.ppf(0.975, len(means) - 1) * means.std(axis=0, ddof=1) / np.sqrt(len(means))
         places = np.arange(len(CHANNELS)) + shift
         axes.bar(places, means.mean(axis=0), 0.4, yerr=reach, color=colour, label=label, error_kw={"lw": 1})
     axes.axhline(0, color="black", lw=0.7)
@@ -200,4 +206,5 @@ _WAYS: Final[dict[str, Callable[[LoopResult, Partial, Path], str]]] = {
     Offset.name: _means,
     Location.name: _map,
     Fault.name: _traces,
+    Interference.name: draw_interference,
 }

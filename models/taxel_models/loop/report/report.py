@@ -1,15 +1,23 @@
 """What the loop found, as a folder.
 
-DIR/report.json          the findings; their schema is `taxel_models.loop.findings`
-DIR/report.md            the same to read, with the pictures beside it
-DIR/report.html          the same in one file
-DIR/waterfall.png        where the residual's energy goes
-DIR/channels.png         each channel's error before and after
-DIR/residual.png         the residual's spectrum and autocorrelation before and after
-DIR/effect-1-NAME.png …  the residual against each named effect's driver before and after
+DIR/report.json            the findings; their schema is `taxel_models.loop.findings`
+DIR/report.md              the same to read, with the pictures beside it
+DIR/report.html            the same in one file
+DIR/waterfall.png          where the residual's energy goes
+DIR/traces.png             measured, predicted and corrected counts of a typical and of the worst block
+DIR/session.png            the residual of each channel over the session
+DIR/confounded.png         effects that cannot be told apart
+DIR/parameters.png         correlations between parameters
+DIR/channels.png           each channel's error before and after
+DIR/residual.png           the residual's spectrum before and after
+DIR/autocorrelation.png    its autocorrelation
+DIR/inputs.png             its correlation with each input
+DIR/next-1-NAMES.json …    what to record where two causes cannot be told apart; for `taxel twin --protocol`
+DIR/effect-1-NAME.png …    the residual against each named effect's driver before and after
 """
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -18,13 +26,20 @@ import numpy as np
 from taxel.atomic import whole_folder
 from taxel.channels import CHANNELS
 from taxel_models.loop.pipeline import LoopResult
-from taxel_models.loop.report.contents import Pictures, contents
+from taxel_models.loop.report.confounded_picture import draw_confounded
+from taxel_models.loop.report.contents import EFFECT, Told, contents
+from taxel_models.loop.report.correlation_pictures import (
+    draw_autocorrelation,
+    draw_cross_correlation,
+    draw_parameter_correlation,
+)
 from taxel_models.loop.report.document import Picture
 from taxel_models.loop.report.effect_pictures import draw_effect
 from taxel_models.loop.report.error_pictures import draw_channels, draw_waterfall
 from taxel_models.loop.report.partial import Partial
 from taxel_models.loop.report.rendering import html, markdown
-from taxel_models.loop.report.residual_picture import draw_residual
+from taxel_models.loop.report.residual_picture import draw_spectrum
+from taxel_models.loop.report.session_pictures import draw_session, draw_traces
 
 REPORT: Final = "report.json"
 """Marks a folder as a report, which a later one may replace."""
@@ -39,29 +54,63 @@ def write_report(folder: Path, result: LoopResult) -> None:
     findings = result.findings
     with whole_folder(folder, replacing=REPORT) as place:
         (place / REPORT).write_text(findings.model_dump_json(indent=1) + "\n", encoding="utf-8")
-        document = contents(findings, result.new.extras, _draw(result, place))
+        for proposal in findings.next_recordings:
+            if proposal.protocol is not None:
+                text = proposal.protocol.model_dump_json(indent=1) + "\n"
+                (place / proposal.file).write_text(text, encoding="utf-8")
+        document = contents(Told(findings, result.new.extras, _draw(result, place)))
         (place / "report.md").write_text(markdown(document), encoding="utf-8")
         (place / "report.html").write_text(html(document, place), encoding="utf-8")
 
 
-def _draw(result: LoopResult, place: Path) -> Pictures:
-    findings = result.findings
-    waterfall, channels, residual = "waterfall.png", "channels.png", "residual.png"
+def _draw(result: LoopResult, place: Path) -> dict[str, Picture]:
+    """Every picture that these findings have a use for."""
+    pictures = {
+        key: Picture(f"{key}.png", title, draw(place / f"{key}.png"))
+        for key, title, draw in _drawings(result)
+    }
     named = {effect.name: effect for effect in result.attribution.named}
-    effects = {}
-    for number, effect in enumerate(findings.effects, 1):
+    for number, effect in enumerate(result.findings.effects, 1):
         file = f"effect-{number}-{re.sub('[^A-Za-z0-9]+', '-', effect.name)}.png"
         partial = Partial.of(result, named[effect.name])
         title = f"{effect.name}: residual before and after"
-        effects[effect.name] = Picture(file, title, draw_effect(result, partial, place / file))
-    return Pictures(
-        Picture(waterfall, "explained shares", draw_waterfall(findings, place / waterfall)),
-        Picture(
-            channels, "errors of each channel", draw_channels(findings, _noise(result), place / channels)
-        ),
-        Picture(residual, "spectrum and autocorrelation", draw_residual(result, place / residual)),
-        effects,
+        pictures[EFFECT + effect.name] = Picture(file, title, draw_effect(result, partial, place / file))
+    return pictures
+
+
+def _drawings(result: LoopResult) -> list[tuple[str, str, Callable[[Path], str]]]:
+    """Key, title, and what draws it and returns its caption."""
+    findings = result.findings
+    found: list[tuple[str, str, Callable[[Path], str]]] = [
+        ("waterfall", "explained shares", lambda path: draw_waterfall(findings, path)),
+        ("traces", "traces of a typical and of the worst block", lambda path: draw_traces(result, path)),
+        ("session", "residual over the session", lambda path: draw_session(result, path)),
+        ("channels", "errors of each channel", lambda path: draw_channels(findings, _noise(result), path)),
+        ("residual", "spectrum of the residual", lambda path: draw_spectrum(result, path)),
+    ]
+    past, inputs, weights = (
+        findings.autocorrelation,
+        findings.cross_correlation,
+        findings.parameter_correlation,
     )
+    if past is not None:
+        found.append(("autocorrelation", "autocorrelation", lambda path: draw_autocorrelation(past, path)))
+    if inputs:
+        found.append(
+            ("inputs", "correlation with the inputs", lambda path: draw_cross_correlation(inputs, path))
+        )
+    if weights is not None:
+        title = "correlations between parameters"
+        found.append(("parameters", title, lambda path: draw_parameter_correlation(weights, path)))
+    if any(effect.confounded_with for effect in findings.effects):
+        found.append(
+            (
+                "confounded",
+                "effects that cannot be told apart",
+                lambda path: draw_confounded(findings, path),
+            )
+        )
+    return found
 
 
 def _noise(result: LoopResult) -> tuple[float, ...]:

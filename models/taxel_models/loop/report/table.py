@@ -5,12 +5,29 @@ from rich.table import Table
 from rich.text import Text
 
 from taxel_models.loop.findings import Findings
-from taxel_models.loop.report.wording import confounded, key_parameters, left, paired, percent
+from taxel_models.loop.report.wording import (
+    confounded,
+    key_parameters,
+    left,
+    next_recordings,
+    paired,
+    percent,
+    runs_along,
+    unnamed,
+)
 
 
 def findings_table(findings: Findings) -> RenderableType:
     """The named effects, then lines on the error before and after and on what is left."""
-    lines = [_errors(findings), *confounded(findings), *findings.changes, left(findings)]
+    lines = [
+        _errors(findings),
+        *confounded(findings),
+        *runs_along(findings),
+        *next_recordings(findings),
+        *findings.changes,
+        *unnamed(findings),
+        left(findings),
+    ]
     text = Text("\n".join(lines))
     return Group(_effects(findings), text) if findings.effects else Group("No effect was named.", text)
 

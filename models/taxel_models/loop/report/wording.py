@@ -10,6 +10,9 @@ from taxel_models.loop.findings import Findings, FoundEffect, PairedTest
 SIGNIFICANT: Final = 0.05
 """Of the paired test: above, the error is not said to have fallen."""
 
+RUNS_ALONG: Final = 0.5
+"""A quantity runs along with another that foretells this share of its variance."""
+
 _MOST_KEY_PARAMETERS: Final = 3
 _MOST_NEEDS: Final = 3
 
@@ -48,7 +51,12 @@ def interval(figure: Parameter) -> str:
 
 
 def key_parameters(effect: FoundEffect) -> str:
-    """The parameters of the effect's form, then the largest of those that were fitted."""
+    """The parameters of the effect's form, then the largest of those that were fitted.
+
+    An effect without parameters is told by its form.
+    """
+    if not effect.parameters:
+        return effect.form
     of_form = [figure for figure in effect.parameters if figure.low is None]
     fitted = sorted(
         (figure for figure in effect.parameters if figure.low is not None), key=_size, reverse=True
@@ -95,11 +103,50 @@ def _shortened(words: Sequence[str]) -> str:
     return f"{words[0]} and {len(words) - 1} more"
 
 
+def headline(findings: Findings) -> str:
+    """The whole report in one sentence."""
+    before, after = findings.before["norm_mae"], findings.after["norm_mae"]
+    noise = f"noise alone would leave {findings.noise_floor['norm_mae']:.3f}"
+    is_off = f"{findings.model} is off by a normalised MAE of {before:.3f} on held-out blocks"
+    served = [effect.name for effect in findings.effects if effect.served]
+    told = [effect.name for effect in findings.effects if not effect.served]
+    found = f", and {listed(told)} {'was' if len(told) == 1 else 'were'} found, which no model can add"
+    if not served:
+        return f"{is_off} ({noise}){found if told else ', and no effect was named'}."
+    change = f"{percent(abs(1.0 - after / before))} {'less' if after <= before else 'more'}"
+    added = f"with {listed(served)} added it is off by {after:.3f}, {change} ({noise})"
+    return f"{is_off}; {added}{found if told else ''}."
+
+
 def opening(findings: Findings, extras: Sequence[ExtraFeature]) -> str:
     """One paragraph that a reader can act on."""
     sentences = [_outcome(findings), *_named(findings, extras), *confounded(findings)]
-    sentences += [*findings.changes, _rejected(findings), left(findings), _next(findings)]
+    sentences += [
+        *runs_along(findings),
+        *next_recordings(findings),
+        _rejected(findings),
+        *unnamed(findings),
+        left(findings),
+        _next(findings),
+    ]
     return " ".join(filter(None, sentences))
+
+
+def corrects(findings: Findings) -> bool:
+    """Whether anything was found that a model can have."""
+    return findings.residual_model is not None or any(effect.served for effect in findings.effects)
+
+
+def unnamed(findings: Findings) -> list[str]:
+    """A sentence on the residual model, if there is one."""
+    found = findings.residual_model
+    if found is None:
+        return []
+    return [
+        "A residual model without a name foretells a part of what no cause explains in "
+        f"{len(found.channels)} channels: the normalised MAE falls by {found.gain:.4f} more on the "
+        "evaluation part."
+    ]
 
 
 def _outcome(findings: Findings) -> str:
@@ -107,7 +154,7 @@ def _outcome(findings: Findings) -> str:
     where = f"On {test.blocks} held-out blocks ({before['rows']} rows)"
     is_off = f"{where}, {findings.model} is off by a normalised MAE of {before['norm_mae']:.3f}"
     noise = f"noise alone would leave {findings.noise_floor['norm_mae']:.3f}"
-    if not any(effect.served for effect in findings.effects):
+    if not corrects(findings):
         return f"{is_off} ({before['mae']:.1f} counts); {noise}."
     change = 1.0 - after["norm_mae"] / before["norm_mae"]
     fell = f"{percent(abs(change))} {'less' if change >= 0 else 'more'}"
@@ -157,6 +204,41 @@ def confounded(findings: Findings) -> list[str]:
     return sentences
 
 
+def runs_along(findings: Findings) -> list[str]:
+    """A sentence on what runs along with something else, so that no fit could separate the two."""
+    told: dict[frozenset[str], str] = {}
+    for one in findings.confounding:
+        if one.share >= RUNS_ALONG:
+            pair = frozenset({one.quantity, one.along})
+            told.setdefault(pair, f"{one.quantity} with {one.along} ({percent(one.share)})")
+    return (
+        [f"In these recordings some things run along with others: {listed([*told.values()])}."]
+        if told
+        else []
+    )
+
+
+def next_recordings(findings: Findings) -> list[str]:
+    """A sentence for each pair of causes that cannot be told apart: what to record."""
+    sentences = []
+    for one in findings.next_recordings:
+        first, second = one.causes
+        if one.protocol is None:
+            sentences.append(f"No protocol of the menu tells {first} from {second} reliably.")
+        else:
+            sentences.append(
+                f'To tell {first} from {second}, record "{one.protocol.name}" '
+                f"({minutes(one.duration_s)}; {one.file}): the loop then decides rightly in {one.right} of "
+                f"{one.simulated} simulated recordings."
+            )
+    return sentences
+
+
+def minutes(seconds: float) -> str:
+    """A duration that a person plans with."""
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
+
+
 def _rejected(findings: Findings) -> str:
     count = len(findings.rejected)
     if not count:
@@ -177,8 +259,8 @@ def left(findings: Findings) -> str:
 def _next(findings: Findings) -> str:
     if findings.exported is not None:
         return f"The corrected model is {findings.exported}."
-    if not any(effect.served for effect in findings.effects):
+    if not corrects(findings):
         return "There is nothing to add to the model."
     if findings.test.p_value > SIGNIFICANT:
-        return "Adding this to the model is not worth it on this observations."
+        return "Adding this to the model is not worth it on these recordings."
     return "Nothing was exported yet."

@@ -23,6 +23,8 @@ _NOT_JSON: Final = re.compile(rb"-?Infinity|NaN")
 
 _BEYOND_FLOAT32: Final = {b"Infinity": b"1e39", b"-Infinity": b"-1e39", b"NaN": b"null"}
 
+_MOST_OUTPUTS: Final = 4096
+
 _TINY: Final = 2.0**-126
 """The least normal float32. Below it, neighbours are further apart for their size."""
 
@@ -157,6 +159,8 @@ def nearest(decimal: str) -> np.float32:
 def _base_score(param: LearnerParam) -> NDArray[np.float32]:
     """One score for each output. XGBoost before 3.1 wrote a single number for all outputs."""
     text, targets = param.base_score, int(param.num_target)
+    if targets > _MOST_OUTPUTS:
+        raise ArtifactError(f"num_target is {targets}: expected at most {_MOST_OUTPUTS}")
     try:
         scores = np.atleast_1d(np.asarray(json.loads(text), dtype=np.float32))
     except (ValueError, TypeError) as error:

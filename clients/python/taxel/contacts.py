@@ -1,0 +1,170 @@
+"""From a simulator's contacts to the sample that models take: one place and one force for each fingertip.
+
+    from taxel.contacts import fingertip_contacts
+
+    sample = fingertip_contacts(points, forces, position_of_sensor, rotation_of_sensor)
+    channels = fingers.step(sample.position, sample.force)
+
+A simulator reports any number of contact points. Models were trained on one contact at a time: its place
+on the skin and its force, in the sensor's frame (`taxel.skin`). The rule that makes one of many:
+
+1. A *patch* is all contacts within 6 mm of one of them, about the reach of one indentation. The patch with
+   the largest sum of force magnitudes is taken. Others are left out: two contacts 20 mm apart are not one
+   in the middle.
+2. The force is the sum over the patch. The place is the mean over the patch, weighted by force magnitudes,
+   moved to the nearest place on the skin.
+3. Where nothing touches, the force is zero, and the place is the last one, or the middle of the pad.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from taxel.errors import InvalidArgument
+from taxel.skin import PAD, Fingertip
+
+PATCH_M: Final = 0.006
+"""Contacts so near to each other are one contact, m."""
+
+_ROTATION_TOLERANCE: Final = 1e-3
+
+
+@dataclass(frozen=True)
+class ContactSample:
+    """One contact for each of n fingertips, in the sensors' frames.
+
+    Attributes:
+        position: (n, 3), on the skin, m.
+        force: (n, 3), on the finger, N; zero where nothing touches.
+        touched: (n,), whether anything touches.
+        height: (n,), mean distance of the contacts from the skin, m, before they were moved to it; 0 where
+            nothing touches. Far from 0, the pose or the unit is wrong.
+        left_out: (n,), the sum of force magnitudes outside the patch that was taken, N.
+    """
+
+    position: NDArray[np.float64]
+    force: NDArray[np.float64]
+    touched: NDArray[np.bool_]
+    height: NDArray[np.float64]
+    left_out: NDArray[np.float64]
+
+
+def fingertip_contacts(
+    points: ArrayLike,
+    forces: ArrayLike,
+    sensor_position: ArrayLike,
+    sensor_rotation: ArrayLike,
+    *,
+    finger: ArrayLike | None = None,
+    last: ArrayLike | None = None,
+) -> ContactSample:
+    """Make one contact for each fingertip from a simulator's contacts in the world frame.
+
+    Args:
+        points: (k, 3), where contacts are, m, world frame. k may be 0.
+        forces: (k, 3), the force of each on the finger, N, world frame. Beware: many report its opposite.
+        sensor_position: (3,) or (n, 3), the origin of each sensor's frame, m, world frame.
+        sensor_rotation: (3, 3) or (n, 3, 3), from the sensor's frame to the world: columns are its axes.
+        finger: (k,), which fingertip each contact is on, 0 to n - 1; all on fingertip 0 if not given.
+        last: (n, 3), the places of the last step, for fingertips that nothing touches; the middle of
+            the pad if not given.
+
+    Raises:
+        InvalidArgument: a shape is wrong, a number is not finite, a rotation is none, or there is no such
+            fingertip.
+    """
+    points, forces = _rows("points", points), _rows("forces", forces)
+    if len(points) != len(forces):
+        raise InvalidArgument(f"{len(points)} points and {len(forces)} forces: expected as many of each")
+    origins, rotations = _poses(sensor_position, sensor_rotation)
+    count = len(origins)
+    on = _fingers(finger, len(points), count)
+    places = np.einsum("kji,kj->ki", rotations[on], points - origins[on])
+    pushes = np.einsum("kji,kj->ki", rotations[on], forces)
+    held = np.tile(np.array(PAD), (count, 1)) if last is None else _rows("last", last).copy()
+    if len(held) != count:
+        raise InvalidArgument(f"last has {len(held)} places: expected one for each of {count} fingertips")
+    return _sample(places, pushes, on, held)
+
+
+def _sample(
+    places: NDArray[np.float64],
+    pushes: NDArray[np.float64],
+    on: NDArray[np.int64],
+    held: NDArray[np.float64],
+) -> ContactSample:
+    """From contacts in the sensors' frames; `held` (n, 3) becomes the positions."""
+    skin, count = Fingertip.biotac_2p(), len(held)
+    sizes = np.linalg.norm(pushes, axis=1)
+    pressing = sizes > 0.0
+    places, pushes, on, sizes = places[pressing], pushes[pressing], on[pressing], sizes[pressing]
+    # Contacts of one fingertip stand together, so that only they are compared.
+    order = np.argsort(on, kind="stable")
+    places, pushes, on, sizes = places[order], pushes[order], on[order], sizes[order]
+    starts = np.searchsorted(on, np.arange(count + 1))
+    force, height, left_out = np.zeros((count, 3)), np.zeros(count), np.zeros(count)
+    touched = np.diff(starts) > 0
+    alone = np.flatnonzero(np.diff(starts) == 1)
+    first = starts[alone]
+    held[alone], force[alone] = skin.nearest(places[first]), pushes[first]
+    height[alone] = skin.height(places[first])
+    for one in np.flatnonzero(np.diff(starts) > 1):
+        own = slice(starts[one], starts[one + 1])
+        near = np.linalg.norm(places[own, None] - places[own], axis=2) <= PATCH_M
+        patch = near[int(np.argmax(near @ sizes[own]))]
+        weights = sizes[own] * patch
+        held[one] = skin.nearest((weights @ places[own] / weights.sum())[None])[0]
+        force[one] = pushes[own][patch].sum(axis=0)
+        height[one] = weights @ skin.height(places[own]) / weights.sum()
+        left_out[one] = sizes[own][~patch].sum()
+    return ContactSample(held, force, touched, height, left_out)
+
+
+def _rows(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    try:
+        array = np.asarray(values, dtype=np.float64)
+        rows = array.reshape(-1, 3) if array.size else np.empty((0, 3))
+    except (TypeError, ValueError):
+        raise InvalidArgument(f"{name} has shape {np.shape(values)}: expected (k, 3) numbers") from None
+    if array.ndim > 2 or (array.size and array.shape[-1] != 3):
+        raise InvalidArgument(f"{name} has shape {array.shape}: expected (k, 3)")
+    finite = np.isfinite(rows).all(axis=1)
+    if not finite.all():
+        row = int(np.argmin(finite))
+        raise InvalidArgument(f"{name}[{row}] is {rows[row].tolist()}: expected finite numbers")
+    return rows
+
+
+def _poses(positions: ArrayLike, rotations: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    origins = _rows("sensor_position", positions)
+    try:
+        turned = np.asarray(rotations, dtype=np.float64).reshape(len(origins), 3, 3)
+    except (TypeError, ValueError):
+        raise InvalidArgument(
+            f"sensor_rotation has shape {np.shape(rotations)}: expected ({len(origins)}, 3, 3), a matrix "
+            "for each sensor"
+        ) from None
+    errors = np.abs(turned @ turned.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    wrong = ~(errors <= _ROTATION_TOLERANCE) | (np.linalg.det(turned) < 0.0)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise InvalidArgument(
+            f"sensor_rotation[{row}] is {turned[row].tolist()}: expected a rotation matrix, with "
+            "orthogonal unit columns and determinant 1"
+        )
+    return origins, turned
+
+
+def _fingers(finger: ArrayLike | None, contacts: int, count: int) -> NDArray[np.int64]:
+    if finger is None:
+        return np.zeros(contacts, np.int64)
+    on = np.asarray(finger)
+    if on.shape != (contacts,) or (on.size and on.dtype.kind not in "iu"):
+        raise InvalidArgument(
+            f"finger is {on.dtype} of shape {on.shape}: expected ({contacts},) whole numbers"
+        )
+    if on.size and (on.min() < 0 or on.max() >= count):
+        raise InvalidArgument(f"finger is {on.min()} to {on.max()}: expected 0 to {count - 1}")
+    return on.astype(np.int64)

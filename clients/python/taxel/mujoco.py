@@ -1,0 +1,180 @@
+"""BioTac fingertips in MuJoCo: 21 channels in `data.sensordata`, without a plugin.
+
+    spec = mujoco.MjSpec.from_file("hand.xml")
+    taxel.mujoco.add_sensor(spec, site="biotac")
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    tips = taxel.mujoco.Fingertips(model, predictor)
+    while True:
+        mujoco.mj_step(model, data)
+        tips.step(data)  # data.sensor("biotac_taxel").data has the channels
+
+The site is the sensor's frame (`taxel.skin`): x to the tip, z out of the nail. Needs MuJoCo 3.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.channels import CHANNELS
+from taxel.contacts import ContactSample, fingertip_contacts
+from taxel.errors import InvalidArgument
+from taxel.predictor import Predictor
+from taxel.remote import RemotePredictor
+from taxel.windows.combinations import PERIOD_NS
+
+_TICK_S: Final = PERIOD_NS / 1e9
+_NETFORCE: Final = 14
+"""Numbers of a contact sensor with the fields found, force, torque, dist, pos, normal."""
+
+
+def add_sensor(spec: Any, site: str) -> str:
+    """Add a user sensor for the channels of the fingertip whose frame is a site.
+
+    Args:
+        spec: a `mujoco.MjSpec`.
+        site: the name of the site.
+
+    Returns:
+        The sensor's name: the site's, and `_taxel`.
+    """
+    name = f"{site}_taxel"
+    spec.add_sensor(
+        name=name,
+        type=mujoco.mjtSensor.mjSENS_USER,
+        objtype=mujoco.mjtObj.mjOBJ_SITE,
+        objname=site,
+        dim=len(CHANNELS),
+        needstage=mujoco.mjtStage.mjSTAGE_ACC,
+        datatype=mujoco.mjtDataType.mjDATATYPE_REAL,
+    )
+    return name
+
+
+class Fingertips:
+    """All fingertips of a model: the sites that have a user sensor of 21 numbers.
+
+    Args:
+        model: a `mujoco.MjModel`.
+        predictor: local or remote; a remote one is never waited for.
+        contacts: for each fingertip, the name of a contact sensor with `num="1"`, `reduce="netforce"` and
+            `data="found force torque dist pos normal"` whose first object is the fingertip. If not
+            given, all contacts of the geoms of the site's body count; only then are contacts that are far
+            apart told from each other.
+
+    Attributes:
+        sites: the numbers of the sites, in the order of fingertips.
+        contact: what touches each fingertip, since the last step.
+        fingers: their clocks, pasts and channels.
+
+    Raises:
+        InvalidArgument: no site has such a sensor, or a contact sensor is none.
+    """
+
+    def __init__(self, model: Any, predictor: Predictor, contacts: Sequence[str] | None = None) -> None:
+        users = np.flatnonzero(
+            (model.sensor_type == mujoco.mjtSensor.mjSENS_USER)
+            & (model.sensor_objtype == mujoco.mjtObj.mjOBJ_SITE)
+            & (model.sensor_dim == len(CHANNELS))
+        )
+        if not len(users):
+            raise InvalidArgument(
+                "the MuJoCo model has no user sensor of 21 numbers on a site: add one with "
+                "taxel.mujoco.add_sensor, or in XML: "
+                "<user objtype='site' objname='biotac' dim='21' needstage='acc'/>"
+            )
+        self._model = model
+        self.sites: NDArray[np.int64] = model.sensor_objid[users].astype(np.int64)
+        self._addresses = model.sensor_adr[users]
+        self._nets = None if contacts is None else [self._net(name) for name in contacts]
+        if self._nets is not None and len(self._nets) != len(users):
+            raise InvalidArgument(
+                f"{len(self._nets)} contact sensors: expected one for each of {len(users)} fingertips"
+            )
+        # The fingertip of each geom, or -1.
+        bodies = {int(body): number for number, body in enumerate(model.site_bodyid[self.sites])}
+        self._finger_of = np.array([bodies.get(int(body), -1) for body in model.geom_bodyid], np.int64)
+        self._wait = not isinstance(predictor, RemotePredictor)
+        # Where ticks fall on steps, the steps between them change no window, and are left out.
+        steps = round(_TICK_S / model.opt.timestep)
+        on_steps = steps > 1 and abs(steps * model.opt.timestep - _TICK_S) < 1e-9
+        self._least_s = _TICK_S - 0.5 * model.opt.timestep if on_steps else 0.0
+        rate_hz = 1.0 / _TICK_S if on_steps else 1.0 / model.opt.timestep
+        self.fingers = predictor.fingers(len(users), rate_hz=rate_hz)
+        self.contact: ContactSample | None = None
+        self._time: float | None = None
+
+    def step(self, data: Any) -> NDArray[np.float32]:
+        """Take the contacts of a `mujoco.MjData` after `mj_step`, and put the newest channels into it.
+
+        They are in `data.sensordata` until the next step, in which MuJoCo clears user sensors. If time has
+        gone back, as after `mj_resetData`, all fingertips begin again.
+
+        Returns:
+            (fingertips, 21) float32, counts.
+
+        Raises:
+            RequestError: no prediction could be had; see `taxel.fingers.Fingers.step`.
+        """
+        if self._time is not None and data.time < self._time:
+            self.fingers.reset()
+            self.contact = None
+            self._time = None
+        elapsed = None if self._time is None else data.time - self._time
+        if elapsed is None or elapsed > self._least_s:
+            self._time = data.time
+            self._sense(data, elapsed)
+        channels = self.fingers.channels
+        for address, values in zip(self._addresses, channels, strict=True):
+            data.sensordata[address : address + len(CHANNELS)] = values
+        return channels
+
+    def _sense(self, data: Any, elapsed: float | None) -> None:
+        """Take the contacts as they are now, `elapsed` seconds after the last ones."""
+        points, forces, on = self._contacts(data) if self._nets is None else self._net_contacts(data)
+        rotations = data.site_xmat[self.sites].reshape(-1, 3, 3)
+        last = None if self.contact is None else self.contact.position
+        self.contact = fingertip_contacts(
+            points, forces, data.site_xpos[self.sites], rotations, finger=on, last=last
+        )
+        self.fingers.step(self.contact.position, self.contact.force, elapsed, wait=self._wait)
+
+    def close(self) -> None:
+        """End the thread that asks a remote predictor."""
+        self.fingers.close()
+
+    def _contacts(self, data: Any) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+        """Points, forces on the finger, and fingertips of all contacts; world frame."""
+        geoms = np.asarray(data.contact.geom).reshape(-1, 2)
+        fingers = np.where(geoms >= 0, self._finger_of[geoms], -1)
+        points, forces, on = [], [], []
+        wrench = np.zeros(6)
+        for number, place in zip(*np.nonzero(fingers >= 0), strict=True):
+            mujoco.mj_contactForce(self._model, data, int(number), wrench)
+            # MuJoCo tells the force on the second geom; rows of the frame are the contact's axes.
+            force = data.contact.frame[number].reshape(3, 3).T @ wrench[:3]
+            points.append(data.contact.pos[number])
+            forces.append(force if place else -force)
+            on.append(fingers[number, place])
+        return np.reshape(points, (-1, 3)), np.reshape(forces, (-1, 3)), np.array(on, np.int64)
+
+    def _net(self, name: str) -> int:
+        """The address of a contact sensor."""
+        number = mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_SENSOR, name)
+        if number < 0 or self._model.sensor_dim[number] != _NETFORCE:
+            raise InvalidArgument(
+                f"{name!r}: expected a contact sensor with num='1', reduce='netforce' and "
+                "data='found force torque dist pos normal'"
+            )
+        return int(self._model.sensor_adr[number])
+
+    def _net_contacts(
+        self, data: Any
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+        rows = np.array([data.sensordata[address : address + _NETFORCE] for address in self._nets or ()])
+        on = np.flatnonzero(rows[:, 0] > 0)
+        # The sensor tells what its first object does to the other.
+        return rows[on, 8:11], -rows[on, 1:4], on

@@ -1,0 +1,78 @@
+"""How the asynchronous face waits: in its event loop, with no thread for a call."""
+
+import asyncio
+from asyncio import AbstractEventLoop, Future
+from contextlib import suppress
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from typing_extensions import override
+
+from taxel.errors import DeadlineExceeded, RequestError
+from taxel.lane.async_client import AsyncLane
+from taxel.remote.query_transport import QueryTransport
+from taxel.remote.waiting import Reply, Waiting
+
+_PATIENCE_S: Final = 1.0
+"""How much longer than a query's timeout its transport may take to tell that it has passed."""
+
+
+class AwaitedCalls(Waiting[AsyncLane]):
+    """All calls wait in one event loop.
+
+    Args:
+        loop: the running loop.
+    """
+
+    def __init__(self, loop: AbstractEventLoop) -> None:
+        self._loop = loop
+
+    @override
+    async def ask(
+        self, transport: QueryTransport, key: str, payload: bytes | None, timeout: float
+    ) -> bytes:
+        answer: Future[bytes] = self._loop.create_future()
+
+        def settle(outcome: bytes | RequestError) -> None:
+            # A call that was cancelled or is late does not wait any more.
+            if not answer.done():
+                if isinstance(outcome, RequestError):
+                    answer.set_exception(outcome)
+                else:
+                    answer.set_result(outcome)
+
+        def done(outcome: bytes | RequestError) -> None:
+            # The loop may be closed by now.
+            with suppress(RuntimeError):
+                self._loop.call_soon_threadsafe(settle, outcome)
+
+        def late() -> None:
+            settle(DeadlineExceeded(f"{transport.endpoint}: no answer to {key} within {timeout:g} s"))
+
+        transport.send(key, payload, timeout, done)
+        timer = self._loop.call_later(timeout + _PATIENCE_S, late)
+        try:
+            return await answer
+        finally:
+            timer.cancel()
+
+    @override
+    async def open_lane(self, address: str) -> AsyncLane:
+        return await AsyncLane.open(address)
+
+    @override
+    async def ask_lane(
+        self,
+        lane: AsyncLane,
+        path: str,
+        windows: NDArray[np.float32],
+        timeout: float,
+        wait: float,
+        spread: bool,
+    ) -> Reply:
+        return await lane.infer(path, windows, timeout, wait, spread=spread)
+
+    @override
+    async def sleep(self, seconds: float) -> None:
+        await asyncio.sleep(seconds)

@@ -1,0 +1,67 @@
+"""The seam between the client and what carries its messages: a key and a payload, and one answer.
+
+zenoh is one such transport; the server's memory transport is another. The lane carries frames instead, and
+only inference (`taxel.lane`).
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import ClassVar, Literal
+
+from taxel.errors import RequestError
+
+Done = Callable[[bytes | RequestError], None]
+"""Called with the result of a query."""
+
+
+class QueryTransport(ABC):
+    """Queries the keys of a server; each query has one answer. Thread-safe.
+
+    Attributes:
+        name: what a predictor calls it.
+        endpoint: where the server is, for error texts.
+    """
+
+    name: ClassVar[Literal["zenoh", "memory"]]
+    endpoint: str
+
+    @property
+    @abstractmethod
+    def connected(self) -> bool:
+        """Whether queries can reach a server now."""
+
+    @abstractmethod
+    def start(self, key: str, payload: bytes | None, timeout: float) -> Callable[[], bytes]:
+        """Send a query at once, and return a function that waits for its answer; call it once.
+
+        Args:
+            key: the key to query.
+            payload: the content of the query.
+            timeout: seconds to wait for the answer.
+
+        Raises:
+            RequestError: by the function returned: the server's typed error; `DeadlineExceeded` if the
+                answer does not come in time; `ServerLost`, `PermissionDenied` or `Unavailable` if there
+                is none.
+        """
+
+    @abstractmethod
+    def send(self, key: str, payload: bytes | None, timeout: float, done: Done) -> None:
+        """Send a query without waiting. Any number of such queries may be in flight.
+
+        Args:
+            key, payload, timeout: as in `start`.
+            done: called exactly once with the answer, or with the error that `start` would raise, on any
+                thread. It must return quickly.
+        """
+
+    @abstractmethod
+    def silence(self, key: str) -> RequestError:
+        """The error of a query that was ended early and without an answer."""
+
+    def prepare(self, key: str, timeout: float) -> None:  # noqa: B027 (most have nothing to prepare)
+        """Many queries of this key and timeout will follow."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """End it. Later queries raise `Unavailable`."""

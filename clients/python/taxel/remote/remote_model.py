@@ -1,0 +1,35 @@
+"""A model of a server, as requests and replies need it."""
+
+from taxel.envelopes import RequestWriter
+from taxel.errors import InvalidArgument
+from taxel.manifest import Manifest
+from taxel.predictor import Timing
+from taxel.protocol import InferResponse, model_key, model_path
+
+
+class RemoteModel:
+    """What all requests for one model have in common."""
+
+    def __init__(self, manifest: Manifest, prefix: str) -> None:
+        self.manifest = manifest
+        self.path = model_path(manifest.name, manifest.version, "infer")
+        self.key = model_key(prefix, manifest.name, manifest.version, "infer")
+        self.writer = RequestWriter()
+
+    def check_gives_base(self) -> None:
+        """Raise if a server cannot give the base.
+
+        Raises:
+            InvalidArgument: the model is corrected.
+        """
+        if self.manifest.effects:
+            label = f"{self.manifest.name}/{self.manifest.version}"
+            raise InvalidArgument(
+                f"{label} is corrected, and a server gives corrected counts only: "
+                "expected a model of taxel.load"
+            )
+
+
+def timing_of(reply: InferResponse) -> Timing:
+    """How long the server took for a reply."""
+    return Timing(reply.queue_us, reply.compute_us, reply.batch_rows)

@@ -1,0 +1,203 @@
+"""Windows of many fingertips at once, each with a clock of its own."""
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.errors import InvalidArgument
+from taxel.windows.combinations import PERIOD_NS, WindowSpec
+from taxel.windows.extras import ExtraFeature
+from taxel.windows.history import Lagged, Recursive, followed
+from taxel.windows.samples import gap_of, period_of, rows_are_ticks
+from taxel.windows.window_columns import window_columns
+
+_SECONDS: Final = 6
+"""The column of a tick that holds the seconds since the fingertip's first; before it: position, force."""
+
+
+class FingerWindows:
+    """Builds the newest window of each fingertip; the same numbers as a `WindowStream` of its own.
+
+    Args:
+        spec: what a window holds.
+        fingers: how many fingertips there are.
+        rate_hz: how often samples come. Near 100 Hz each sample is a tick; at any other rate
+            ticks are interpolated between samples.
+        extras: further columns behind the window's.
+    """
+
+    def __init__(
+        self,
+        spec: WindowSpec,
+        fingers: int,
+        *,
+        rate_hz: float = 100.0,
+        extras: Sequence[ExtraFeature] = (),
+    ) -> None:
+        if fingers < 1:
+            raise InvalidArgument(f"fingers is {fingers}: expected at least 1")
+        self.spec, self.fingers = spec, fingers
+        self.period_ns = period_of(rate_hz)
+        self._rows_are_ticks, self._gap_ns = rows_are_ticks(self.period_ns), gap_of(self.period_ns)
+        self._extras = tuple(extras)
+        self._needed = spec.look_back + spec.look_ahead + 1
+        histories = [extra.history for extra in extras if extra.history is not None]
+        lags = [history.lag for history in histories if isinstance(history, Lagged)]
+        # The oldest tick that is needed: a window's, or a feature's before the window's moment.
+        self._depth = max(self._needed, spec.look_ahead + 1 + max(lags, default=0))
+        self._ticks = np.zeros((self._depth, fingers, _SECONDS + 1))
+        self._features = np.zeros((self._depth, fingers, len(extras)))
+        self._states = np.zeros((len(extras), fingers))
+        self._count = np.zeros(fingers, np.int64)
+        self._now_ns = np.zeros(fingers, np.int64)
+        self._next_tick_ns = np.zeros(fingers, np.int64)
+        self._first_ns = np.zeros(fingers, np.int64)
+        self._started = np.zeros(fingers, np.bool_)
+        self.given = [extra.name for extra in extras if extra.history is None]
+        self._column_of = {name: _SECONDS + place for place, name in enumerate(self.given)}
+        self._defaults = np.array([0.0] * _SECONDS + [e.default for e in extras if e.history is None])
+        self._previous = np.tile(self._defaults, (fingers, 1))
+
+    def reset(self, ids: NDArray[np.int64]) -> None:
+        """Forget all samples of these fingertips, as at the start of an episode."""
+        self._count[ids] = 0
+        self._now_ns[ids] = 0
+        self._started[ids] = False
+        self._previous[ids] = self._defaults
+
+    def prime(
+        self, ids: NDArray[np.int64], position: NDArray[np.float64], force: NDArray[np.float64]
+    ) -> None:
+        """Begin as if these fingertips had been touched so, without a change, for long.
+
+        Args:
+            ids: (m,), the fingertips.
+            position: (m, 3), m.
+            force: (m, 3), N.
+        """
+        self.reset(ids)
+        sample = self._sample(ids, position, force)
+        self._first_ns[ids] = 0
+        start = -self._depth * PERIOD_NS
+        for tick in range(self._depth):
+            self._tick(
+                ids, np.full(len(ids), start + tick * PERIOD_NS), sample, new=np.full(len(ids), not tick)
+            )
+        self._previous[ids], self._started[ids] = sample, True
+        self._next_tick_ns[ids] = 0
+
+    def _sample(
+        self,
+        ids: NDArray[np.int64],
+        position: NDArray[np.float64],
+        force: NDArray[np.float64],
+        given: Mapping[str, NDArray[np.float64]] | None = None,
+    ) -> NDArray[np.float64]:
+        """Columns of samples (m, 6 + given): an extra feature keeps its last value where none is given."""
+        sample = self._previous[ids]
+        sample[:, :3], sample[:, 3:6] = position, force
+        for name, values in (given or {}).items():
+            sample[:, self._column_of[name]] = values
+        return sample
+
+    def step(
+        self,
+        position: NDArray[np.float64],
+        force: NDArray[np.float64],
+        dt_ns: NDArray[np.int64],
+        given: Mapping[str, NDArray[np.float64]] | None = None,
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """Take the next sample of every fingertip.
+
+        Args:
+            position: (fingers, 3), m, in each sensor's frame.
+            force: (fingers, 3), N.
+            dt_ns: (fingers,), the time since each one's last sample; of a first sample it does not count.
+            given: values (fingers,) of extra features that have no history. A value holds until the next.
+
+        Returns:
+            The fingertips whose newest window is complete and new, (m,), and these windows, (m, f) float32.
+        """
+        sample = self._sample(np.arange(self.fingers), position, force, given)
+        first = ~self._started
+        now = np.where(first, 0, self._now_ns + dt_ns)
+        begins = first | (dt_ns > self._gap_ns)
+        self._first_ns[first] = now[first]
+        self._next_tick_ns[begins] = now[begins]
+        due = np.ones(self.fingers, np.bool_) if self._rows_are_ticks else self._next_tick_ns <= now
+        new, ticked = begins.copy(), due.copy()
+        while due.any():
+            ids = np.flatnonzero(due)
+            if self._rows_are_ticks:
+                times, values = now[ids], sample[ids]
+            else:
+                times = self._next_tick_ns[ids]
+                values = self._between(ids, times, now[ids], sample[ids], begins[ids])
+            self._tick(ids, times, values, new=new[ids])
+            self._next_tick_ns[ids] = times + PERIOD_NS
+            new[ids] = False
+            due = np.zeros_like(due) if self._rows_are_ticks else self._next_tick_ns <= now
+        self._now_ns, self._previous = now, sample
+        self._started[:] = True
+        ready = np.flatnonzero(ticked & (self._count >= self._needed))
+        return ready, self._windows(ready)
+
+    def _between(
+        self,
+        ids: NDArray[np.int64],
+        times: NDArray[np.int64],
+        now: NDArray[np.int64],
+        sample: NDArray[np.float64],
+        begins: NDArray[np.bool_],
+    ) -> NDArray[np.float64]:
+        """Samples (m, 6 + given), interpolated at `times`; where a segment begins, the newest one."""
+        before, since = self._previous[ids], self._now_ns[ids]
+        exact = begins | (times == now)
+        weight = (times - since) / np.where(exact, 1, now - since)
+        return np.where(exact[:, None], sample, before + weight[:, None] * (sample - before))
+
+    def _tick(
+        self,
+        ids: NDArray[np.int64],
+        times: NDArray[np.int64],
+        values: NDArray[np.float64],
+        *,
+        new: NDArray[np.bool_],
+    ) -> None:
+        """Take a tick of some fingertips; `new` where it is the first of a segment."""
+        self._count[ids[new]] = 0
+        count = self._count[ids]
+        seconds = (times - self._first_ns[ids]) / 1e9
+        tick = np.column_stack([values[:, :_SECONDS], seconds])
+        slot = count % self._depth
+        self._ticks[slot, ids] = tick
+        for column, extra in enumerate(self._extras):
+            history = extra.history
+            if history is None:
+                self._features[slot, ids, column] = values[:, self._column_of[extra.name]]
+            elif isinstance(history, Recursive):
+                u = followed(history.of, tick)
+                state = np.where(new, u, history.follow(self._states[column, ids], u))
+                self._states[column, ids] = state
+                self._features[slot, ids, column] = history.value(state, u)
+            elif isinstance(history, Lagged):
+                back = (count - np.minimum(history.lag, count)) % self._depth
+                self._features[slot, ids, column] = history.value(tick, self._ticks[back, ids])
+            else:
+                self._features[slot, ids, column] = history.column(tick)
+        self._count[ids] += 1
+
+    def _windows(self, ids: NDArray[np.int64]) -> NDArray[np.float32]:
+        newest = self._count[ids] - 1 - self.spec.look_ahead
+
+        def around(step: int) -> NDArray[np.float64]:
+            found: NDArray[np.float64] = self._ticks[(newest + step - self.spec.shift) % self._depth, ids]
+            return found
+
+        columns = window_columns(
+            self.spec, lambda step: around(step)[:, :3], lambda step: around(step)[:, 3:6]
+        )
+        columns.append(self._features[newest % self._depth, ids])
+        return np.concatenate(columns, axis=1).astype(np.float32)

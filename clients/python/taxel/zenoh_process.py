@@ -1,0 +1,64 @@
+"""zenoh and forks: a session, and zenoh itself, work only in the process that opened the first session.
+
+zenoh's threads do not exist in a process that was forked later. There, a query, a new session, and even
+the end of a session would wait forever.
+"""
+
+import ctypes
+import os
+from typing import Final, Protocol
+from weakref import WeakSet
+
+import zenoh
+
+from taxel.errors import Unavailable
+
+AFTER_FORK: Final = (
+    "connections do not survive a fork: start processes with multiprocessing's 'spawn' or 'forkserver', "
+    "and connect in each of them; or connect only after the fork, and in no process before it"
+)
+"""What to do in a process that was forked from one with a session."""
+
+
+class HoldsSessions(Protocol):
+    """Has zenoh's objects that must not end in a forked process."""
+
+    def zenoh_objects(self) -> list[object]:
+        """The session, and what was declared on it."""
+
+
+_HOLDERS: Final[WeakSet[HoldsSessions]] = WeakSet()
+_first_process: int | None = None
+"""The process that opened the first session: an ancestor, if this process was forked."""
+
+
+def open_session(config: zenoh.Config) -> zenoh.Session:
+    """Open a session.
+
+    Raises:
+        Unavailable: this process was forked from one that has opened a session.
+        zenoh.ZError: the session cannot be opened.
+    """
+    global _first_process
+    if _first_process not in (None, os.getpid()):
+        raise Unavailable(
+            f"process {_first_process} used zenoh before it forked this process: {AFTER_FORK}"
+        )
+    _first_process = os.getpid()
+    return zenoh.open(config)
+
+
+def leave_behind_after_fork(holder: HoldsSessions) -> None:
+    """In processes that are forked later, leave zenoh's objects of this holder as they are."""
+    _HOLDERS.add(holder)
+
+
+def _leave_behind() -> None:
+    for holder in _HOLDERS:
+        for item in holder.zenoh_objects():
+            # One reference that is never given back: zenoh's end of the object would wait forever.
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(item))
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_leave_behind)

@@ -1,0 +1,1 @@
+"""What to record next, where a recording cannot tell two causes apart."""

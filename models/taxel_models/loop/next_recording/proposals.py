@@ -1,0 +1,133 @@
+"""Proposals: for two causes that cannot be told apart, the shortest protocol that most likely does it."""
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from taxel.manifest import HeldOutResidual
+from taxel_models.loop.attribution import Named
+from taxel_models.loop.effects.covariate import are_kinds
+from taxel_models.loop.effects.temperature import TDC
+from taxel_models.loop.findings import NextRecording
+from taxel_models.loop.inference.constants import DECLARED
+from taxel_models.loop.next_recording.fitted import Fitted, fitted_in_place
+from taxel_models.loop.next_recording.rehearsal import Ground, Rehearsal, rehearse
+from taxel_models.loop.observations import Observations
+from taxel_models.loop.pipeline import LoopResult
+from taxel_models.loop.resting import TOUCH_N
+from taxel_models.twin.protocol import RecordingProtocol
+from taxel_models.twin.protocol_menu import in_turn, menu
+from taxel_models.twin.temperature import on_for
+
+MOST_PAIRS: Final = 3
+"""Pairs of causes that are looked at, in the order in which they were named: each takes some seconds."""
+
+FORCE_N: Final = (0.5, 8.0)
+"""Limits of the force that is proposed."""
+
+FEWEST_RIGHT: Final = 8
+"""Of the ten decisions on simulated recordings of a protocol, for it to be proposed."""
+
+_FORCE_QUANTILE: Final = 0.9
+_MOST_KINDS: Final = 12
+"""Values of a column that a protocol takes in turn."""
+
+
+def propose(
+    result: LoopResult,
+    *,
+    reference: HeldOutResidual | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> LoopResult:
+    """The result with what to record next in its findings.
+
+    Args:
+        reference: the model's own held-out residual, in place of that of its manifest.
+        progress: is told what is looked at.
+    """
+    split = result.findings.split
+    attribution = result.attribution
+    ground = Ground(
+        attribution.observations,
+        result.blocks,
+        attribution.residual,
+        bool(split["measured_temperature"]),
+        reference or result.observations.manifest.held_out_residual,
+        replace(DECLARED, least_share=float(split["least_share"])),
+    )
+    proposals = []
+    for named, name in list(_pairs(attribution.named))[:MOST_PAIRS]:
+        if progress is not None:
+            progress(f"what would tell {named.name} from {name}")
+        other = fitted_in_place(
+            result.observations, result.blocks, attribution, named, name, ground.reference, ground.constants
+        )
+        if other is not None:
+            proposals.append(_proposal(ground, Fitted.of(named), other))
+    numbered = tuple(_with_file(one, number) for number, one in enumerate(proposals, 1))
+    return replace(result, findings=result.findings.model_copy(update={"next_recordings": numbered}))
+
+
+def _pairs(named: tuple[Named, ...]) -> Iterator[tuple[Named, str]]:
+    """Each named effect with those that could stand for it; a pair comes once."""
+    told = set()
+    for one in named:
+        for name in one.confounded_with:
+            pair = frozenset({one.name, name})
+            if pair not in told:
+                told.add(pair)
+                yield one, name
+
+
+def _proposal(ground: Ground, first: Fitted, second: Fitted) -> NextRecording:
+    best: tuple[RecordingProtocol, Rehearsal] | None = None
+    for protocol in _protocols(ground.observations, first, second):
+        must_exceed = FEWEST_RIGHT - 1 if best is None else best[1].right
+        found = rehearse(ground, protocol, (first, second), must_exceed=must_exceed, seed=0)
+        if found is not None:
+            best = protocol, found
+        if best is not None and best[1].right == best[1].simulated:
+            break
+    causes = (first.name, second.name)
+    if best is None:
+        return NextRecording(causes=causes)
+    protocol, found = best
+    return NextRecording(
+        causes=causes,
+        protocol=protocol,
+        duration_s=protocol.duration_s,
+        simulated=found.simulated,
+        right=found.right,
+    )
+
+
+def _protocols(observations: Observations, *causes: Fitted) -> list[RecordingProtocol]:
+    """The menu for these causes, the shortest first, with a finger as warm as in the recordings at hand."""
+    touched = observations.pressed[observations.pressed > TOUCH_N]
+    usual = float(np.quantile(touched, _FORCE_QUANTILE)) if len(touched) else FORCE_N[0]
+    force = round(float(np.clip(usual, *FORCE_N)), 1)
+    columns = [name.partition(":")[2] for name in (cause.name for cause in causes) if ":" in name]
+    protocols = [] if columns else list(menu(force))
+    for column in columns:
+        values = np.unique(observations.covariates[column])
+        if are_kinds(values):
+            values = values[:: -(-len(values) // _MOST_KINDS)]
+        else:
+            values = np.quantile(observations.covariates[column], np.linspace(0.05, 0.95, 5))
+        protocols.append(in_turn(force, column, values.tolist()))
+    tdc = observations.covariates.get(TDC)
+    if tdc is not None:
+        warm_s = round(on_for(float(tdc.mean())))
+        as_warm = {"on_for_s": float(warm_s)}
+        protocols = [one.model_copy(update=as_warm) for one in protocols]
+    return sorted(protocols, key=lambda protocol: protocol.duration_s)
+
+
+def _with_file(proposal: NextRecording, number: int) -> NextRecording:
+    if proposal.protocol is None:
+        return proposal
+    causes = "-".join(re.sub("[^A-Za-z0-9]+", "-", cause) for cause in proposal.causes)
+    return proposal.model_copy(update={"file": f"next-{number}-{causes}.json"})

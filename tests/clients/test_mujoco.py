@@ -1,0 +1,110 @@
+"""Fingertips in MuJoCo: right place, right sign, no step that waits."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import taxel
+import taxel.mujoco
+from taxel.errors import InvalidArgument
+from taxel.local import shipped_repository
+from taxel.predictor import Predictor
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "mujoco_fingertip.py"
+WEIGHT_N = 0.1 * 9.81
+SCENE = """
+<mujoco>
+  <worldbody>
+    <geom type="box" size="0.2 0.2 0.01" pos="0 0 -0.01"/>
+    <body name="left" pos="0 0 0.007" euler="0 0 90"><freejoint/>
+      <geom name="tip" type="sphere" size="0.007" mass="0.1"/>
+      <site name="left"/>
+    </body>
+    <body name="right" pos="0.1 0 0.5"><geom type="sphere" size="0.007"/><site name="right"/></body>
+  </worldbody>
+  <sensor>
+    <contact name="net" geom1="tip" num="1" data="found force torque dist pos normal" reduce="netforce"/>
+  </sensor>
+</mujoco>
+"""
+
+
+@pytest.fixture(scope="module")
+def predictor() -> Predictor:
+    return taxel.load(shipped_repository()).predictor("xgb")
+
+
+def scene(*sites: str) -> mujoco.MjModel:
+    spec = mujoco.MjSpec.from_string(SCENE)
+    for site in sites:
+        taxel.mujoco.add_sensor(spec, site)
+    return spec.compile()
+
+
+def test_a_finger_that_rests_on_a_box_carries_its_weight(predictor: Predictor) -> None:
+    model = scene("left", "right")
+    data = mujoco.MjData(model)
+    tips = taxel.mujoco.Fingertips(model, predictor)
+    for _ in range(300):
+        mujoco.mj_step(model, data)
+        tips.step(data)
+    assert tips.contact is not None
+    np.testing.assert_allclose(tips.contact.force[0], [0, 0, WEIGHT_N], atol=1e-3)
+    np.testing.assert_allclose(tips.contact.position[0], [0, 0, -0.007], atol=1e-5)
+    assert tips.contact.touched.tolist() == [True, False]
+    window = np.zeros((2, 12), np.float32)
+    window[:, :3], window[0, [5, 8, 11]] = tips.contact.position, tips.contact.force[0, 2]
+    expected = predictor.predict(window)
+    # The resting finger's force is steady to the last bits only, so a threshold may lie between.
+    np.testing.assert_allclose(data.sensor("left_taxel").data, expected[0], atol=25)
+    np.testing.assert_array_equal(data.sensor("right_taxel").data, expected[1])
+
+
+def test_the_contact_sensor_tells_the_same(predictor: Predictor) -> None:
+    model = scene("left")
+    data = mujoco.MjData(model)
+    every = taxel.mujoco.Fingertips(model, predictor)
+    net = taxel.mujoco.Fingertips(model, predictor, contacts=["net"])
+    for _ in range(60):
+        mujoco.mj_step(model, data)
+        every.step(data)
+        net.step(data)
+    assert every.contact is not None
+    assert net.contact is not None
+    np.testing.assert_allclose(net.contact.force, every.contact.force, atol=1e-9)
+    np.testing.assert_allclose(net.contact.position, every.contact.position, atol=1e-9)
+
+
+def test_a_reset_of_the_simulation_is_one_of_the_fingers(predictor: Predictor) -> None:
+    model = scene("left")
+    data = mujoco.MjData(model)
+    tips = taxel.mujoco.Fingertips(model, predictor)
+    runs = []
+    for _ in range(2):
+        mujoco.mj_resetData(model, data)
+        channels = []
+        for _ in range(80):
+            mujoco.mj_step(model, data)
+            channels.append(tips.step(data)[0])
+        runs.append(np.array(channels))
+    np.testing.assert_array_equal(runs[0], runs[1])
+
+
+def test_a_model_without_a_sensor_is_told(predictor: Predictor) -> None:
+    with pytest.raises(InvalidArgument, match="no user sensor of 21 numbers"):
+        taxel.mujoco.Fingertips(scene(), predictor)
+    with pytest.raises(InvalidArgument, match="'wrist': expected a contact sensor"):
+        taxel.mujoco.Fingertips(scene("left"), predictor, contacts=["wrist"])
+
+
+def test_the_example_runs(tmp_path: Path) -> None:
+    command = [sys.executable, str(EXAMPLE), "--json", "--plot", str(tmp_path / "picture.png")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert set(json.loads(done.stdout)) == {"physics_alone", "real_time_factor", "median_us", "p99_us"}
+    assert (tmp_path / "picture.png").stat().st_size > 10_000
