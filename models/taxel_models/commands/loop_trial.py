@@ -1,5 +1,7 @@
 """`taxel loop-trial`: causes are injected, the loop has to find them without knowing, and is marked."""
 
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal
 
@@ -15,7 +17,8 @@ from taxel.errors import SettingsError
 
 if TYPE_CHECKING:
     from taxel_models.ground.ground import Ground
-    from taxel_models.recovery.rounds import Round, Summary
+    from taxel_models.recovery.rounds import Rate, Round, Summary
+    from taxel_models.recovery.sensitivity import Sensitivity
 
 GroundName = Literal["twin", "slide", "lasa"]
 
@@ -67,6 +70,13 @@ def loop_trial(
         Path | None,
         typer.Option(metavar="FOLDER", help="Draw the confusion matrix and the power curves there."),
     ] = None,
+    sensitivity: Annotated[
+        bool,
+        typer.Option(
+            "--sensitivity",
+            help="Play the same rounds with each constant of the inference at half and at twice its value.",
+        ),
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Inject causes into recordings, let the loop find them without knowing, and count.
@@ -75,20 +85,17 @@ def loop_trial(
     half to twice the residual that was there before. Prints the confusion matrix, false alarms with 95 %
     intervals, parameter errors, and the share of the removable error that was removed.
     """
+    from taxel_models.loop.inference.constants import DECLARED
     from taxel_models.recovery.benchmark import RecoveryBenchmark
     from taxel_models.recovery.injected import Draw
     from taxel_models.recovery.rounds import summarise
+    from taxel_models.recovery.sensitivity import sensitivities
     from taxel_models.recovery.workers import run_rounds_on
 
-    if scheduler is not None:
-        require("--scheduler", "study", "dask", "distributed")
-    if plots is not None:
-        require("--plots", "plot", "matplotlib")
-        plots.mkdir(parents=True, exist_ok=True)
-    if output is not None:
-        check_file_place(output)
+    _prepare(scheduler, plots, output)
     draw = Draw(injector, tuple(only or ()), strength, pairs, clean, unknown)
     rounds: list[Round] = []
+    moved: list[Sensitivity] = []
     with Progress(console=ERR, disable=not ERR.is_terminal) as progress:
         task = progress.add_task("preparing the ground", total=trials)
         place = _ground(ground, injector, repository, model, data, rows, seed, jobs)
@@ -98,15 +105,35 @@ def loop_trial(
             progress.update(task, advance=1, description=f"{finished.truth} found as {finished.found}")
             if output is not None:
                 _write(output, _content(rounds, summarise(rounds)))
+        if sensitivity:
+            progress.update(task, total=2 * len(DECLARED.names()), completed=0)
+            play = partial(run_rounds_on, rounds=trials, jobs=jobs, scheduler=scheduler)
+            for one in sensitivities(benchmark, rounds, play):
+                moved.append(one)
+                progress.update(task, advance=1, description=f"{one.constant} at {one.value:g}")
     summary = summarise(rounds)
+    content = _content(rounds, summary, moved)
+    if moved and output is not None:
+        _write(output, content)
     if plots is not None:
         from taxel_models.recovery.pictures import write_pictures
 
         write_pictures(summary, plots)
     if as_json:
-        print_json(_content(rounds, summary))
+        print_json(content)
     else:
-        _show(summary)
+        _show(summary, moved)
+
+
+def _prepare(scheduler: str | None, plots: Path | None, output: Path | None) -> None:
+    """Refuse what cannot be done before anything is played."""
+    if scheduler is not None:
+        require("--scheduler", "study", "dask", "distributed")
+    if plots is not None:
+        require("--plots", "plot", "matplotlib")
+        plots.mkdir(parents=True, exist_ok=True)
+    if output is not None:
+        check_file_place(output)
 
 
 def _ground(
@@ -141,11 +168,16 @@ def _ground(
     return TwinGround(stored, seed, rows)
 
 
-def _content(rounds: list["Round"], summary: "Summary") -> dict[str, object]:
-    return {
+def _content(
+    rounds: list["Round"], summary: "Summary", moved: Sequence["Sensitivity"] = ()
+) -> dict[str, object]:
+    content: dict[str, object] = {
         "summary": summary.model_dump(mode="json"),
         "rounds": [each.model_dump(mode="json", by_alias=True) for each in rounds],
     }
+    if moved:
+        content["sensitivity"] = [each.model_dump(mode="json") for each in moved]
+    return content
 
 
 def _write(path: Path, content: dict[str, object]) -> None:
@@ -164,7 +196,7 @@ _RATES: Final = {
 }
 
 
-def _show(summary: "Summary") -> None:
+def _show(summary: "Summary", moved: Sequence["Sensitivity"]) -> None:
     table = Table("injected", "rounds", "found first", title="Found first, by what was injected")
     for truth, counts in summary.confusion.items():
         most = sorted(counts.items(), key=lambda one: (-one[1], one[0]))
@@ -185,3 +217,20 @@ def _show(summary: "Summary") -> None:
         ("time constants, delays and angles within 20 %", summary.parameters_within),
     ):
         OUT.print(f"{text}: {'-' if value is None else f'{value:.1%}'}")
+    if moved:
+        _show_sensitivity(summary, moved)
+
+
+def _show_sensitivity(summary: "Summary", moved: Sequence["Sensitivity"]) -> None:
+    names = ("right_first", "false_alarms", "unknown_left")
+    title = "Each constant of the inference at half and at twice its value"
+    table = Table("constant", "value", "other name first", *(_RATES[name] for name in names), title=title)
+
+    def told(rate: "Rate | None") -> str:
+        return "-" if rate is None else f"{rate.hits} of {rate.rounds}"
+
+    table.add_row("as declared", "", "", *(told(summary.rates.get(name)) for name in names))
+    for one in moved:
+        own = (told(one.summary.rates.get(name)) for name in names)
+        table.add_row(one.constant, f"{one.value:g}", f"{one.changed} of {one.rounds}", *own)
+    OUT.print(table)

@@ -30,7 +30,6 @@ SMALL: Final[Mapping[str, Any]] = {
 }
 """Hyperparameters in place of the paper's: about a tenth of its trees."""
 
-REFERENCE_SHARE: Final = 0.15
 VALIDATION_SHARE: Final = 0.1
 
 
@@ -49,12 +48,12 @@ class BaseModel:
     shift: Floats
 
     @classmethod
-    def fit(cls, recording: Recording, seed: int, jobs: int) -> tuple[Self, Recording]:
-        """Train on whole segments of a recording; those kept for testing are returned as the reference."""
+    def fit(cls, recording: Recording, seed: int, jobs: int, held_out: float) -> tuple[Self, Recording]:
+        """Train on whole segments of a recording; a share is held out and returned as the reference."""
         settings = TrainingSettings(
             "xgb",
             COMBINATION,
-            SplitSettings("trials", test=REFERENCE_SHARE, validation=VALIDATION_SHARE, seed=seed),
+            SplitSettings("trials", test=held_out, validation=VALIDATION_SHARE, seed=seed),
             seed=seed,
             overrides=dict(SMALL),
             jobs=jobs,

@@ -25,6 +25,9 @@ LASA: Final = "lasa_contact"
 HELD_OUT: Final = {SLIDE: 0.35, LASA: 0.5}
 """The share of the trials that a round may draw from."""
 
+REFERENCE: Final = {SLIDE: 0.15, LASA: 0.4}
+"""The share of the other trials that the model is not trained on: LASA has few, and a mean needs some."""
+
 PLAYED: Final = {SLIDE: 50, LASA: 20}
 """Trials of a round, at most."""
 
@@ -78,7 +81,7 @@ class RealGround:
         """
         recording = read_slide(_found(folder / SLIDE))
         trained, held_out = _divided(recording, seed, HELD_OUT[SLIDE])
-        model, reference = BaseModel.fit(trained, seed, jobs)
+        model, reference = BaseModel.fit(trained, seed, jobs, REFERENCE[SLIDE])
         days = _days(held_out)
         sessions = tuple(
             Session(model, day, reference) for day in days if len(day.segments) >= LEAST_TRIALS
@@ -100,7 +103,7 @@ class RealGround:
         for finger in FINGERS:
             recording = read_lasa(_found(folder / LASA), finger, seed)
             trained, held_out = _divided(recording, seed, HELD_OUT[LASA])
-            model, reference = BaseModel.fit(trained, seed, jobs)
+            model, reference = BaseModel.fit(trained, seed, jobs, REFERENCE[LASA])
             sessions.append(Session(model, held_out, reference))
         live = tuple(name not in _NOT_MEASURED for name in CHANNELS)
         return cls(tuple(sessions), seed, PLAYED[LASA], True, live)

@@ -29,6 +29,7 @@ class Named:
         p_value: one-sided, of that t.
         confounded_with: effects that could replace it.
         conditional: the share of the fit part's energy that is lost without it.
+        unknown: (21, k) how far the model's own error leaves each weight open, half of a 95 % interval.
     """
 
     candidate: Candidate
@@ -42,6 +43,7 @@ class Named:
     p_value: float
     confounded_with: tuple[str, ...] = ()
     conditional: float = 0.0
+    unknown: Floats | float = 0.0
 
     @property
     def name(self) -> str:

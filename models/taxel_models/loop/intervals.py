@@ -12,7 +12,8 @@ def parameters(named: Named) -> list[Parameter]:
     """The parameters of a form and its weights; weights that all channels have in common once.
 
     Intervals are 95 % of the jackknife over the cross-validation's folds (Efron and Tibshirani 1993), with
-    the quantile of t for so many folds. They are those of the weights without the prior. The value is the
+    the quantile of t for so many folds. They are those of the weights without the prior, and count what the
+    model's own error leaves open. The value is the
     weight that is served, which the prior shrinks a little; an interval that it would leave reaches to it.
     """
     candidate, folds = named.candidate, named.fold_weights
@@ -24,7 +25,7 @@ def parameters(named: Named) -> list[Parameter]:
         return found
     quantile = float(stats.t.ppf(0.975, len(folds) - 1))
     centres = folds.mean(axis=0)
-    half_widths = np.sqrt((len(folds) - 1) * folds.var(axis=0)) * quantile
+    half_widths = np.hypot(np.sqrt((len(folds) - 1) * folds.var(axis=0)) * quantile, named.unknown)
     for place, name in enumerate(candidate.weight_names):
         channels = [("", 2)] if candidate.fitting.pooled else _changed(named)
         for channel, column in channels:

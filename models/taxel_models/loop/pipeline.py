@@ -25,7 +25,7 @@ from taxel_models.loop.findings import (
     PairedTest,
     RejectedEffect,
 )
-from taxel_models.loop.inference.constants import DECLARED
+from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.inference.stability import on_halves
 from taxel_models.loop.intervals import parameters
@@ -50,6 +50,7 @@ class LoopSettings:
         calibration_s: seconds at the start of each segment in which a user's own sensor is measured.
         least_share: the share of the error that an effect must remove to be named.
         exclude: effects that are not tried, such as `temperature`.
+        constants: of the inference; `least_share` above counts in place of theirs.
         residual_model: whether to fit a model of what no effect explains.
         stability: on so many random halves of the blocks, effects are named anew and counted; 0 for none.
     """
@@ -61,6 +62,7 @@ class LoopSettings:
     calibration_s: float = 0.0
     least_share: float = DECLARED.least_share
     exclude: tuple[str, ...] = ()
+    constants: Constants = DECLARED
     residual_model: bool = False
     stability: int = 0
 
@@ -119,7 +121,7 @@ def run_loop(
     runs_along = confounding(observations)
     effects = [effect for effect in candidates(observations) if effect.label not in settings.exclude]
     reference = reference or model.manifest.held_out_residual
-    constants = replace(DECLARED, least_share=settings.least_share)
+    constants = replace(settings.constants, least_share=settings.least_share)
     attribution = JointSelection(
         observations, blocks, effects, reference=reference, constants=constants, progress=progress
     ).run()

@@ -1,9 +1,9 @@
 """The recovery benchmark: injects causes; the loop must find them without knowing which they are."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 from taxel.manifest import HeldOutResidual
 from taxel_models.evaluation.metrics import ErrorMetrics
 from taxel_models.ground.ground import Clean, Ground, predicted
+from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.reference import held_out_residual
 from taxel_models.recovery.injected import Draw, Injected, inject_drawn
 from taxel_models.recovery.naming import Naming, name_causes
@@ -32,12 +33,14 @@ class RecoveryBenchmark:
         ground_name: `twin`, `slide` or `lasa`.
         seed: of causes, strengths and parameters.
         draw: what may be injected.
+        constants: of the inference.
     """
 
     ground: Ground
     ground_name: str = "twin"
     seed: int = 0
     draw: Draw = field(default_factory=Draw)
+    constants: Constants = DECLARED
     _references: dict[str, HeldOutResidual | None] = field(default_factory=dict, repr=False)
 
     def play(self, number: int, note: Callable[[str], None] | None = None) -> Round:
@@ -46,8 +49,13 @@ class RecoveryBenchmark:
         # More threads could change the last digits of a sum.
         with threadpool_limits(1):
             clean = self.ground.clean(number)
-            played = run_round(clean, self.draw, number, random, note, self._reference(clean))
+            reference = self._reference(clean)
+            played = run_round(clean, self.draw, number, random, note, reference, self.constants)
         return played.model_copy(update={"ground": self.ground_name, "injector": self.draw.injector})
+
+    def with_constants(self, constants: Constants) -> Self:
+        """The same rounds, inferred with other constants."""
+        return replace(self, constants=constants, _references={})
 
     def _reference(self, clean: Clean) -> HeldOutResidual | None:
         """The held-out residual of the round's model, found once for each recording of it."""
@@ -55,7 +63,7 @@ class RecoveryBenchmark:
             return None
         name = clean.reference.fingerprint
         if name not in self._references:
-            self._references[name] = held_out_residual(clean.model, [clean.reference])
+            self._references[name] = held_out_residual(clean.model, [clean.reference], self.constants)
         return self._references[name]
 
 
@@ -71,12 +79,13 @@ def run_round(
     random: np.random.Generator,
     note: Callable[[str], None] | None = None,
     reference: HeldOutResidual | None = None,
+    constants: Constants = DECLARED,
 ) -> Round:
     """Injects causes, runs the loop and marks the result."""
     counts, ticks = predicted(clean.model, clean.recording)
     measured = clean.recording.channels[ticks]
     injected = inject_drawn(clean, measured - counts, draw, random)
-    naming = name_causes(clean.model, injected.recording, number, reference, note)
+    naming = name_causes(clean.model, injected.recording, number, reference, note, constants)
     rows = naming.evaluation
     output_std = clean.model.manifest.normalisation.output_std
     errors = ErrorMetrics.of(measured[rows], counts[rows], output_std)

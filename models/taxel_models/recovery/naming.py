@@ -11,7 +11,7 @@ from taxel.channels import COUNTS_MAX
 from taxel.manifest import HeldOutResidual
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.registry import candidates
-from taxel_models.loop.inference.constants import DECLARED
+from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.observations import gather
 from taxel_models.loop.pipeline import LoopSettings, run_loop
@@ -52,6 +52,7 @@ def name_causes(
     seed: int,
     reference: HeldOutResidual | None = None,
     note: Callable[[str], None] | None = None,
+    constants: Constants = DECLARED,
 ) -> Naming:
     """The loop's answer for one recording.
 
@@ -59,8 +60,10 @@ def name_causes(
         seed: of its random draws.
         reference: the model's own held-out residual; None where its manifest knows that, or nobody does.
         note: is told what the loop looks at.
+        constants: of the inference.
     """
-    result = run_loop(model, [recording], LoopSettings(seed=seed), note, reference)
+    settings = LoopSettings(seed=seed, least_share=constants.least_share, constants=constants)
+    result = run_loop(model, [recording], settings, note, reference)
     findings = result.findings
     return Naming(
         names=tuple(effect.name for effect in findings.effects),

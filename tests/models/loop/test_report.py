@@ -263,7 +263,12 @@ def _named(result: LoopResult, effect: Effect) -> Named:
     gram = values.transpose(0, 2, 1) @ values + np.eye(form.size)
     weights = form.weights(np.linalg.solve(gram, values.transpose(0, 2, 1) @ target)[:, :, 0])
     bare = _bare(result, candidate)
-    return replace(bare, weights=weights, contribution=candidate.basis.times(weights))
+    if candidate.moved is None:
+        contribution = candidate.basis.times(weights)
+    else:
+        # Its change is predicted at some rows only.
+        contribution = candidate.moved(observations).predicted - observations.predicted
+    return replace(bare, weights=weights, contribution=contribution)
 
 
 def _bare(result: LoopResult, candidate: Candidate) -> Named:

@@ -1,11 +1,14 @@
 """Drift: a slow function of the time since the session began."""
 
 from collections.abc import Iterable
+from functools import partial
 from typing import Final
 
 import numpy as np
 from typing_extensions import override
 
+from taxel.channels import CHANNELS
+from taxel_models.loop.basis import Shared
 from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, elapsed, weighted
 from taxel_models.loop.observations import Observations
 
@@ -14,9 +17,18 @@ PIECES: Final = 6
 
 SHORTEST_S: Final = 60.0
 
+WARMING: Final = (0.06, 0.15, 0.4)
+"""Time constants of an exponential over the session's length; a longer one is a line."""
+
+STRAIGHT: Final = 8
+"""The straight pieces that an exponential is served as."""
+
 
 class Drift(Effect):
-    """measured = model + d(t); d is a line or straight pieces, and constant after the recording's end."""
+    """measured = model + d(t); d is a line, an exponential or straight pieces.
+
+    It is constant after the end of the recording.
+    """
 
     name = "drift"
     equation = "delta_c = sum_k w_ck clip(t, t_k, t_k+1)"
@@ -34,3 +46,25 @@ class Drift(Effect):
         ):
             drivers = elapsed(observations, edges)
             yield weighted(observations, self.name, form, "unit", drivers, weight_unit="counts/s")
+        for share in WARMING:
+            yield _warming(self.name, share * span, span, observations)
+
+
+def _warming(name: str, tau: float, span: float, observations: Observations) -> Candidate:
+    """1 - exp(-t / tau), by straight pieces between points that it passes through."""
+    edges = -tau * np.log1p(-np.linspace(0.0, 1.0, STRAIGHT + 1) * -np.expm1(-span / tau))
+    edges[-1] = span
+    slopes = np.diff(-np.expm1(-edges / tau)) / np.diff(edges)
+    form = f"an exponential of {tau:.3g} s"
+    pieces = weighted(observations, name, form, "unit", elapsed(observations, edges))
+    course = pieces.basis.times(np.broadcast_to(slopes, (len(CHANNELS), STRAIGHT)))[:, :1]
+    return Candidate(
+        name,
+        form,
+        Shared(course),
+        weight_names=("size",),
+        weight_unit="counts",
+        form_parameters={"time_constant": (tau, "s")},
+        online=lambda weights: pieces.online(weights * slopes),
+        again=partial(_warming, name, tau, span),
+    )

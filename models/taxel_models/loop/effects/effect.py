@@ -22,14 +22,16 @@ class Fitting:
     Attributes:
         pooled: whether all channels share their weights, as they share the cause.
         fixed: whether the weights are 1 and nothing is fitted.
+        positive: whether a weight below 0 contradicts the cause; for forms of one regressor.
         allowed: (21,), which channels may change; None for all.
         prior: (k,) each regressor's prior size over the usual one, for many collinear regressors.
-        choices: how many regressors each channel's one was chosen from.
+        choices: how many regressors each channel's one was chosen from, or how many motions.
         motion: how many parameters of the inputs were fitted beforehand.
     """
 
     pooled: bool = False
     fixed: bool = False
+    positive: bool = False
     allowed: NDArray[np.bool_] | None = None
     prior: Floats | None = None
     choices: int = 1

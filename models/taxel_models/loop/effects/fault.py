@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from typing_extensions import override
 
 from taxel.channels import CHANNELS, COUNTS_MAX
@@ -11,14 +12,44 @@ from taxel.corrections import Fault as FaultTerm
 from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.observations import Observations
-from taxel_models.loop.stuck_at import Kind, StuckChannel, stuck_channels
+from taxel_models.loop.stuck_at import JUMP, Kind, StuckChannel, stuck_channels
 
 CLIPPED: Final = 0.01
 """A channel at a limit of the counts for less than this share of the rows is only clipped."""
 
+LEADS_BEYOND: Final = 0.5
+"""Likewise where what its other rows show leads beyond the limit in this share of the rows at it."""
 
-def _only_clipped(stuck: StuckChannel) -> bool:
-    return stuck.value in (0, COUNTS_MAX) and stuck.rows.mean() < CLIPPED
+
+def _only_clipped(stuck: StuckChannel, observations: Observations) -> bool:
+    """Whether a channel was cut off at a limit of the counts, as by an offset or a gain."""
+    if stuck.value not in (0, COUNTS_MAX):
+        return False
+    if stuck.rows.mean() < CLIPPED:
+        return True
+    if stuck.kind == "stuck":
+        return False
+    measured, predicted = (
+        values[:, stuck.channel] for values in (observations.measured, observations.predicted)
+    )
+    others = ~stuck.rows & (measured != stuck.value)
+    if others.sum() < 2 or not predicted[others].std() > 0:
+        return False
+    if _gets_there(measured, stuck.rows):
+        return True
+    slope, constant = np.polyfit(predicted[others], measured[others], 1)
+    scatter = float((measured[others] - slope * predicted[others] - constant).std())
+    expected = slope * predicted[stuck.rows] + constant
+    within = expected - scatter <= 0 if stuck.value == 0 else expected + scatter >= COUNTS_MAX
+    return bool(within.mean() >= LEADS_BEYOND)
+
+
+def _gets_there(measured: Floats, stuck: NDArray[np.bool_]) -> bool:
+    """Whether a channel (n,) comes to its limit and leaves it by usual steps: a loose contact jumps."""
+    steps = np.abs(np.diff(measured))
+    edges = stuck[1:] != stuck[:-1]
+    free = ~stuck[1:] & ~stuck[:-1]
+    return bool(edges.any() and np.median(steps[edges]) <= JUMP * max(float(steps[free].mean()), 1.0))
 
 
 class Fault(Effect):
@@ -37,7 +68,9 @@ class Fault(Effect):
         found = stuck_channels(observations.measured, observations.predicted, observations.segment)
         kinds: tuple[Kind, ...] = ("stuck", "intermittent")
         for kind in kinds:
-            some = [stuck for stuck in found if stuck.kind == kind and not _only_clipped(stuck)]
+            some = [
+                stuck for stuck in found if stuck.kind == kind and not _only_clipped(stuck, observations)
+            ]
             if some:
                 yield self._with(some, kind, remaining.residual)
 

@@ -13,14 +13,17 @@ from taxel_models.loop.effects.rigid_motion import after, fit_motion, turn_of
 from taxel_models.loop.observations import Observations
 from taxel_models.model import predict_all
 
-TEST_ROWS: Final = 60_000
-"""All channels share one motion, so it is fitted to at most so many rows."""
+MOST_ROWS: Final = 12_000
+"""The motion's change is predicted at so many rows at most: two for each bin."""
 
-KINDS: Final = {
-    "forces turned": "force",
-    "positions turned": "position",
-    "positions shifted": "shift",
-    "both turned alike": "both",
+EVERY: Final = 5
+"""Rows from one such row to the next."""
+
+NAMES: Final = {
+    "force": "forces turned",
+    "position": "positions turned",
+    "shift": "positions shifted",
+    "both": "both turned alike",
 }
 
 
@@ -36,20 +39,23 @@ class Frame(Effect):
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
-        rows = np.linspace(0, len(observations) - 1, min(len(observations), TEST_ROWS)).astype(np.int64)
-        for form, kind in KINDS.items():
-            vector = fit_motion(observations, remaining, kind)
-            turned = turn_of(kind, vector).turn(observations.windows[rows], observations.manifest.spec)
-            change = predict_all(observations.model.predict, turned) - observations.predicted[rows]
-            yield Candidate(
-                self.name,
-                form,
-                Own(change[:, :, None].astype(np.float32), rows),
-                fitting=Fitting(fixed=True, motion=3),
-                form_parameters=_form_parameters(kind, vector),
-                online=partial(_online, kind, vector),
-                moved=partial(_moved, kind, vector),
-            )
+        found = fit_motion(observations, remaining)
+        if found is None:
+            return
+        kind, vector = found
+        count = min(-(-len(observations) // EVERY), MOST_ROWS)
+        rows = np.linspace(0, len(observations) - 1, count).astype(np.int64)
+        turned = turn_of(kind, vector).turn(observations.windows[rows], observations.manifest.spec)
+        change = predict_all(observations.model.predict, turned) - observations.predicted[rows]
+        yield Candidate(
+            self.name,
+            NAMES[kind],
+            Own(change[:, :, None].astype(np.float32), rows),
+            fitting=Fitting(fixed=True, motion=3, choices=len(NAMES)),
+            form_parameters=_form_parameters(kind, vector),
+            online=partial(_online, kind, vector),
+            moved=partial(_moved, kind, vector),
+        )
 
 
 def _form_parameters(kind: str, vector: Floats) -> dict[str, tuple[float, str]]:

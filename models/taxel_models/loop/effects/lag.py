@@ -5,14 +5,23 @@ from functools import partial
 from typing import Final
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from typing_extensions import override
 
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.observations import Observations
+from taxel_models.loop.spectral_lines import segments
 
-TICKS: Final = (*range(-5, 0), *range(1, 16))
+TICKS: Final = (*range(-5, 0), 0.5, 1, 1.5, *range(2, 16))
+"""Delays that are tried. A window moves by whole ticks, so others are named and not served."""
+
+SMOOTHED_ROWS: Final = 11
+"""0.1 s: a forest's prediction jumps from row to row, and only its slower changes follow the channel."""
+
+SMOOTHED_TICKS: Final = 2
+"""Over a longer delay the prediction changes by more than it jumps."""
 
 
 class Lag(Effect):
@@ -25,18 +34,40 @@ class Lag(Effect):
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
+        smooth = _smoothed(observations)
         for ticks in TICKS:
-            earlier = observations.rows_before(ticks)
-            change = observations.predicted[earlier] - observations.predicted
-            yield Candidate(
-                self.name,
-                f"{ticks * 10} ms",
-                Own(change[:, :, None].astype(np.float32)),
-                fitting=Fitting(fixed=True),
-                form_parameters={"lag": (ticks * TICK_S, "s")},
-                online=partial(_online, ticks),
-                moved=partial(_moved, ticks),
-            )
+            short = abs(ticks) <= SMOOTHED_TICKS
+            yield self._late(ticks, smooth if short else observations.predicted, observations)
+
+    def _late(self, ticks: float, counts: Floats, observations: Observations) -> Candidate:
+        before, after = (counts[observations.rows_before(part)] for part in _around(ticks))
+        change = 0.5 * (before + after) - counts
+        whole = float(ticks).is_integer()
+        return Candidate(
+            self.name,
+            f"{ticks * 10:g} ms",
+            Own(change[:, :, None].astype(np.float32)),
+            fitting=Fitting(fixed=True),
+            form_parameters={"lag": (ticks * TICK_S, "s")},
+            online=partial(_online, int(ticks)) if whole else lambda _: Online(),
+            moved=partial(_moved, int(ticks)) if whole else None,
+            again=None if whole else lambda other: self._late(ticks, _smoothed(other), other),
+        )
+
+
+def _around(ticks: float) -> tuple[int, int]:
+    """The whole ticks on both sides."""
+    return int(np.floor(ticks)), int(np.ceil(ticks))
+
+
+def _smoothed(observations: Observations) -> Floats:
+    """(n, 21) the predictions' mean over 0.1 s, within each segment."""
+    smooth = np.empty_like(observations.predicted)
+    for part in segments(observations.segment):
+        uniform_filter1d(
+            observations.predicted[part], SMOOTHED_ROWS, axis=0, mode="nearest", output=smooth[part]
+        )
+    return smooth
 
 
 def _online(ticks: int, weights: Floats) -> Online:

@@ -18,33 +18,63 @@ STEP_RAD: Final = np.radians(2.0)
 STEP_M: Final = 3e-4
 """Steps of the finite differences: a forest's prediction is constant over smaller steps."""
 
-FIT_ROWS: Final = 3_000
+FIT_ROWS: Final = 2_400
 """All channels share one motion, so it is fitted to at most so many rows."""
 
 STEPS: Final = 8
 """Gauss-Newton steps."""
 
+ENOUGH: Final = 1e-3
+"""A step that takes off a smaller share of the squares is the last one."""
+
 LESSER_DEG: Final = (25.0, 50.0)
 BEST_STARTS: Final = 2
-SCANNED: Final = 12
-"""Every twelfth row is used to choose the turns from which a fit begins."""
+FEW: Final = 8
+"""Every eighth row chooses what moves."""
+
+SCANNED: Final = 2
+"""Every second of these chooses the turns from which a fit begins."""
+
+ROUGH_STEPS: Final = 4
+AS_GOOD: Final = 0.8
+"""Kinds of motion that explain this share of what the best one explains of few rows are fitted to all."""
+
+KINDS: Final = ("force", "position", "shift", "both")
 
 
-def fit_motion(observations: Observations, remaining: Remaining, kind: str) -> Floats:
-    """(3,) the rotation vector, rad, or shift, m, that explains most of the fit part's residual.
+def fit_motion(observations: Observations, remaining: Remaining) -> tuple[str, Floats] | None:
+    """The motion that explains most of the fit part's residual; None if none explains anything.
 
-    Args:
-        kind: what moves; see `turn_of`.
+    Returns:
+        What moves, see `turn_of`, and the rotation vector (3,), rad, or shift (3,), m.
     """
     fit = np.flatnonzero(remaining.fit)
     rows = fit[np.linspace(0, len(fit) - 1, min(len(fit), FIT_ROWS)).astype(np.int64)]
-    every = _Misfit(observations, remaining, kind, rows)
-    if kind == "shift":
-        return _gauss_newton(every, np.zeros(3), STEP_M)[0]
-    few = _Misfit(observations, remaining, kind, rows[::SCANNED])
-    order = np.argsort([few.of(few.change(turn)) for turn in TURNS])
-    near = [_gauss_newton(few, TURNS[place], STEP_RAD) for place in order[:BEST_STARTS]]
-    return _gauss_newton(every, min(near, key=lambda fit: fit[1])[0], STEP_RAD)[0]
+    rough: list[tuple[float, str, Floats]] = []
+    for kind in KINDS:
+        few = _Misfit(observations, remaining, kind, rows[::FEW])
+        starts = np.zeros((1, 3))
+        if kind != "shift":
+            scan = _Misfit(observations, remaining, kind, rows[:: FEW * SCANNED])
+            starts = TURNS[np.argsort(scan.of(scan.changes(TURNS)))[:BEST_STARTS]]
+        near = [_gauss_newton(few, start, _step(kind), ROUGH_STEPS) for start in starts]
+        vector, least = min(near, key=lambda found: found[1])
+        rough.append((1.0 - least / max(few.energy, 1e-12), kind, vector))
+    most = max(share for share, _, _ in rough)
+    if most <= 0:
+        return None
+    found = []
+    for share, kind, vector in rough:
+        if share >= AS_GOOD * most:
+            every = _Misfit(observations, remaining, kind, rows)
+            vector, least = _gauss_newton(every, vector, _step(kind), STEPS)
+            found.append((least, kind, vector))
+    _, kind, vector = min(found, key=lambda one: one[0])
+    return kind, vector
+
+
+def _step(kind: str) -> float:
+    return STEP_M if kind == "shift" else STEP_RAD
 
 
 def _great_turns() -> Floats:
@@ -73,34 +103,41 @@ class _Misfit:
         )
         self.target = target * self._counted
 
-    def change(self, vector: Floats) -> Floats:
-        """(n, 21) the change by a motion, weighted as the target is."""
-        turned = turn_of(self._kind, vector).turn(self._windows, self._observations.manifest.spec)
-        changed = predict_all(self._observations.model.predict, turned) - self._still
+        self.energy = float((self.target**2).sum())
+
+    def changes(self, vectors: Floats) -> Floats:
+        """(k, n, 21) the change by each motion (k, 3), weighted as the target is."""
+        spec = self._observations.manifest.spec
+        turned = np.concatenate(
+            [turn_of(self._kind, vector).turn(self._windows, spec) for vector in vectors]
+        )
+        answers = predict_all(self._observations.model.predict, turned)
+        changed = answers.reshape(len(vectors), *self._still.shape) - self._still
         return np.asarray(changed * self._counted)
 
-    def of(self, change: Floats) -> float:
-        """The sum of squares that a change leaves."""
-        return float(((self.target - change) ** 2).sum())
+    def of(self, changes: Floats) -> Floats:
+        """(k,) the sum of squares that each change leaves."""
+        return np.asarray(((self.target - changes) ** 2).sum(axis=(1, 2)))
 
 
-def _gauss_newton(misfit: _Misfit, vector: Floats, step: float) -> tuple[Floats, float]:
+def _gauss_newton(misfit: _Misfit, vector: Floats, step: float, steps: int) -> tuple[Floats, float]:
     """The best motion (3,) downhill from a start, by finite differences over a step, and its misfit."""
-    change = misfit.change(vector)
-    least = misfit.of(change)
-    for _ in range(STEPS):
-        slopes = np.stack(
-            [((misfit.change(vector + axis) - change) / step).ravel() for axis in np.eye(3) * step], axis=1
-        )
+    change = misfit.changes(vector[None])[0]
+    least = float(misfit.of(change[None])[0])
+    for _ in range(steps):
+        moved = misfit.changes(vector + np.eye(3) * step)
+        slopes = ((moved - change) / step).reshape(3, -1).T
         towards = np.linalg.lstsq(slopes, (misfit.target - change).ravel(), rcond=None)[0]
         for shorter in (1.0, 0.5, 0.25):
-            tried = misfit.change(vector + shorter * towards)
-            if misfit.of(tried) < least:
+            tried = misfit.changes((vector + shorter * towards)[None])[0]
+            left = float(misfit.of(tried[None])[0])
+            if left < least:
                 break
         else:
             break
-        vector, change, least = vector + shorter * towards, tried, misfit.of(tried)
-        if np.linalg.norm(shorter * towards) < 0.1 * step:
+        small = least - left < ENOUGH * misfit.energy
+        vector, change, least = vector + shorter * towards, tried, left
+        if small or np.linalg.norm(shorter * towards) < 0.1 * step:
             break
     return vector, least
 

@@ -46,7 +46,8 @@ class Saturation(Effect):
             self.name,
             f"beyond {quantile:.0%} of the signal, {'all channels alike' if pooled else 'by channel'}",
             Own(saturation_design(observations.signal, level)[:, :, None].astype(np.float32)),
-            fitting=Fitting(pooled=pooled),
+            # A slope below 0 would be a channel that responds more, the more it is pressed.
+            fitting=Fitting(pooled=pooled, positive=True),
             weight_names=("slope",),
             weight_unit="relative",
             form_parameters={"quantile": (quantile, "of |signal|")},

@@ -1,7 +1,7 @@
 """All declared constants of the inference."""
 
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, fields, replace
+from typing import Final, Self
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,8 @@ class Constants:
         robust: a block counts less if its error is more than so many times the median block's.
         least_t: t over held-out folds that an effect must reach (Nadeau and Bengio 2003).
         least_share: share of the held-out whitened squared error that an effect must remove.
-        least_channel_share: likewise in one channel, where it changes few. Offsets of contacts, which no
+        least_channel_share: likewise in one channel, where it changes few; that channel must pass the same
+            test by itself. Offsets of contacts, which no
             model predicts, must remove twice as much in the mean.
         carries: a simpler effect is named first if it explains this share of what the likeliest does.
         either: two effects are not told apart if one explains this share of what the other does.
@@ -31,13 +32,23 @@ class Constants:
     strength: float = 0.5
     least_included: float = 0.1
     robust: float = 1.0
-    least_t: float = 2.5
-    least_share: float = 0.015
+    least_t: float = 3.0
+    least_share: float = 0.03
     least_channel_share: float = 0.15
     carries: float = 0.67
     either: float = 0.8
     simpler: float = 0.5
     most_effects: int = 8
+
+    def moved(self, name: str, factor: float) -> Self:
+        """The same with one constant multiplied; a count stays whole and at least 1."""
+        value = factor * getattr(self, name)
+        return replace(self, **{name: max(1, round(value)) if name == "most_effects" else value})
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Of all constants."""
+        return tuple(field.name for field in fields(cls))
 
     @property
     def strengths(self) -> tuple[float, ...]:
@@ -47,7 +58,7 @@ class Constants:
     @property
     def included(self) -> tuple[float, ...]:
         """Prior shares of the channels that the evidence is averaged over."""
-        return (1.0, 0.5, self.least_included)
+        return (1.0, 0.5, min(self.least_included, 1.0))
 
 
 DECLARED: Final = Constants()

@@ -210,11 +210,13 @@ def weigh(
     if fitting.fixed:
         left = energy - 2 * cross.sum(axis=1) + gram.sum(axis=(1, 2))
         by_channel = -half * np.log(np.maximum(left, 1e-9 * energy) / energy) * allowed
-        price = 0.5 * fitting.motion * np.log(base.bins)
+        price = 0.5 * fitting.motion * np.log(base.bins) + np.log(fitting.choices)
         total = float((by_channel - usual)[allowed].sum() - price)
         return Weighed(total, 1.0, allowed.astype(float), by_channel)
     if fitting.pooled:
-        return _pooled(gram, cross, energy, half, allowed, constants, usual)
+        return _pooled(gram, cross, energy, half, allowed, constants, usual, positive=fitting.positive)
+    if fitting.positive:
+        cross = np.maximum(cross, 0.0)
     values, vectors = np.linalg.eigh(gram)
     values = np.maximum(values, 0.0)
     turned = np.einsum("ckl,ck->cl", vectors, cross) ** 2
@@ -249,6 +251,8 @@ def _pooled(
     allowed: NDArray[np.bool_],
     constants: Constants,
     usual: Floats | float,
+    *,
+    positive: bool,
 ) -> Weighed:
     """Weights that all channels share: the posterior's height and width (Laplace)."""
     anyway = float(np.broadcast_to(usual, allowed.shape)[allowed].sum())
@@ -261,6 +265,7 @@ def _pooled(
             counted = 2 * half / left
             curvature = (gram * counted[:, None, None]).sum(axis=0) + precision
             weights = np.linalg.solve(curvature, (cross * counted[:, None]).sum(axis=0))
+            weights = np.maximum(weights, 0.0) if positive else weights
             left = energy - 2 * cross @ weights + np.einsum("k,ckl,l->c", weights, gram, weights)
             left = np.maximum(left, 1e-9 * energy)
         by_channel = -half * np.log(left / energy)
@@ -287,11 +292,12 @@ def posterior_weights(
         counted = changes / base.noise
         pooled = (gram * counted[:, None, None]).sum(axis=0) + np.eye(gram.shape[-1]) / weighed.strength**2
         common = np.linalg.solve(pooled, (cross * counted[:, None]).sum(axis=0))
-        weights = common[None] * changes[:, None]
+        weights = (np.maximum(common, 0.0) if fitting.positive else common)[None] * changes[:, None]
     else:
         precision = np.where(changes, weighed.strength**-2, np.inf)
         spread = np.broadcast_to(precision[:, None], cross.shape)
         weights = np.einsum("ckl,cl->ck", inverse_of(gram, spread), cross)
+        weights = np.maximum(weights, 0.0) if fitting.positive else weights
     if not base.size:
         return np.zeros((len(weights), 0)), weights
     rest = sums.base_cross - np.einsum("cbk,ck->cb", sums.between, weights)
@@ -318,14 +324,19 @@ class HeldOut:
         return np.asarray(self.gain.sum(axis=0) / np.maximum(self.before.sum(axis=0), 1e-12))
 
 
-def held_out(products: Products, fitting: Fitting, weighed: Weighed) -> HeldOut:
-    """Fit to all folds but one, test on that one; fold after fold."""
+def held_out(products: Products, fitting: Fitting, weighed: Weighed, *, seen: bool = False) -> HeldOut:
+    """Fit to all folds but one, test on that one; fold after fold.
+
+    Args:
+        seen: fit to all folds instead.
+    """
     base, folds = products.base, products.folds
     noise = base.noise
     gain, before = np.empty((2, folds, len(noise)))
     for fold in range(folds):
-        kept = np.arange(folds) != fold
-        test = products.sums(~kept)
+        tested = np.arange(folds) == fold
+        kept = ~tested | seen
+        test = products.sums(tested)
         inverse = inverse_of(base.gram[kept].sum(axis=0), base.precision)
         plain = np.einsum("cbd,cd->cb", inverse, base.cross[kept].sum(axis=0))
         beside, weights = posterior_weights(products, fitting, weighed, kept)

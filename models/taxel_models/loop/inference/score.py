@@ -31,6 +31,7 @@ class Score:
         worth: (21,) share of each channel's held-out squared error that goes.
         taken_off: (21,) what goes of each channel's held-out squared error, counts².
         most_gain: gain in all of its likeliest form before a simpler one was preferred.
+        forms: how many figures each form fits, and its log evidence.
     """
 
     effect: Effect
@@ -42,6 +43,11 @@ class Score:
     worth: Floats
     taken_off: Floats
     most_gain: float
+    forms: tuple[tuple[int, float], ...] = ()
+
+    def evidence_within(self, freedom: int) -> float:
+        """The log evidence of its likeliest form that fits at most so many figures; -inf without one."""
+        return max((own for figures, own in self.forms if figures <= freedom), default=-np.inf)
 
     @property
     def name(self) -> str:
@@ -62,6 +68,11 @@ class Score:
     def t(self) -> float:
         """Over held-out folds; see `t_over_folds`."""
         return t_over_folds(self.gain, self.weighed)
+
+    @property
+    def channel_t(self) -> Floats:
+        """(21,) of each channel alone."""
+        return np.array([_t(own) for own in self.gain.T])
 
     @property
     def p_value(self) -> float:
@@ -117,7 +128,9 @@ def t_over_folds(gain: Floats, weighed: Weighed) -> float:
 
     The first test counts all these channels alike. The second weighs them by what the other folds show,
     since the noise of the other channels would hide an effect of a few. Under chance, a fold's gain is as
-    likely below 0 as above, since it has no influence on its own weights.
+    likely below 0 as above, since it has no influence on its own weights. Square roots of the gains are
+    tested, with their signs: that keeps the symmetry of chance, and a cause that acts in some folds more
+    than in others, such as a warming finger, passes.
 
     Args:
         gain: (folds, 21).
@@ -130,5 +143,6 @@ def t_over_folds(gain: Floats, weighed: Weighed) -> float:
 
 def _t(by_fold: Floats) -> float:
     """Of the corrected resampled t-test: each fold is tested on one part and fitted to the others."""
+    by_fold = np.sign(by_fold) * np.sqrt(np.abs(by_fold))
     error = corrected_standard_error(by_fold, 1.0 / max(len(by_fold) - 1, 1))
     return float(by_fold.mean()) / max(error, 1e-12)

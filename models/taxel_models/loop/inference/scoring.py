@@ -6,13 +6,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
-from threadpoolctl import threadpool_limits
 
 from taxel.channels import CHANNELS, COUNTS_MAX, ELECTRODE_COLUMNS
 from taxel.manifest import HeldOutResidual
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect, Fitting, Remaining
+from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.contact_offset import (
     CALIBRATIONS_S,
@@ -41,7 +41,7 @@ REFITS: Final = 3
 """Rounds in which weights, or a form's parameters, are found again."""
 
 
-class _Bases(NamedTuple):
+class Bases(NamedTuple):
     """What forms are weighed beside, and the evidence of the constant between the two."""
 
     plain: Base
@@ -126,12 +126,12 @@ class Scoring:
         design = Design(np.concatenate(values, axis=2), self.bins.fold)
         return Base(target, design, np.concatenate(precision, axis=1), self.whitening.quantum)
 
-    def _bases(self, taken: Sequence[Taken]) -> _Bases:
+    def bases(self, taken: Sequence[Taken]) -> Bases:
         """The base, the same beside a constant of each channel, and the constant's own evidence."""
         beside = self.base(taken).with_constant(self._ones)
         plain = beside.without_last()
         constant = weigh(Products.of(plain, self._ones), Fitting(), self._constants)
-        return _Bases(plain, beside, constant.log_evidence)
+        return Bases(plain, beside, constant.log_evidence)
 
     def _forms_of(self, effect: Effect, left: Floats) -> list[Form]:
         if effect.looks_at_residual or effect.label not in self._forms:
@@ -146,7 +146,7 @@ class Scoring:
     def scores(self, taken: Sequence[Taken]) -> list[Score]:
         """Every other effect beside some named ones, the likeliest first."""
         left = self.residual(taken)
-        bases = self._bases(taken)
+        bases = self.bases(taken)
         names = {each.name for each in taken}
         found = []
         for effect in self._effects:
@@ -164,7 +164,7 @@ class Scoring:
         found += [] if contact is None else [contact]
         return sorted(found, key=lambda score: -score.log_evidence)
 
-    def _score(self, effect: Effect, forms: Sequence[Form], bases: _Bases) -> Score:
+    def _score(self, effect: Effect, forms: Sequence[Form], bases: Bases) -> Score:
         usual = self._usual_evidence(effect.label)
         weighed: list[tuple[float, Form, Products, Weighed, bool]] = []
         logs = []
@@ -188,15 +188,17 @@ class Scoring:
 
         best = tested(max(weighed, key=lambda option: option[0]))
         most_gain = best.total_gain
-        simpler = [
-            option
-            for option in weighed
-            if option[1].freedom(int(option[3].changes.sum())) <= self._constants.simpler * best.freedom
-        ]
         total = float(logsumexp(logs) - np.log(len(logs)))
-        if simpler:
-            best = self.simplest(best, [tested(max(simpler, key=lambda option: option[0]))])
-        return replace(best, log_evidence=total, most_gain=most_gain)
+        most = self._constants.simpler * best.freedom
+        while simpler := [
+            option for option in weighed if 0 < option[1].freedom(int(option[3].changes.sum())) <= most
+        ]:
+            simple = tested(max(simpler, key=lambda option: option[0]))
+            most = self._constants.simpler * simple.freedom
+            if simple.log_evidence > 0:
+                best = self.simplest(best, [simple])
+        sizes = tuple((form.freedom(int(own.changes.sum())), value) for value, form, _, own, _ in weighed)
+        return replace(best, log_evidence=total, most_gain=most_gain, forms=sizes)
 
     def simplest(self, best: Score, scores: Sequence[Score]) -> Score:
         """The likeliest of those simpler than the best that carry most of what it explains, or the best."""
@@ -205,7 +207,7 @@ class Scoring:
             for score in scores
             if score.effect.is_predictable
             and score.freedom <= self._constants.simpler * best.freedom
-            and score.total_gain >= self._constants.carries * best.total_gain > 0
+            and score.total_gain > max(0.0, self._constants.carries * best.total_gain)
         ]
         return max(simpler, key=lambda score: score.log_evidence, default=best)
 
@@ -221,7 +223,8 @@ class Scoring:
         energy: Floats | None = None,
     ) -> Score:
         """A score less what the effect explains of the model's own held-out residual."""
-        gain = tested.gain - self._usual_gain(form.candidate.effect, tested)
+        # A channel that it does not change gains nothing, usual or not.
+        gain = tested.gain - self._usual_gain(form.candidate.effect, tested) * weighed.changes
         fall = (gain * tested.noise).sum(axis=0)
         worth = fall / (self._energy if energy is None else energy)
         taken_off = fall * self.whitening.scale**2
@@ -245,17 +248,17 @@ class Scoring:
         gain = np.array(self._reference.structure[name].gain)
         return np.asarray(bins[:, None] * gain / (tested.noise * self.whitening.scale**2))
 
-    def structure(self) -> dict[str, tuple[Floats, Floats]]:
-        """For each effect alone, its log odds (21,) and its gain (21,), counts², for each bin."""
-        with threadpool_limits(1):
-            scores = self.scores([])
-        return {
-            score.name: (
-                np.maximum(score.weighed.by_channel, 0.0) / len(self.bins),
-                np.maximum(score.taken_off, 0.0) / len(self.bins),
-            )
-            for score in scores
-        }
+    def unknown_mean(self) -> Floats:
+        """(21,) the size of a constant that the model's own held-out residual leaves open, counts."""
+        if self._reference is None or Offset.name not in self._reference.structure:
+            return np.zeros(len(CHANNELS))
+        gain = np.array(self._reference.structure[Offset.name].gain)
+        return np.sqrt(gain / np.maximum(self.whitened_constant(np.ones(len(CHANNELS))), 1e-12))
+
+    def whitened_constant(self, counts: Floats) -> Floats:
+        """(21,) what a constant (21,), counts, adds to the whitened squared error of a bin, counts²."""
+        size = (self._ones.values[:, :, 0] ** 2).mean(axis=1)
+        return np.asarray(size * counts**2)
 
     def _contact_offset(self, base: Base, left: Floats) -> Score | None:
         """Offsets of each contact, if the model's own held-out residual says how much is usual."""
@@ -298,7 +301,7 @@ class Scoring:
 
     def refined(self, score: Score, taken: Sequence[Taken]) -> Score:
         """The likeliest of the forms around an effect's likeliest one, if its forms are a grid."""
-        bases = self._bases(taken)
+        bases = self.bases(taken)
         for _ in range(REFITS):
             finer = [
                 form

@@ -78,10 +78,14 @@ class JointSelection:
         correlation = parameter_correlation(self._taken, self._scoring.base(self._taken).noise)
         return Attribution(self._scoring.observations, named, rejected, left, correlation)
 
-    def proves_itself(self, score: Score) -> bool:
-        """Whether it stands on held-out folds, is worth naming, and its weights do not contradict it."""
+    def proves_itself(self, score: Score, own: Score | None = None) -> bool:
+        """Whether it stands on held-out folds, is worth naming, and its weights do not contradict it.
+
+        Args:
+            own: that was named already, and is compared with others in its place.
+        """
         constants = self._constants
-        if (score.name, score.form.candidate.form) in self._tried:
+        if score is not own and (score.name, score.form.candidate.form) in self._tried:
             return False
         if score.form.candidate.certain:
             return True
@@ -92,26 +96,44 @@ class JointSelection:
             return False
         if score.effect.is_predictable:
             least = max(constants.least_share, constants.least_channel_share)
-            enough = score.worth.mean() >= constants.least_share or score.worth[changes].max() >= least
+            some = changes & (score.worth >= least) & (score.channel_t >= constants.least_t)
+            enough = score.worth.mean() >= constants.least_share or some.any()
         else:
             enough = score.worth.mean() >= 2 * constants.least_channel_share
         if not enough or score.t < constants.least_t:
             return False
         return not self._scoring.contradicts(score, self._taken)
 
-    def choose(self, scores: Sequence[Score]) -> Score | None:
+    def _casts_doubt(self, other: Score, best: Score) -> bool:
+        """Whether a likelier effect, about as simple, does not repeat: the best may only stand for it."""
+        likelier = other is not best and other.log_evidence > best.log_evidence
+        simple = 0 < self._constants.simpler * other.freedom <= best.freedom
+        tried = (other.name, other.form.candidate.form) in self._tried
+        return likelier and simple and not tried and other.t < self._constants.least_t
+
+    def choose(self, scores: Sequence[Score], own: Score | None = None) -> Score | None:
         """The likeliest effect that proves itself, or a simpler one that carries most of it."""
-        able = [score for score in scores if self.proves_itself(score)]
+        able = [score for score in scores if self.proves_itself(score, own)]
         certain = [score for score in able if score.form.candidate.certain]
         if certain or not able:
             return certain[0] if certain else None
         best = able[0]
+        # Others stand beside a constant, so that they are always likelier than it is alone.
+        if not best.effect.is_constant and any(self._casts_doubt(score, best) for score in scores):
+            return None
         constant = next((score for score in able if score.effect.is_constant), None)
         if constant and best.needs_constant and 2 * constant.log_evidence > best.log_evidence:
             # More than half of what is found is the constant's.
             return constant
         # A constant is judged by itself, and all others beside one.
-        return self._scoring.simplest(best, [score for score in able if not score.effect.is_constant])
+        others = [score for score in able if not score.effect.is_constant]
+        # Where the best has a form as simple and likelier, it is as simple itself.
+        simpler = [
+            score
+            for score in others
+            if score.evidence_within(score.freedom) > best.evidence_within(score.freedom)
+        ]
+        return self._scoring.simplest(best, simpler)
 
     def _take(self, score: Score) -> None:
         score = self._scoring.refined(score, self._taken)
@@ -185,7 +207,7 @@ class JointSelection:
             others = [each for each in self._taken if each is not taken]
             scores = self._scoring.scores(others)
             own = next((score for score in scores if score.name == taken.name), None)
-            chosen = self.choose(scores)
+            chosen = self.choose(scores, own)
             if chosen is not None and self._replaces(chosen, own) and taken.name not in replaced:
                 replaced.add(taken.name)
                 self._taken = others
@@ -226,11 +248,14 @@ class JointSelection:
         # An interval around a shrunk weight would miss the true one.
         plain, beside = taken.without_prior, [each.without_prior for each in others]
         fold_weights = [self._scoring.weights(plain, beside, fold) for fold in range(folds)]
+        counts = taken.effect.is_constant and taken.form.candidate.weight_unit == "counts"
+        unknown = self._scoring.unknown_mean()[:, None] if counts else np.zeros_like(taken.weights)
         return Named(
             candidate=taken.form.candidate,
             equation=taken.effect.equation,
             weights=taken.weights,
             fold_weights=np.array(fold_weights),
+            unknown=unknown,
             contribution=taken.contribution,
             log_evidence=taken.score.log_evidence,
             included=taken.weighed.included,

@@ -7,7 +7,15 @@ import pytest
 
 from taxel_models.loop.effects.effect import Fitting
 from taxel_models.loop.inference.constants import DECLARED
-from taxel_models.loop.inference.evidence import Base, Design, Products, Weighed, held_out, weigh
+from taxel_models.loop.inference.evidence import (
+    Base,
+    Design,
+    Products,
+    Weighed,
+    held_out,
+    posterior_weights,
+    weigh,
+)
 from taxel_models.loop.inference.score import t_over_folds
 
 Draw = Callable[..., Products]
@@ -110,9 +118,50 @@ def test_channels_that_change_count_and_others_do_not() -> None:
     only = np.zeros(21)
     only[4] = 1.0
     t = t_over_folds(gain, Weighed(1.0, 0.5, only, only))
-    assert t == pytest.approx(gain[:, 4].mean() / (gain[:, 4].std(ddof=1) * np.sqrt(1 / 8 + 1 / 7)))
+    roots = np.sqrt(gain[:, 4])
+    assert t == pytest.approx(roots.mean() / (roots.std(ddof=1) * np.sqrt(1 / 8 + 1 / 7)))
     # Beside the noise of all others, what the other folds show tells which channel counts.
     noisy = gain + np.where(np.arange(21) == 4, 0.0, 30.0 * random.normal(size=(8, 21)))
     plain = noisy.sum(axis=1)
     simple = plain.mean() / (plain.std(ddof=1) * np.sqrt(1 / 8 + 1 / 7))
     assert t_over_folds(noisy, Weighed(1.0, 0.5, np.ones(21), np.ones(21))) >= simple
+
+
+def test_chance_shows_as_much_in_sample_as_it_costs_on_held_out_bins(draw: Draw) -> None:
+    """The mean of both tells what a form explains: here nothing."""
+    inside, outside = [], []
+    weighed = Weighed(1.0, 1e3, np.ones(21), np.ones(21))
+    for seed in range(20):
+        products = draw(seed, bins=120, base_size=0, size=2, folds=8)
+        random = np.random.default_rng(seed)
+        base = products.base
+        noise = Design(random.normal(size=base.target.values.shape), base.target.fold)
+        values = Design(random.normal(size=(21, 120, 2)), base.target.fold)
+        chance = Products.of(Base(noise, base.design, base.precision, base.quantum), values)
+        for gains, seen in ((inside, True), (outside, False)):
+            tested = held_out(chance, Fitting(), weighed, seen=seen)
+            gains.append((tested.gain * tested.noise).sum(axis=0).mean())
+    assert np.mean(inside) == pytest.approx(2.0, rel=0.1)
+    assert np.mean(outside) == pytest.approx(-2.0, rel=0.25)
+
+
+@pytest.mark.parametrize("pooled", [False, True])
+def test_weights_of_the_wrong_sign_are_no_evidence(draw: Draw, pooled: bool) -> None:
+    products, every = draw(4, size=1), Weighed(1.0, 0.5, np.ones(21), np.ones(21))
+    free, bound = Fitting(pooled=pooled), Fitting(pooled=pooled, positive=True)
+    _, weights = posterior_weights(products, Fitting(), every)
+    right = np.sign(weights)
+
+    def turned(signs: np.ndarray) -> Products:
+        between, cross = products.between * signs[:, :, None], products.cross * signs
+        return Products(products.base, between, products.gram, cross)
+
+    some, only = (weigh(turned(right), fitting, DECLARED) for fitting in (free, bound))
+    np.testing.assert_allclose(only.by_channel, some.by_channel)
+    _, kept = posterior_weights(turned(right), bound, every)
+    assert (kept > 0).all()
+    wrong = weigh(turned(-right), bound, DECLARED)
+    assert (wrong.by_channel <= 1e-9).all()
+    assert wrong.log_evidence < 0 < some.log_evidence
+    _, kept = posterior_weights(turned(-right), bound, every)
+    np.testing.assert_array_equal(kept, 0.0)

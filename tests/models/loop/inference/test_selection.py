@@ -139,9 +139,6 @@ def test_a_channel_at_a_limit_of_the_counts_does_not_hide_an_offset(smooth: Any,
     assert found.named[0].weights[5, 0] == pytest.approx(offset, rel=0.02)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="before the offset is known, counts at 0 look like an intermittent fault"
-)
 def test_a_channel_at_a_limit_of_the_counts_is_no_fault(smooth: Any, make: Make) -> None:
     assert names(attributed(smooth, cut_off(make)[0])) == ["offset"]
 

@@ -1,0 +1,45 @@
+"""Each constant of the inference is moved, and the same rounds are played again."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+
+import pytest
+
+from taxel_models.ground.twins import StoredModel, TwinGround
+from taxel_models.loop.inference.constants import DECLARED
+from taxel_models.recovery.benchmark import RecoveryBenchmark
+from taxel_models.recovery.injected import Draw
+from taxel_models.recovery.rounds import Round
+from taxel_models.recovery.sensitivity import sensitivities
+from taxel_models.recovery.workers import run_rounds_on
+from taxel_models.shipped import shipped_repository
+
+
+@pytest.mark.parametrize("name", DECLARED.names())
+def test_a_constant_is_moved_alone(name: str) -> None:
+    for factor in (0.5, 2.0):
+        moved = DECLARED.moved(name, factor)
+        assert getattr(moved, name) == factor * getattr(DECLARED, name)
+        assert replace(moved, **{name: getattr(DECLARED, name)}) == DECLARED
+        assert max(moved.included) <= 1
+
+
+def test_what_a_constant_decides_is_shown() -> None:
+    """A round of an offset, with a share that is asked for and that nothing could remove."""
+    ground = TwinGround(StoredModel(shipped_repository(), "network-b"), 3, 5_000)
+    draw = Draw("foreign", ("offset",), (1.5, 2.0), clean_share=0.0, unknown_share=0.0)
+    benchmark = RecoveryBenchmark(ground, "twin", 3, draw)
+    rounds = list(run_rounds_on(benchmark, 1))
+    assert rounds[0].found == "offset"
+    strict = benchmark.with_constants(DECLARED.moved("least_t", 1e6))
+
+    def play(other: RecoveryBenchmark) -> Iterator[Round]:
+        assert other.constants.least_t in (0.5 * strict.constants.least_t, 2 * strict.constants.least_t)
+        return run_rounds_on(other, 1)
+
+    below, above = sensitivities(strict, rounds, play, ("least_t",))
+    assert [one.changed for one in (below, above)] == [1, 1]
+    assert below.summary.right_first == 0.0
+    usual, _ = sensitivities(benchmark, rounds, partial(run_rounds_on, rounds=1), ("least_share",))
+    assert (usual.constant, usual.value, usual.changed) == ("least_share", 0.015, 0)
