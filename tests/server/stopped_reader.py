@@ -19,7 +19,7 @@ def main(endpoint: str) -> None:
     sys.stdin.readline()
     request = pack_infer_request(windows, timeout_ms=5000)
     for _ in range(200):
-        source.send(model_key("taxel", "wide", "1", "infer"), request, lambda _: None)
+        source.connection.send(model_key("taxel", "wide", "1", "infer"), request, 5.0, lambda _: None)
     os.kill(os.getpid(), signal.SIGSTOP)
 
 

@@ -190,6 +190,10 @@ def test_who_is_not_known_shares_with_others_like_that(endpoint: str) -> None:
     with two_sessions(endpoint) as (server, client):
         clients.watch(server)
         queryable = server.declare_queryable("t", zenoh.handlers.FifoChannel(8))
+        ends = time.monotonic() + 10
+        while str(client.info.zid()) not in clients.connected:
+            assert time.monotonic() < ends
+            time.sleep(0.01)
         stranger = zenoh.SourceInfo(server.id, 0)
         for source in (zenoh.SourceInfo(client.id, 0), stranger, None):
             client.get("t", source_info=source)

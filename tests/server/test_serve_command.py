@@ -149,7 +149,7 @@ def test_a_stuck_client_does_not_keep_it(
         "source = taxel.connect(sys.argv[1])\n"
         "request = pack_infer_request(numpy.zeros((3000, 6), numpy.float32))\n"
         "key = 'taxel/v2/models/skin/infer'\n"
-        "asked = [source._session.get(key, payload=request, timeout=60) for _ in range(40)]\n"
+        "asked = [source.connection.start(key, request, 60.0) for _ in range(40)]\n"
         "print('asked', flush=True)\n"
         "os.kill(os.getpid(), signal.SIGSTOP)\n"
     )

@@ -14,11 +14,14 @@ class ZenohClients:
 
     Args:
         gone: told each session that has ended.
+
+    Attributes:
+        connected: the sessions that are connected now.
     """
 
     def __init__(self, gone: Callable[[Hashable], None]) -> None:
         self._gone = gone
-        self._connected: set[str] = set()
+        self.connected: set[str] = set()
 
     def watch(self, session: zenoh.Session) -> None:
         """Hear of sessions that connect and end. zenoh has a thread for this."""
@@ -34,12 +37,12 @@ class ZenohClients:
         if source is None:
             return ANONYMOUS
         told = str(source.source_id.zid)
-        return told if told in self._connected else ANONYMOUS
+        return told if told in self.connected else ANONYMOUS
 
     def _note(self, event: zenoh.TransportEvent) -> None:
         session = str(event.transport.zid)
         if event.kind == zenoh.SampleKind.PUT:
-            self._connected.add(session)
+            self.connected.add(session)
         else:
-            self._connected.discard(session)
+            self.connected.discard(session)
             self._gone(session)
