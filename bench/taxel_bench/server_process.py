@@ -14,6 +14,9 @@ from taxel.errors import Unavailable
 ADDRESS: Final = "127.0.0.1"
 """Where servers that are started here listen."""
 
+ROOM: Final = ("--max-queue-rows", str(2**22), "--max-queue-mib", "4096", "--max-queue-seconds", "3600")
+"""Arguments of a server whose queue takes what one process of clients may send at once."""
+
 
 @contextmanager
 def running_server(repository: Path, *arguments: str) -> Iterator[str]:

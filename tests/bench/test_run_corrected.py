@@ -69,7 +69,7 @@ def test_the_papers_protocol_has_the_cost_by_means(corrected: Path) -> None:
 @pytest.mark.parametrize("protocol", ["serving", "paper"])
 def test_people_get_the_cost_in_the_table(corrected: Path, protocol: str) -> None:
     arguments = ["--model", str(corrected), "--protocol", protocol, *QUICK]
-    text = CliRunner().invoke(app, ["run", *arguments], env={"COLUMNS": "120"}).stdout
+    text = CliRunner().invoke(app, ["run", *arguments], env={"COLUMNS": "160"}).stdout
     assert "cost, µs" in text
     assert "ratio" not in text
     (row,) = [line for line in text.splitlines() if "│ taxel" in line]

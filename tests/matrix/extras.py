@@ -1,7 +1,5 @@
 """What runs with each extra by itself, and what the bare client says of everything else."""
 
-from pathlib import Path
-
 from environments import Environment, Failed, environment
 from requirements import extras
 from serving import ROOT, Check, demo, predict, serve
@@ -119,10 +117,8 @@ def imported_from_gazebo(environment: Environment) -> None:
 
 def looped(environment: Environment) -> None:
     """An effect is injected, found and exported; the loop's own trial and calibration run."""
-    source = "from taxel_models.shipped import shipped_repository as s; print(s())"
-    shipped = Path(environment.python("-c", source).stdout.strip())
-    (environment.work / "mine").mkdir()
-    (environment.work / "mine" / "network-b").symlink_to(shipped / "network-b")
+    source = "import shutil; from taxel_models.shipped import shipped_repository as s; "
+    environment.python("-c", source + "shutil.copytree(s() / 'network-b', 'mine/network-b')")
     taxel(environment, "twin --rows 20000 --seed 7 --effect offset:2 -o injected.csv")
     taxel(environment, "loop --model network-b --repository mine --data injected.csv -o report")
     taxel(environment, "loop-trial --trials 1 --rows 20000")
@@ -132,9 +128,6 @@ def looped(environment: Environment) -> None:
 
 def loop_exported(environment: Environment) -> None:
     """The corrected model is exported and predicts."""
-    (environment.work / "mine" / "network-b").unlink()
-    source = "import shutil; from taxel_models.shipped import shipped_repository as s; "
-    environment.python("-c", source + "shutil.copytree(s() / 'network-b', 'mine/network-b')")
     taxel(environment, "loop --model network-b --repository mine --data injected.csv -o exported --export")
     taxel(environment, "predict injected.csv --model network-b/2 --repository mine -o corrected.csv")
 

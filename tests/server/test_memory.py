@@ -100,7 +100,7 @@ def slow(engine: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("slow")
 def test_admission_and_deadlines_are_the_servers(engine: Engine, make_windows: WindowMaker) -> None:
-    options = ServerOptions(max_queue_rows=4, max_request_rows=4, max_batch_rows=1)
+    options = ServerOptions(max_queue_rows=8, max_request_rows=4, max_batch_rows=1)
     with (
         MemoryServer(engine, options) as server,
         taxel.connect(transport=server) as first,

@@ -28,13 +28,13 @@ def churn(
 
     from taxel_bench.churn.measurement import let_them_come, reasons_against
     from taxel_bench.machine import describe_machine
-    from taxel_bench.server_process import running_server_process
+    from taxel_bench.server_process import ROOM, running_server_process
     from taxel_models.shipped import shipped_repository
 
     machine = describe_machine()
     with (
         ERR.status("starting the server") as status,
-        running_server_process(repository or shipped_repository()) as server,
+        running_server_process(repository or shipped_repository(), *ROOM) as server,
     ):
         held = let_them_come(
             server,

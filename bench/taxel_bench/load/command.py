@@ -56,6 +56,7 @@ def load(
     from taxel_bench.load.printing import print_results
     from taxel_bench.load.results import Results
     from taxel_bench.machine import describe_machine
+    from taxel_bench.server_process import ROOM
     from taxel_models.shipped import shipped_repository
 
     gaps = parse_gaps(gap_ms)
@@ -76,9 +77,8 @@ def load(
     # Told to stop, it still stops its server and clients.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     # Offline, a client sends everything at once: more than its share of the queue by default.
-    room = ("--max-queue-rows", str(2**22), "--max-queue-mib", "4096", "--max-queue-seconds", "3600")
     served = repository or shipped_repository()
-    with ERR.status("measuring"), server_at(connect, served, *room) as endpoint:
+    with ERR.status("measuring"), server_at(connect, served, *ROOM) as endpoint:
         runs = [replace(settings, gap_ms=gap) for gap in gaps]
         outcomes = [drive(run, endpoint) for run in runs]
     several = [Results.of(run, outcome) for run, outcome in zip(runs, outcomes, strict=True)]

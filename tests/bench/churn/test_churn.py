@@ -1,22 +1,22 @@
 """What clients leave in a server that come, send large requests, and go or are killed."""
 
+import shutil
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from taxel.remote.options import Transport
 from taxel_bench.churn import measurement
 from taxel_bench.churn.measurement import Held, let_them_come, reasons_against
-from taxel_bench.server_process import RunningServer, running_server_process
+from taxel_bench.server_process import ROOM, RunningServer, running_server_process
 from taxel_models.shipped import shipped_repository
 
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
     repository = tmp_path_factory.mktemp("repository")
-    (repository / "xgb").symlink_to(Path(shipped_repository(), "xgb"))
-    with running_server_process(repository) as running:
+    shutil.copytree(shipped_repository() / "xgb", repository / "xgb")
+    with running_server_process(repository, *ROOM) as running:
         yield running
 
 
