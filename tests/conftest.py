@@ -6,6 +6,9 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+# pytest-xdist tells its workers a width, which tables would keep whatever a test asks for.
+os.environ.pop("COLUMNS", None)
+
 CHECKOUT = Path(__file__).resolve().parent.parent
 
 # A busy machine makes an example slow, not wrong.
