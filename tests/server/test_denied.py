@@ -99,5 +99,7 @@ def test_a_lost_connection_is_told_from_a_server_that_is_not_there(
         source = taxel.connect(endpoint, transport="zenoh")
         predictor = source.predictor("skin")
         assert predictor.predict(make_windows(1)).shape == (1, 21)
+    while source.connection.connected:
+        pass
     with source, pytest.raises(ServerLost, match="the connection to the server was lost"):
         predictor.predict(make_windows(1), timeout=0.1)

@@ -108,6 +108,9 @@ def test_over_zenoh_a_restarted_server_is_asked_again_within_the_time(
         predictor = source.predictor("skin")
         before = predictor.predict(windows)
         service.close()
+        # For a moment the client knows that the key is gone, and not yet that the connection is.
+        while source.connection.connected:
+            pass
         with pytest.raises(Unavailable, match="the connection to the server was lost"):
             predictor.predict(windows, timeout=0.05)
         waiting = pool.submit(predictor.predict, windows)
