@@ -22,7 +22,7 @@ from taxel.local import shipped_repository
 from taxel.predictor import ModelInfo
 from taxel_server.operations.log_format import LogFormat, set_up_log
 from taxel_server.operations.service_manager import ServiceManager
-from taxel_server.options import ServerOptions
+from taxel_server.options import Admin, ServerOptions
 
 if TYPE_CHECKING:
     from taxel_server.loading.loader import Loader
@@ -63,6 +63,11 @@ def _option(field: str, metavar: str | None = None) -> Any:
 def serve(
     repository: Annotated[Path | None, _option("repository", "REPO")] = None,
     listen: Annotated[list[str] | None, _option("listen", "ENDPOINT")] = None,
+    tls_certificate: Annotated[Path | None, _option("tls_certificate", "PEM")] = None,
+    tls_key: Annotated[Path | None, _option("tls_key", "PEM")] = None,
+    tls_client_ca: Annotated[Path | None, _option("tls_client_ca", "PEM")] = None,
+    users: Annotated[Path | None, _option("users", "FILE")] = None,
+    allow: Annotated[list[str] | None, _option("allow", "NAME=RIGHTS")] = None,
     prefix: Annotated[str | None, _option("prefix", "KEY")] = None,
     max_batch_rows: Annotated[int | None, _option("max_batch_rows", "N")] = None,
     max_request_rows: Annotated[int | None, _option("max_request_rows", "N")] = None,
@@ -77,8 +82,11 @@ def serve(
     spin_us: Annotated[int | None, _option("spin_us", "N")] = None,
     halt: Annotated[bool | None, _option("halt")] = None,
     http: Annotated[str | None, _option("http", "HOST:PORT")] = None,
+    watchable: Annotated[bool | None, _option("watchable")] = None,
     load_seconds: Annotated[int | None, _option("load_seconds", "S")] = None,
     load_memory_mib: Annotated[int | None, _option("load_memory_mib", "MIB")] = None,
+    watch_seconds: Annotated[float | None, _option("watch_seconds", "S")] = None,
+    admin: Annotated[Admin | None, _option("admin")] = None,
     drain_seconds: Annotated[float | None, _option("drain_seconds", "S")] = None,
     log_level: Annotated[LogLevel, typer.Option(help="What to log on stderr.")] = "warning",
     log_format: Annotated[LogFormat, typer.Option(help="How to log it: text or JSON.")] = "text",
@@ -109,7 +117,7 @@ def serve(
     repository = settings.repository or shipped_repository()
     awake = None if settings.halt else keep_cores_awake()
     engine = Engine(repository, RuntimeOptions(settings.threads, settings.providers))
-    loader = Loader(engine, Trials(settings.load_seconds, settings.load_memory_mib))
+    loader = Loader(engine, Trials(settings.load_seconds, settings.load_memory_mib), settings.watch_seconds)
     loader.start()
     loader.wait()
     if not engine.loaded():
@@ -150,7 +158,7 @@ def _serve_until(
         if loading and loader.is_idle:
             loading = False
             _LOG.info("loaded", extra={"fields": dict(loader.counts)})
-            manager.tell("READY=1", f"STATUS=serving {loader.counts['loaded']} versions")
+            manager.tell("READY=1", f"STATUS=serving {loader.served} versions")
         if manager.expects_sign and service.is_live:
             manager.give_sign()
     return False

@@ -31,6 +31,9 @@ _MANY_ROWS: Final = 1024
 Place = tuple[str, str]
 """A version's place in the repository: name and version."""
 
+UNLOADED: Final = "it was unloaded"
+"""Why a version is not there that an operator took away."""
+
 
 @dataclass(frozen=True, eq=False)
 class LoadedModel:
@@ -86,12 +89,15 @@ class Engine:
 
     def __init__(self, repository: Path, options: RuntimeOptions = DEFAULTS) -> None:
         self._repository = repository
-        self._options = options
+        self.options: Final = options
         self._versions: dict[str, list[str]] = {}
         self._outcomes: dict[Place, LoadedModel | str] = {}
         """The result of each load: a model, or the reason why there is none."""
         self._held: dict[Place, str] = {}
-        """Versions that somebody else will `load` or `refuse`, and why they are not there yet."""
+        """Versions that somebody else will `load`, `put` or `refuse`, and why they are not there yet."""
+        self._notes: dict[Place, str] = {}
+        """Why versions that are served were not loaded again."""
+        self._shadows: set[Place] = set()
         self._lock = Lock()
         self.scan()
 
@@ -99,7 +105,7 @@ class Engine:
         """Look into the repository again.
 
         Args:
-            hold: `hold` what this returns, with this reason.
+            hold: `hold` new versions, with this reason.
 
         Returns:
             The versions that are not loaded: new ones, and those that could not be loaded before.
@@ -122,7 +128,8 @@ class Engine:
             places = [(name, version) for name, versions in found.items() for version in versions]
             missing = [place for place in places if not isinstance(self._outcomes.get(place), LoadedModel)]
             if hold is not None:
-                self._held.update(dict.fromkeys(missing, hold))
+                new = (place for place in missing if place not in self._outcomes)
+                self._held.update(dict.fromkeys(new, hold))
             return missing
 
     def folder(self, place: Place) -> Path:
@@ -130,7 +137,7 @@ class Engine:
         return self._repository.joinpath(*place)
 
     def hold(self, places: Iterable[Place], reason: str) -> None:
-        """Keep versions from being loaded when they are asked for, until `load` or `refuse` is called."""
+        """Keep versions from being loaded when they are asked for, until they are settled."""
         with self._lock:
             self._held.update(dict.fromkeys(places, reason))
 
@@ -142,16 +149,73 @@ class Engine:
         """
         return self._settle(place, self._load(*place))
 
+    def put(self, place: Place, model: LoadedModel, *, shadow: bool = False) -> None:
+        """Serve a version that was loaded elsewhere, from now on and instead of what was there.
+
+        Args:
+            place: of the version.
+            model: the loaded version.
+            shadow: whether `newest` passes it over.
+        """
+        with self._lock:
+            if shadow:
+                self._shadows.add(place)
+            else:
+                self._shadows.discard(place)
+        self._settle(place, model)
+
     def refuse(self, place: Place, reason: str) -> str:
-        """Do not load a version that was held; returns the reason."""
-        _LOG.warning("model %s/%s is unavailable: %s", *place, reason)
-        self._settle(place, reason)
+        """Do not load a version; returns the reason. One that is served is served on, with this note."""
+        with self._lock:
+            served = isinstance(self._outcomes.get(place), LoadedModel)
+            if served:
+                self._notes[place] = reason
+                self._held.pop(place, None)
+        if served:
+            _LOG.warning("model %s/%s is served on, but was not loaded again: %s", *place, reason)
+        else:
+            _LOG.warning("model %s/%s is unavailable: %s", *place, reason)
+            self._settle(place, reason)
         return reason
+
+    def unload(self, place: Place) -> None:
+        """Serve a version no more, until it is loaded again.
+
+        Raises:
+            NotFound: it is not loaded.
+        """
+        with self._lock:
+            if not isinstance(self._outcomes.get(place), LoadedModel):
+                raise NotFound("version {1} of model {0!r} is not loaded".format(*place))
+        self._settle(place, UNLOADED)
+
+    def outcome(self, place: Place) -> LoadedModel | str | None:
+        """A loaded version, or the reason why it is none; None if nobody has tried to load it."""
+        with self._lock:
+            return self._outcomes.get(place)
+
+    def newest(self, name: str) -> LoadedModel | None:
+        """The version that answers requests for a model without a version; None if none is loaded."""
+        with self._lock:
+            for version in reversed(self._versions.get(name, [])):
+                outcome = self._outcomes.get((name, version))
+                if isinstance(outcome, LoadedModel) and (name, version) not in self._shadows:
+                    return outcome
+        return None
+
+    def shadows(self, name: str) -> list[LoadedModel]:
+        """The versions of a model that are loaded as shadows."""
+        with self._lock:
+            outcomes = [self._outcomes.get(place) for place in sorted(self._shadows) if place[0] == name]
+        return [outcome for outcome in outcomes if isinstance(outcome, LoadedModel)]
 
     def _settle(self, place: Place, outcome: LoadedModel | str) -> LoadedModel | str:
         with self._lock:
             self._outcomes[place] = outcome
             self._held.pop(place, None)
+            self._notes.pop(place, None)
+            if not isinstance(outcome, LoadedModel):
+                self._shadows.discard(place)
         return outcome
 
     def load_all(self) -> list[LoadedModel]:
@@ -193,6 +257,9 @@ class Engine:
         versions = self._versions_of(name, version)
         reasons = []
         for candidate in reversed(versions):
+            if version is None and (name, candidate) in self._shadows:
+                reasons.append(f"version {candidate}: it is a shadow")
+                continue
             outcome = self._outcome(name, candidate)
             if isinstance(outcome, LoadedModel):
                 return outcome
@@ -221,7 +288,7 @@ class Engine:
 
     def _load(self, name: str, version: str) -> LoadedModel | str:
         try:
-            return load_model(self._repository / name / version, self._options)
+            return load_model(self._repository / name / version, self.options)
         except TaxelError as error:
             reason = str(error)
             _LOG.warning("model %s/%s is unavailable: %s", name, version, reason)
@@ -238,8 +305,19 @@ class Engine:
             return ModelInfo(name, version, "UNAVAILABLE", found, platform="", combination=None)
         manifest = found.manifest
         evaluators = found.evaluators if isinstance(found, LoadedModel) else {}
-        combination = manifest.window.combination
-        return ModelInfo(name, version, "READY", "", manifest.platform, combination, **evaluators)
+        return ModelInfo(
+            name,
+            version,
+            "READY",
+            self._notes.get(place, ""),
+            manifest.platform,
+            manifest.window.combination,
+            **evaluators,
+            shadow=place in self._shadows,
+            delay_s=manifest.spec.delay_s,
+            warm_up_s=manifest.spec.warm_up_s,
+            norm_mae=None if manifest.training is None else manifest.training.held_out_norm_mae,
+        )
 
     def _examined(self, name: str, version: str) -> artifacts.Artifact | str:
         try:

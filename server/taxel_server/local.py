@@ -9,7 +9,7 @@ from typing_extensions import override
 
 from taxel.channels import CHANNELS
 from taxel.errors import Unavailable
-from taxel.predictor import ModelInfo, Predictor, PredictorSource
+from taxel.predictor import DEFAULT_MODEL, ModelInfo, Predictor, PredictorSource
 from taxel_server.engine import Engine, LoadedModel
 from taxel_server.runtimes import DEFAULTS, RuntimeOptions
 
@@ -35,7 +35,7 @@ class LocalSource(PredictorSource):
         return self._engine.models()
 
     @override
-    def predictor(self, name: str, version: str | None = None) -> "LocalPredictor":
+    def predictor(self, name: str = DEFAULT_MODEL, version: str | None = None) -> "LocalPredictor":
         self.check_open()
         return LocalPredictor(self, self._engine.model(name, version))
 

@@ -4,9 +4,6 @@ import ctypes
 import sys
 from typing import Final
 
-_MUCH_BYTES: Final = 8 * 2**20
-"""Requests of so many bytes may have left memory behind."""
-
 _REQUEST_BYTES: Final = 1024
 """Of a request, besides what arrived."""
 
@@ -15,6 +12,9 @@ _REST_S: Final = 1.0
 
 class FreeMemory:
     """Notes what was handled; gives free memory back after much work and a rest."""
+
+    MUCH_BYTES: Final = 8 * 2**20
+    """Requests of so many bytes may have left memory behind."""
 
     def __init__(self) -> None:
         self._handled = 0
@@ -26,7 +26,7 @@ class FreeMemory:
     @property
     def rest_s(self) -> float | None:
         """After how many seconds without work `release` is to be called; None if there is no need."""
-        return _REST_S if self._handled > _MUCH_BYTES else None
+        return _REST_S if self._handled > self.MUCH_BYTES else None
 
     def release(self) -> None:
         """Give the allocator's free pages back, where it is glibc.

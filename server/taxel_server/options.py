@@ -1,7 +1,7 @@
 """The server's options: their names, defaults, limits and help texts, in one place."""
 
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import BaseModel, Field, field_validator, model_validator
 
@@ -10,6 +10,14 @@ from taxel.lane.offer import parse_address
 from taxel.protocol import MAX_ROWS, PREFIX
 
 Rows = Annotated[int, Field(gt=0, le=2**24)]
+
+Admin = Literal["loopback", "any", "off"]
+"""From where an operator's orders are taken."""
+
+RIGHTS: Final = ("infer", "metadata", "administration")
+"""What a client may be allowed: to predict; to read what a server tells; to load and unload models."""
+
+_WITH_TLS: Final = ("tls/", "quic/")
 
 
 class ServerOptions(BaseModel):
@@ -23,6 +31,24 @@ class ServerOptions(BaseModel):
         default=("tcp/127.0.0.1:7447",),
         min_length=1,
         description="Endpoint to listen on, as tcp/HOST:PORT; may be given several times.",
+    )
+    tls_certificate: Path | None = Field(
+        default=None, description="PEM file of the server's certificate, for endpoints tls/HOST:PORT."
+    )
+    tls_key: Path | None = Field(default=None, description="PEM file of that certificate's private key.")
+    tls_client_ca: Path | None = Field(
+        default=None,
+        description="PEM file of the authority whose certificates clients must have: mutual TLS.",
+    )
+    users: Path | None = Field(
+        default=None,
+        description="File with a line USER:PASSWORD for each user; others do not get in over zenoh.",
+    )
+    allow: tuple[str, ...] = Field(
+        default=(),
+        description="What a user, or a certificate's common name, may do, as NAME=RIGHT+RIGHT of infer, "
+        "metadata and administration; may be given several times. If none, all who get in may infer and "
+        "read metadata; --admin says who may load and unload.",
     )
     prefix: str = Field(
         default=PREFIX,
@@ -83,14 +109,29 @@ class ServerOptions(BaseModel):
         default="off",
         description="Where metrics and health are told over HTTP, as HOST:PORT, or off.",
     )
+    watchable: bool = Field(
+        default=False,
+        description="Whether any client may watch what all clients ask and get (taxel watch).",
+    )
     load_seconds: int = Field(
         default=20,
         gt=0,
         le=3600,
-        description="Seconds of the processor that an ONNX file may take for its first evaluations.",
+        description="Seconds of the processor that a version may take, in the process that loads it.",
     )
     load_memory_mib: int = Field(
-        default=4096, ge=64, le=2**24, description="MiB that an ONNX file may take for them."
+        default=4096, ge=64, le=2**24, description="MiB that a version may take for it."
+    )
+    watch_seconds: float = Field(
+        default=1.0,
+        ge=0,
+        le=86_400,
+        description="Seconds between two looks for new versions in the repository; 0 for none.",
+    )
+    admin: Admin = Field(
+        default="loopback",
+        description="Who may load and unload versions, if --allow names nobody: clients over loopback or a "
+        "unix socket, any client, or nobody (off).",
     )
     drain_seconds: float = Field(
         default=1.2,
@@ -99,7 +140,7 @@ class ServerOptions(BaseModel):
         description="Seconds to finish the queued requests after a signal to stop.",
     )
 
-    @field_validator("listen", "providers", mode="before")
+    @field_validator("listen", "providers", "allow", mode="before")
     @classmethod
     def _several(cls, value: Any) -> Any:
         """An environment variable may name several, separated by commas."""
@@ -129,6 +170,40 @@ class ServerOptions(BaseModel):
         if http != "off":
             host_and_port(http)
         return http
+
+    @field_validator("allow")
+    @classmethod
+    def _names_rights(cls, allowed: tuple[str, ...]) -> tuple[str, ...]:
+        for each in allowed:
+            name, _, rights = each.partition("=")
+            if not name or not set(rights.split("+")) <= set(RIGHTS):
+                raise ValueError(f"{each!r}: expected NAME=RIGHT+RIGHT with rights of {', '.join(RIGHTS)}")
+        if len({each.partition("=")[0] for each in allowed}) < len(allowed):
+            raise ValueError("a name is given twice: expected all its rights together, as NAME=RIGHT+RIGHT")
+        return allowed
+
+    def rights(self) -> dict[str, tuple[str, ...]]:
+        """What each name of `allow` may do."""
+        split = (each.partition("=") for each in self.allow)
+        return {name: tuple(rights.split("+")) for name, _, rights in split}
+
+    @model_validator(mode="after")
+    def _keeps_its_promise(self) -> Self:
+        """No option that keeps clients out may be without effect."""
+        with_tls = [endpoint.startswith(_WITH_TLS) for endpoint in self.listen]
+        if (self.tls_certificate is None) != (self.tls_key is None):
+            raise ValueError("tls_certificate, tls_key: expected both or neither")
+        if any(with_tls) != (self.tls_certificate is not None):
+            raise ValueError("listen: expected tls/HOST:PORT with tls_certificate and tls_key, or neither")
+        if self.tls_client_ca is not None and not all(with_tls):
+            raise ValueError("tls_client_ca: expected tls/HOST:PORT only, as others show no certificate")
+        if self.allow and self.users is None and self.tls_client_ca is None:
+            raise ValueError("allow: expected users or tls_client_ca, which tell who a client is")
+        if (self.users or self.tls_client_ca) and self.lane.startswith("tcp:"):
+            raise ValueError(
+                f"lane {self.lane}: any user of the machine may ask there: expected unix:PATH or off"
+            )
+        return self
 
     @model_validator(mode="after")
     def _fit_each_other(self) -> Self:

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Self
 
 from taxel.errors import TaxelError
 from taxel.lane.offer import LaneOffer
+from taxel_server.core.administration import Administration
 from taxel_server.core.core import Core
 from taxel_server.engine import Engine
 from taxel_server.loading.loader import Loader
@@ -28,6 +29,8 @@ class Service:
     def __init__(self, engine: Engine, options: ServerOptions, loader: Loader | None = None) -> None:
         self._core = Core(engine, options)
         self._loader = loader
+        exchange = loader.exchange if loader is not None else None
+        self._core.take_order = Administration(engine, exchange, options.admin).take
         self._liveness = Liveness(lambda: self._core.progress)
         self._http: HttpEndpoint | None = None
         self._options = options
@@ -102,6 +105,7 @@ class Service:
         """
         if self._loader is not None:
             self._loader.close()
+        self._zenoh.withdraw()
         self._core.drain()
         if self._http is not None:
             self._http.close()

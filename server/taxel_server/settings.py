@@ -31,6 +31,9 @@ class ServerSettings(ServerOptions, BaseSettings):
         env_prefix=PREFIX, enable_decoding=False, toml_file=FILE, extra="forbid", frozen=True
     )
 
+    client: Any = None
+    """The file's table of that name is for clients that start in the same folder."""
+
     @override
     @classmethod
     def settings_customise_sources(

@@ -17,6 +17,7 @@ import taxel
 from taxel.endpoints import checked_endpoint
 from taxel.errors import InvalidArgument, TaxelError
 from taxel.remote import RemoteSource
+from taxel.remote.credentials import Credentials
 from taxel.remote.options import ConnectOptions
 from taxel_server.transports.memory import MemoryServer
 
@@ -73,7 +74,7 @@ ANYTHING = st.one_of(
 
 
 @given(
-    name=st.sampled_from(["endpoint", "timeout", "prefix", "shared_memory", "transport"]),
+    name=st.sampled_from(["endpoint", "timeout", "prefix", "shared_memory", "credentials", "transport"]),
     value=ANYTHING,
 )
 def test_anything_as_an_argument_of_connect_is_a_typed_error(name: str, value: Any) -> None:
@@ -82,12 +83,13 @@ def test_anything_as_an_argument_of_connect_is_a_typed_error(name: str, value: A
         "timeout": 1,
         "prefix": "taxel",
         "shared_memory": False,
+        "credentials": None,
         "transport": None,
     }
     with suppress(InvalidArgument):
         options = ConnectOptions.checked(**(right | {name: value}))
         kinds = [type(each) for each in options]
-        assert kinds == [str, float, str, bool, type(None), str]
+        assert kinds == [tuple, float, str, bool, Credentials, type(None), str]
 
 
 @given(

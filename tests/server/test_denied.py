@@ -41,17 +41,27 @@ def router(listen: str, server: str, *denied: dict[str, Any]) -> Iterator[None]:
         },
     }.items():
         config.insert_json5(key, json.dumps(value))
-    with zenoh.open(config) as session, session.declare_querier("taxel/**") as server_key:
-        found: Any = server_key
+    with zenoh.open(config) as session:
+        wait_for_keys(session, "taxel")
+        while not (tokens := [reply.ok for reply in session.liveliness().get("taxel/@replica/*")]):
+            pass
+        # Right behind a router, keys become known one after the other: the server's own ones last.
+        wait_for_keys(session, str(tokens[0].key_expr))
+        yield
+
+
+def wait_for_keys(session: zenoh.Session, prefix: str) -> None:
+    with session.declare_querier(f"{prefix}/**") as querier:
+        found: Any = querier
         while not found.matching_status.matching:
             pass
-        yield
 
 
 def test_a_denied_query_is_told_from_a_server_that_is_not_there(
     engine: Engine, start: ServerStarter, endpoint: str, make_windows: WindowMaker
 ) -> None:
-    denied = {"messages": ["query"], "flows": ["ingress"], "key_exprs": ["taxel/v2/models/skin/**"]}
+    keys = ["taxel/v2/models/skin/**", "taxel/@replica/*/v2/models/skin/**"]
+    denied = {"messages": ["query"], "flows": ["ingress"], "key_exprs": keys}
     windows = make_windows(1)
 
     async def asynchronous() -> None:
@@ -80,9 +90,10 @@ def test_a_denied_query_is_told_from_a_server_that_is_not_there(
 def test_a_server_that_may_not_be_known_of_is_not_there(
     engine: Engine, start: ServerStarter, endpoint: str
 ) -> None:
+    keys = ["**", "taxel/@replica/**"]
     rules = (
-        {"messages": ["declare_queryable"], "flows": ["egress"], "key_exprs": ["**"]},
-        {"messages": ["query"], "flows": ["ingress"], "key_exprs": ["**"]},
+        {"messages": ["declare_queryable", "liveliness_token"], "flows": ["egress"], "key_exprs": keys},
+        {"messages": ["query"], "flows": ["ingress"], "key_exprs": keys},
     )
     with (
         router(endpoint, start(engine), *rules),

@@ -5,6 +5,7 @@ import json
 import os
 from collections.abc import Callable
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from taxel.artifacts import MANIFEST, MOST_MANIFEST_BYTES
 from taxel.errors import ArtifactError
 from taxel_server.engine import Engine
 from taxel_server.loading import loader as loader_module
+from taxel_server.loading.exchange import Exchange
 from taxel_server.loading.loader import Loader
 from taxel_server.loading.trials import Trials
 from taxel_server.runtimes.graph_checks import check_graph
@@ -24,6 +26,7 @@ from taxel_server.runtimes.graph_checks import check_graph
 ArtifactMaker = Callable[..., Path]
 
 FEATURES = 6
+HANG_S = 300
 
 
 @pytest.fixture
@@ -262,3 +265,23 @@ def test_nobody_waits_for_a_model_that_never_answers(
         assert "being tried out" in told["slow"][1]
     finally:
         loader.close()
+
+
+def test_a_version_that_never_ends_is_refused_while_others_are_loaded(repository: Path) -> None:
+    """While a server runs: the endless one in its process takes nothing from the sound one."""
+    put_onnx(repository, "slow", long_computation())
+    put_onnx(repository, "large", large_tensor())
+    put_onnx(repository, "good", sound())
+    engine = Engine(repository)
+    engine.hold([("slow", "1"), ("large", "1"), ("good", "1")], "not yet")
+    exchange = Exchange(engine, Trials(1, 1024))
+    told: SimpleQueue[tuple[str, str]] = SimpleQueue()
+    for name in ("slow", "large", "good"):
+        exchange.load((name, "1"), lambda refusal, name=name: told.put((name, str(refusal or ""))))
+    reasons = dict(told.get(timeout=HANG_S) for _ in range(3))
+    exchange.close()
+    assert reasons["good"] == ""
+    assert "took longer than 1 s" in reasons["slow"]
+    assert "68719476736" in reasons["large"]
+    states = {model.name: model.state for model in engine.models()}
+    assert states == {"good": "READY", "large": "UNAVAILABLE", "skin": "READY", "slow": "UNAVAILABLE"}

@@ -337,3 +337,15 @@ def test_requests_like_the_last_one_and_unlike_it_are_told_apart(
             ask(connection, windows, WIDE)
         with pytest.raises(InvalidArgument, match="expected"):
             ask(connection, windows, SKIN)
+
+
+def test_what_came_before_no_frame_is_answered_first(lane: str, make_windows: WindowMaker) -> None:
+    windows = make_windows(3)
+    head = pack_request_head(SKIN, 7, windows.shape, 10_000, spread=False)
+    breaking = LaneConnection(lane)
+    breaking.socket.sendall(2 * (head + windows.tobytes()) + b"x" * 40)
+    heads = [breaking.receive(10)[0] for _ in range(3)]
+    assert Counter((reply.id, reply.kind == ERROR) for reply in heads) == {(7, False): 2, (0, True): 1}
+    with pytest.raises(ConnectionLost):
+        breaking.receive(10)
+    breaking.close()

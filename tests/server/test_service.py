@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import taxel
 from taxel.envelopes import RequestReader
-from taxel.errors import Internal, NotFound, TaxelError, Unavailable
+from taxel.errors import Internal, NotFound, PermissionDenied, TaxelError, Unavailable
 from taxel.predictor import ModelInfo
 from taxel.protocol import pack_infer_request, unpack_infer_response, unpackb
 from taxel.remote import RemoteSource, Transport
@@ -111,7 +111,6 @@ def test_statistics_count_requests_rows_and_errors(
         ("taxel/v2/models/skin/weights", "no key"),
         ("taxel/v2/models/skin/versions/2/infer/more", "no key"),
         ("taxel/v2/models/*/infer", r"no model '\*'"),
-        ("taxel/**", "no key"),
         ("taxel/v2/models/skn", "no model 'skn'; there is: skin, wide"),
         ("taxel/v2/models/skn/infer", "no model 'skn'; there is: skin, wide"),
         ("taxel/v2/models/skn/ready", "no model 'skn'; there is: skin, wide"),
@@ -121,6 +120,11 @@ def test_statistics_count_requests_rows_and_errors(
 def test_unknown_keys_are_not_found(client: RemoteSource, key: str, text: str) -> None:
     with pytest.raises(NotFound, match=text):
         client.get(key)
+
+
+def test_a_question_to_all_keys_gets_no_answer(client: RemoteSource) -> None:
+    with pytest.raises(PermissionDenied):
+        client.get("taxel/**")
 
 
 def test_another_prefix_is_another_server(

@@ -52,6 +52,23 @@ def test_variables_of_other_parts_are_let_be(monkeypatch: pytest.MonkeyPatch) ->
         ({"listen": ()}, "listen"),
         ({"listen": ("localhost",)}, "listen.*'localhost': expected PROTOCOL/ADDRESS"),
         ({"listen": ("tcp/127.0.0.1:0",)}, "listen.*expected a port"),
+        ({"tls_key": Path("key")}, "tls_certificate, tls_key: expected both"),
+        ({"listen": ("tls/a:1",)}, "listen: expected tls/HOST:PORT with tls_certificate"),
+        ({"tls_certificate": Path("c"), "tls_key": Path("k")}, "listen: expected tls/HOST:PORT"),
+        (
+            {
+                "listen": ("tls/a:1", "tcp/a:2"),
+                "tls_certificate": Path("c"),
+                "tls_key": Path("k"),
+                "tls_client_ca": Path("ca"),
+            },
+            "tls_client_ca: expected tls/HOST:PORT only",
+        ),
+        ({"allow": ("robot=infer",)}, "allow: expected users or tls_client_ca"),
+        ({"users": Path("u"), "allow": ("robot=look",)}, "'robot=look': expected NAME=RIGHT"),
+        ({"users": Path("u"), "allow": ("robot=",)}, "'robot=': expected NAME=RIGHT"),
+        ({"users": Path("u"), "allow": ("robot=infer", "robot=metadata")}, "a name is given twice"),
+        ({"users": Path("u"), "lane": "tcp:127.0.0.1:9"}, "any user of the machine may ask there"),
         (
             {"max_request_rows": 9, "max_queue_rows": 8},
             "max_request_rows 9: expected at most max_queue_rows",

@@ -1,5 +1,6 @@
-"""The golden messages of docs/wire.md: each end writes these bytes, and reads from them what was meant."""
+"""The golden messages of docs/wire_golden.md: each end writes these bytes, and reads what was meant."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 import taxel
+from taxel.administration import Order, pack_version
 from taxel.envelopes import RequestReader, RequestWriter
 from taxel.errors import NotFound
 from taxel.lane import frames
@@ -28,6 +30,7 @@ WINDOWS = np.arange(12, dtype="<f4").reshape(2, 6) / 8
 COUNTS = np.arange(42, dtype="<f4").reshape(2, 21) + 2000
 RESPONSE = InferResponse(COUNTS, "skin", "10", None, 12, 34, 2)
 WITH_SPREAD = RESPONSE._replace(spread=COUNTS / 1000)
+SHADOW = Order("load", "skin", "10", shadow=True)
 ERROR = NotFound("no model 'skn'; there is: skin, wide")
 
 
@@ -45,6 +48,8 @@ WRITTEN: dict[str, Callable[[], bytes]] = {
     "zenoh_predictions.msgpack": lambda: pack_infer_response(RESPONSE),
     "zenoh_predictions_spread.msgpack": lambda: pack_infer_response(WITH_SPREAD),
     "zenoh_error.msgpack": lambda: pack_error(ERROR),
+    "zenoh_load.msgpack": SHADOW.payload,
+    "zenoh_loaded.msgpack": lambda: pack_version("skin", "10"),
 }
 
 
@@ -54,8 +59,21 @@ def golden(name: str) -> bytes:
 
 def test_every_golden_message_is_checked_and_named_in_the_specification() -> None:
     assert {file.name for file in GOLDEN.iterdir()} == set(WRITTEN)
-    text = GOLDEN.with_suffix(".md").read_text(encoding="utf-8")
-    assert all(f"wire/{name}" in text for name in WRITTEN)
+    text = "".join(
+        (GOLDEN.parent / page).read_text(encoding="utf-8") for page in ("wire.md", "wire_lane.md")
+    )
+    assert all(f"(wire/{name})" in text for name in WRITTEN)
+
+
+def test_the_specification_shows_the_bytes_of_every_golden_message() -> None:
+    """Each line of its block is bytes in hex, two spaces or more, and what they are."""
+    text = (GOLDEN.parent / "wire_golden.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"\(wire/([^)]+)\), (\d+) bytes:\n\n```text\n(.*?)```", text, re.DOTALL)
+    shown = {name: [line.split("  ", 1)[0] for line in block.splitlines()] for name, _, block in blocks}
+    assert {name: "".join(lines) for name, lines in shown.items()} == {
+        name: golden(name).hex() for name in WRITTEN
+    }
+    assert {name: int(size) for name, size, _ in blocks} == {name: len(golden(name)) for name in WRITTEN}
 
 
 @pytest.mark.parametrize("name", WRITTEN)
@@ -71,6 +89,13 @@ def test_a_server_reads_the_requests() -> None:
         request = RequestReader(10).read(golden(name))
         np.testing.assert_array_equal(request.windows, WINDOWS)
         assert request[1:] == (None, 5000.0, spread)
+
+
+def test_a_server_reads_the_order() -> None:
+    path = "v2/repository/models/skin/versions/10/load"
+    assert SHADOW.path == path
+    assert Order.read(path, golden("zenoh_load.msgpack")) == SHADOW
+    assert unpackb(golden("zenoh_loaded.msgpack")) == {"name": "skin", "version": "10"}
 
 
 @pytest.mark.parametrize("suffix", ["", "_spread"])

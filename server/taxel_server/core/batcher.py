@@ -23,6 +23,7 @@ from taxel.windows.checks import check_finite
 from taxel_server.core.jobs import Job, Work, too_late
 from taxel_server.core.policy import Policy, Slice, Ticket
 from taxel_server.core.refusals import Refusals
+from taxel_server.core.shadows import Shadows
 from taxel_server.core.shares import Amounts
 from taxel_server.core.statistics import ModelStatistics
 from taxel_server.engine import LoadedModel
@@ -81,6 +82,7 @@ class Batcher:
         self._sleeps = False
         """Whether the worker waits for the bell."""
         self._memory = FreeMemory()
+        self.shadows: Final = Shadows()
         self._stopping = False
         self._give_up_at = inf
         self._statistics: defaultdict[LoadedModel, ModelStatistics] = defaultdict(ModelStatistics)
@@ -147,6 +149,8 @@ class Batcher:
         if outputs.shape != (rows, _CHANNELS):
             return None
         compute_us = round((time.monotonic() - started) * 1e6)
+        if self.shadows.shadowed:
+            self.shadows.offer(model, windows, outputs)
         self._alone.append((model, rows, compute_us))
         if len(self._alone) >= _MOST_UNCOUNTED:
             with self._lock:
@@ -215,6 +219,25 @@ class Batcher:
             self._count_alone()
             return self._statistics[model].as_dict()
 
+    def succeed(self, old: LoadedModel, new: LoadedModel) -> None:
+        """Count the requests of a version that was loaded again together with those from before."""
+        with self._lock:
+            self._count_alone()
+            self._statistics[new] = self._statistics[old]
+
+    def keep(self, models: Iterable[LoadedModel]) -> bool:
+        """Forget all other models, which get no more requests; False if some still have open ones."""
+        kept = set(models)
+        with self._lock:
+            self._count_alone()
+            busy = {job.model for job in self._policy} - kept
+            for model in self._statistics.keys() - kept - busy:
+                del self._statistics[model]
+            self._policy.keep(kept | busy)
+            self._memory.note(FreeMemory.MUCH_BYTES)
+            self._wake()
+        return not busy
+
     def gone(self, source: Hashable) -> None:
         """Drop the requests of a connection or a session that is no longer there to be answered."""
         with self._lock:
@@ -243,24 +266,33 @@ class Batcher:
         self._worker.join()
 
     def _run(self) -> None:
-        while (chosen := self._next()) is not None:
+        # The loop has no variables: they would keep the last model while the worker waits.
+        while self._step():
+            pass
+
+    def _step(self) -> bool:
+        """Evaluate the next slice; False when stopping and nothing is left."""
+        chosen = self._next()
+        if chosen is None:
+            return False
+        started = time.monotonic()
+        for job in chosen.late:
+            self._answer(job, too_late(job, started))
+        # A request may have a window more than was estimated: its last piece takes what is left.
+        pieces = [
+            (work, rows if job.left else work.left)
+            for job, rows in chosen.pieces
+            if (work := job.work or self._decoded(job)) is not None
+        ]
+        if pieces:
             started = time.monotonic()
-            for job in chosen.late:
-                self._answer(job, too_late(job, started))
-            # A request may have a window more than was estimated: its last piece takes what is left.
-            pieces = [
-                (work, rows if job.left else work.left)
-                for job, rows in chosen.pieces
-                if (work := job.work or self._decoded(job)) is not None
-            ]
-            if pieces:
-                started = time.monotonic()
-                self._evaluate(chosen.model, pieces)
-                with self._lock:
-                    finished = self._policy.done(chosen, time.monotonic() - started)
-                for job in finished:
-                    assert job.work is not None
-                    self._answer(job, job.work.response())
+            self._evaluate(chosen.model, pieces)
+            with self._lock:
+                finished = self._policy.done(chosen, time.monotonic() - started)
+            for job in finished:
+                assert job.work is not None
+                self._answer(job, job.work.response())
+        return True
 
     def _next(self) -> Slice[Job] | None:
         """What to evaluate next. Waits for it; None when stopping and nothing is left."""
@@ -327,6 +359,8 @@ class Batcher:
         ended = time.monotonic()
         with self._lock:
             self._statistics[model].add_batch(len(joined))
+        if self.shadows.shadowed:
+            self.shadows.offer(model, joined, outputs)
         first = 0
         for (work, _), part in zip(pieces, windows, strict=True):
             kept = outputs[first : first + len(part)]
@@ -365,6 +399,8 @@ def _give(job: Job, result: InferResponse | RequestError) -> None:
     job.work = None
     try:
         job.answer(result)
+        if job.seen is not None:
+            job.seen(job, result)
     except Exception:
         # Whoever answers must survive a caller that has gone.
         _LOG.exception("%s: an answer could not be given", job.model.label)

@@ -1,16 +1,18 @@
 """The core: a repository's models behind one batcher. Any number of transports share it."""
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from typing import Any
 
 from taxel.lane.offer import LaneOffer
 from taxel.protocol import model_path
+from taxel_server.core.administration import Answer
 from taxel_server.core.batcher import Batcher
 from taxel_server.core.jobs import Job
 from taxel_server.core.metadata import ServerMetadata
 from taxel_server.core.policy import Ticket
 from taxel_server.core.refusals import Refusals
 from taxel_server.core.server_statistics import ServerStatistics
+from taxel_server.core.traffic import Traffic
 from taxel_server.engine import Engine, LoadedModel
 from taxel_server.options import ServerOptions
 
@@ -31,10 +33,13 @@ class Core:
         self.ready = False
         self.lane: LaneOffer | None = None
         """Where clients on this machine may ask, too."""
+        self.traffic: Traffic | None = None
+        """Told each request, while somebody watches."""
+        self._watched = Traffic(self._follow) if options.watchable else None
         self._drain_seconds = options.drain_seconds
         self._engine = engine
-        self._routes: dict[str, LoadedModel] = {}
-        self.refresh_routes()
+        engine.load_all()
+        self._routes = _infer_routes(engine)
         self.refusals = Refusals()
         self.max_request_bytes = max(
             (_bytes_of(loaded, options.max_request_rows) for loaded in self._routes.values()), default=0
@@ -49,7 +54,9 @@ class Core:
             max_queue_seconds=options.max_queue_seconds,
         )
         self.statistics = ServerStatistics(engine, self._batcher, self.refusals)
-        self._metadata = ServerMetadata(engine, lambda: self.ready, self.statistics, lambda: self.lane)
+        self._metadata = ServerMetadata(
+            engine, lambda: self.ready, self.statistics, lambda: self.lane, self._watched
+        )
         self.model_at: Callable[[str], LoadedModel | None] = self._routes.get
         """The model of an inference request's path, such as `v2/models/xgb/infer`; None if it is none."""
         self.submit: Callable[[Job], None] = self._batcher.submit
@@ -57,6 +64,8 @@ class Core:
         self.evaluate_if_idle = self._batcher.evaluate_if_idle
         self.gone: Callable[[Hashable], None] = self._batcher.gone
         """Drops the requests of a connection or a session that has ended."""
+        self.take_order: Callable[[str, bytes, Answer], bool] = lambda *_: False
+        """Carries out an operator's order, and answers it once; False if the path is none."""
         self.check_room: Callable[[Ticket], None] = self._batcher.check_room
         """Raises if a request would be refused now: asked before its windows are read."""
 
@@ -79,9 +88,30 @@ class Core:
         """
         return self._metadata.answer(path)
 
-    def refresh_routes(self) -> None:
-        """Route requests to what the engine has loaded by now. A request under way keeps its model."""
-        self._routes.update(_infer_routes(self._engine))
+    def refresh_routes(self) -> bool:
+        """Route requests to what the engine has loaded by now. A request under way keeps its model.
+
+        Returns:
+            Whether nothing is left of versions that are not routed any more. Else call it again a little
+            later: they still answer requests.
+        """
+        routes = _infer_routes(self._engine)
+        for path, new in routes.items():
+            old = self._routes.get(path)
+            if old is not None and old is not new and old.label == new.label:
+                self._batcher.succeed(old, new)
+        self._routes.update(routes)
+        self._batcher.shadows.set(_shadows_of(self._engine, routes.values()))
+        for path in self._routes.keys() - routes.keys():
+            del self._routes[path]
+        return self._batcher.keep(routes.values())
+
+    def _follow(self, follows: bool) -> None:
+        """Take requests by a way that tells them to the traffic, or again without it."""
+        traffic = self._watched if follows else None
+        self.traffic = traffic
+        self.submit = _seen_by(traffic, self._batcher.submit) if traffic else self._batcher.submit
+        self.run = _seen_by(traffic, self._batcher.run) if traffic else self._batcher.run
 
     def start(self) -> None:
         """Start the batcher's worker."""
@@ -96,20 +126,43 @@ class Core:
         self._batcher.stop(self._drain_seconds)
         self.ready = False
         self._batcher.join()
+        self._batcher.shadows.close()
 
     def abandon(self) -> None:
         """Answer all open requests with `Unavailable`; for use if `drain` takes too long."""
         self._batcher.abandon()
 
 
+def _seen_by(traffic: Traffic, take: Callable[[Job], None]) -> Callable[[Job], None]:
+    def taken(job: Job) -> None:
+        job.seen = traffic.see
+        take(job)
+
+    return taken
+
+
 def _infer_routes(engine: Engine) -> dict[str, LoadedModel]:
     """Every path of an inference request, and its model."""
     routes: dict[str, LoadedModel] = {}
-    for loaded in engine.load_all():
+    for loaded in engine.loaded():
         name, version = loaded.manifest.name, loaded.manifest.version
         routes[model_path(name, version, "infer")] = loaded
-        routes[model_path(name, None, "infer")] = engine.model(name)
+        if (newest := engine.newest(name)) is not None:
+            routes[model_path(name, None, "infer")] = newest
     return routes
+
+
+def _shadows_of(engine: Engine, models: Iterable[LoadedModel]) -> dict[LoadedModel, list[LoadedModel]]:
+    """The shadows of each model's newest version, as far as they take the same windows."""
+    newest = {found for name in {model.manifest.name for model in models} if (found := engine.newest(name))}
+    return {
+        model: [
+            shadow
+            for shadow in engine.shadows(model.manifest.name)
+            if shadow.manifest.window.features == model.manifest.window.features
+        ]
+        for model in newest
+    }
 
 
 def _bytes_of(model: LoadedModel, rows: int) -> int:

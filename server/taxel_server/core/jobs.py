@@ -2,7 +2,7 @@
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from math import inf
 from typing import Final
 
@@ -43,6 +43,7 @@ class Job(Ticket, ABC):
     Attributes:
         caller: what the client is called in logs, as far as the transport knows.
         request_id: the client's own id, once it is known.
+        seen: told the answer once it is given, if somebody watches.
         arrived: when, on the clock `time.monotonic`.
         work: the decoded request, once its evaluation has begun.
     """
@@ -50,6 +51,7 @@ class Job(Ticket, ABC):
     model: LoadedModel
     caller: str = ""
     request_id: str | int | None = None
+    seen: "Callable[[Job, InferResponse | RequestError], None] | None" = None
 
     def __init__(
         self, model: LoadedModel, rows: int, size: int = 0, client: Hashable = None, source: Hashable = None

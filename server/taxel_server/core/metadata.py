@@ -5,12 +5,13 @@ from dataclasses import asdict
 from typing import Any, Final
 
 from taxel import __version__
-from taxel.errors import NotFound, Unavailable
+from taxel.errors import NotFound, PermissionDenied, Unavailable
 from taxel.lane.offer import LaneOffer
 from taxel_server.core.server_statistics import ServerStatistics
+from taxel_server.core.traffic import Traffic
 from taxel_server.engine import Engine, LoadedModel
 
-EXTENSIONS: Final = ("repository_index", "model_stats", "server_stats")
+EXTENSIONS: Final = ("repository_index", "model_repository", "model_stats", "server_stats")
 
 
 class ServerMetadata:
@@ -21,6 +22,7 @@ class ServerMetadata:
         ready: whether the server takes requests.
         statistics: what the server and its models have done.
         lane: where clients on this machine may ask, too.
+        traffic: what clients ask; None if nobody may watch it.
     """
 
     def __init__(
@@ -29,17 +31,20 @@ class ServerMetadata:
         ready: Callable[[], bool],
         statistics: ServerStatistics,
         lane: Callable[[], LaneOffer | None],
+        traffic: Traffic | None = None,
     ) -> None:
         self._engine = engine
         self._ready = ready
         self._statistics = statistics
         self._lane = lane
+        self._traffic = traffic
 
     def answer(self, path: str) -> dict[str, Any]:
         """The answer to a path such as `v2/health/ready`.
 
         Raises:
             NotFound: no such path, model or version.
+            PermissionDenied: the server may not be watched.
             Unavailable: the model cannot be loaded.
         """
         match path.split("/"):
@@ -47,6 +52,8 @@ class ServerMetadata:
                 return self._describe()
             case ["v2", "stats"]:
                 return self._statistics.read()
+            case ["v2", "watch"]:
+                return self._look()
             case ["v2", "health", "live"]:
                 return {"live": True}
             case ["v2", "health", "ready"]:
@@ -63,6 +70,11 @@ class ServerMetadata:
         described = {"name": "taxel", "version": __version__, "extensions": list(EXTENSIONS)}
         lane = self._lane()
         return described if lane is None else {**described, "lane": lane._asdict()}
+
+    def _look(self) -> dict[str, Any]:
+        if self._traffic is None:
+            raise PermissionDenied("this server may not be watched: expected one with --watchable")
+        return self._traffic.look()
 
     def _answer_model(self, path: str, name: str, version: str | None, action: list[str]) -> dict[str, Any]:
         match action:

@@ -4,7 +4,7 @@ Its events: a request arrives; the evaluator asks for the next slice, and says w
 or a client is no longer there. Times are seconds on whichever clock the caller takes.
 """
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterator, Set
 from enum import IntEnum
 from math import inf
 from typing import Any, Final, Generic, NamedTuple, TypeVar
@@ -194,6 +194,13 @@ class Policy(Generic[T]):
         """End all requests of a source; returns them."""
         theirs = [ticket for ticket in self._open if ticket.source == source]
         return [ticket for ticket in theirs if self.drop(ticket)]
+
+    def keep(self, models: Set[Any]) -> None:
+        """Forget what was learnt of all other models, which have no open requests."""
+        for model in self._row_s.keys() - models:
+            del self._row_s[model]
+        for turns in self._turns.values():
+            turns.keep(models)
 
     def _end(self, ticket: T) -> bool:
         if ticket not in self._open:

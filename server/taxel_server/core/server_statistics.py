@@ -32,8 +32,10 @@ class ServerStatistics:
         self.loads: Mapping[str, int] = {}
 
     def of_model(self, model: LoadedModel) -> dict[str, Any]:
-        """The statistics of one version."""
-        return self._batcher.statistics(model)
+        """The statistics of one version, and how it differs if it is a shadow."""
+        compared = self._batcher.shadows.comparison(model)
+        told = self._batcher.statistics(model)
+        return told if compared is None else {**told, "shadow": compared}
 
     def read(self) -> dict[str, Any]:
         """Everything, as on the wire at `v2/stats`."""
@@ -48,7 +50,7 @@ class ServerStatistics:
                 {
                     "name": model.manifest.name,
                     "version": model.manifest.version,
-                    **self._batcher.statistics(model),
+                    **self.of_model(model),
                 }
                 for model in self._engine.loaded()
             ],

@@ -7,8 +7,8 @@ debt is paid.
 """
 
 from collections import deque
-from collections.abc import Hashable
-from typing import Final, Generic, Protocol, TypeVar
+from collections.abc import Hashable, Set
+from typing import Any, Final, Generic, Protocol, TypeVar
 
 _CLIENT_ROWS: Final = 64
 """A client's turn, in windows."""
@@ -131,6 +131,11 @@ class ModelTurns(Generic[T]):
             self._credit[model] = min(self._credit[model], self._turn_s)
         else:
             self._credit.clear()
+
+    def keep(self, models: Set[Any]) -> None:
+        """Forget all other models, which nobody asks."""
+        for model in self._credit.keys() - models:
+            del self._credit[model]
 
     def charge(self, model: Hashable, seconds: float) -> None:
         """Count what an evaluation took; a single one is counted as `_LONGEST_S` at most."""

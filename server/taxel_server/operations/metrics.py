@@ -106,12 +106,32 @@ def _of_models(models: list[Mapping[str, Any]]) -> Iterator[Metric]:
         for code, count in sorted(model["errors"].items()):
             errors.add_metric([*place, code], count)
     yield from (requests, rows, errors)
+    yield from _of_shadows([model for model in models if "shadow" in model])
     for name, field, powers, unit, text in _HISTOGRAMS:
         family = HistogramMetricFamily(f"taxel_{name}", text, labels=_MODEL)
         for model in models:
             buckets, total = _buckets(model[field], powers, unit)
             family.add_metric([model["name"], model["version"]], buckets, total)
         yield family
+
+
+def _of_shadows(models: list[Mapping[str, Any]]) -> Iterator[Metric]:
+    rows = CounterMetricFamily(
+        "taxel_shadow_rows", "Windows that shadows were given.", labels=[*_MODEL, "result"]
+    )
+    mean = GaugeMetricFamily(
+        "taxel_shadow_mean_difference_counts", "Mean difference of a channel.", labels=_MODEL
+    )
+    most = GaugeMetricFamily(
+        "taxel_shadow_max_difference_counts", "Largest difference of a channel.", labels=_MODEL
+    )
+    for model in models:
+        place, shadow = [model["name"], model["version"]], model["shadow"]
+        for result, count in shadow["rows"].items():
+            rows.add_metric([*place, result], count)
+        mean.add_metric(place, shadow["mean_difference"])
+        most.add_metric(place, shadow["max_difference"])
+    yield from (rows, mean, most)
 
 
 def _buckets(

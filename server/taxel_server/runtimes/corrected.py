@@ -1,6 +1,7 @@
 """Evaluates a corrected model: any platform's model file, and the effects of its manifest."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +24,14 @@ class CorrectedRuntime:
     def __init__(
         self, evaluate: Evaluate, evaluator: Callable[[int], EvaluatorInfo], manifest: Manifest
     ) -> None:
+        self._given = (evaluate, evaluator, manifest)
         self._evaluate = evaluate
         self._evaluator = evaluator
         self._correction = Correction(manifest.effects, manifest.spec, manifest.window.extras)
         self._features = len(manifest.window.features)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return CorrectedRuntime, self._given
 
     @property
     def features(self) -> int:

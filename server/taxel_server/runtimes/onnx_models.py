@@ -1,7 +1,7 @@
 """Evaluates ONNX models with ONNX Runtime."""
 
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import onnxruntime
@@ -56,6 +56,11 @@ class OnnxRuntime:
             reason = str(error).strip().splitlines()[0]
             raise ArtifactError(f"{model_path}: ONNX Runtime cannot load it: {reason}") from None
         self._features = self._checked_shapes(model_path)
+        self._given = (model_path, normalisation, threads, providers)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A session cannot be pickled: it is opened again.
+        return OnnxRuntime, self._given
 
     def _checked_shapes(self, model_path: Path) -> int:
         inputs, outputs = self._session.get_inputs(), self._session.get_outputs()

@@ -16,7 +16,10 @@ from taxel_server.runtimes.options import DEFAULTS, RuntimeOptions
 
 
 class Runtime(Protocol):
-    """Evaluates one model file. Thread-safe; releases the GIL while it computes."""
+    """Evaluates one model file. Thread-safe; releases the GIL while it computes.
+
+    It can be pickled in one process and read in another one on the same machine.
+    """
 
     @property
     def features(self) -> int:

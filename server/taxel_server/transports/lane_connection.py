@@ -84,8 +84,13 @@ class ClientConnection:
         """Bytes of a refused request that are still to come."""
         self._outbox: deque[memoryview] = deque()
         self._closed = False
+        self._owed = 0
+        """Frames that have come, each owed a reply; the lane's thread counts them."""
+        self._replied = 0
+        self._at_end = False
+        """Whether bytes came that are no frame: what is owed is still sent, and nothing more is read."""
         self._lock = Lock()
-        """Of the outbox and the socket's sending side."""
+        """Of the outbox, the count of replies and the socket's sending side."""
 
     @property
     def has_outbox(self) -> bool:
@@ -95,12 +100,12 @@ class ClientConnection:
     @property
     def is_under_way(self) -> bool:
         """Whether the client owes bytes, or does not read its replies."""
-        return bool(self._rest or self._arriving or self._to_skip or self._outbox)
+        return bool(self._rest or self._arriving or self._to_skip or self._outbox or self._at_end)
 
     @property
     def is_closed(self) -> bool:
-        """Whether a reply could not be sent or kept, so that the client must go."""
-        return self._closed
+        """Whether the client must go: a reply could not be sent or kept, or all is said after no frame."""
+        return self._closed or (self._at_end and self._replied == self._owed and not self._outbox)
 
     def answer_alone(self) -> bool:
         """Read, and answer a small request that is like an earlier one; False if there is more to do.
@@ -113,10 +118,13 @@ class ClientConnection:
         size = self.socket.recv_into(buffer)
         repeated = self._repeated.get(size)
         if repeated is not None and repeated.is_there():
-            done = self._core.evaluate_if_idle(repeated.model, repeated.windows)
-            if done is not None:
+            model = self._core.model_at(repeated.path)
+            if model and (done := self._core.evaluate_if_idle(model, repeated.windows)) is not None:
+                self._owed += 1
                 request_id = int.from_bytes(buffer[ID_AT:ID_END], "little")
                 self.send(pack_predictions(request_id, done.counts, len(done.counts), 0, done.compute_us))
+                if (traffic := self._core.traffic) is not None:
+                    traffic.note(self._name, model, repeated.windows, done.counts, done.compute_us)
                 return not self._closed
         self._received = bytes(memoryview(buffer)[:size])
         return False
@@ -133,6 +141,8 @@ class ClientConnection:
         self._received = None
         if not data:
             return False
+        if self._at_end:
+            return True
         if self._to_skip:
             skipped = min(self._to_skip, len(data))
             self._to_skip -= skipped
@@ -145,8 +155,10 @@ class ClientConnection:
         except InvalidArgument as error:
             # Where the next request starts is not known any more.
             self._core.refusals.add(error, client=self._name)
+            self._rest = b""
+            self._owed += 1
+            self._at_end = True
             self.send(pack_reply(0, error))
-            return False
         return True
 
     def flush(self) -> None:
@@ -174,6 +186,7 @@ class ClientConnection:
         with self._lock:
             if self._closed:
                 return
+            self._replied += 1
             sent = 0
             if not self._outbox:
                 try:
@@ -182,9 +195,10 @@ class ClientConnection:
                     pass
                 except OSError:
                     self._closed = True
-                if sent == len(reply):
-                    return
-            self._keep(memoryview(reply)[sent:])
+            if sent < len(reply):
+                self._keep(memoryview(reply)[sent:])
+            elif not self._at_end:
+                return
         self._notify(self)
 
     def _keep(self, unsent: memoryview) -> None:
@@ -229,8 +243,10 @@ class ClientConnection:
             start, stop = at + head.data_at, at + head.size
             if start > end:
                 break
+            self._owed += 1
             try:
-                model = self._model_of(head, data[at + HEAD_BYTES : at + HEAD_BYTES + head.path_bytes])
+                path = data[at + HEAD_BYTES : at + HEAD_BYTES + head.path_bytes].decode(errors="replace")
+                model = self._model_of(head, path)
                 if stop > end:
                     self._await_rest(head, model, memoryview(data)[start:])
             except RequestError as error:
@@ -246,15 +262,15 @@ class ClientConnection:
                         windows = windows.copy()
                     self._hand_on(model, head, windows)
                     if head.size == end <= RECEIVE_BYTES and may_be_repeated(head):
-                        self._remember(data, head, model)
+                        self._remember(data, head, path)
             at = stop
         self._rest = data[at:]
 
-    def _remember(self, data: bytes, head: RequestHead, model: LoadedModel) -> None:
+    def _remember(self, data: bytes, head: RequestHead, path: str) -> None:
         """Expect more requests like this one."""
         if head.size in self._repeated or len(self._repeated) < _KINDS:
             self._buffer[: len(data)] = data
-            self._repeated[head.size] = Repeated(self._buffer, head, model)
+            self._repeated[head.size] = Repeated(self._buffer, head, path)
 
     def _await_rest(self, head: RequestHead, model: LoadedModel, data: memoryview) -> None:
         size = head.size - head.data_at
@@ -264,13 +280,12 @@ class ClientConnection:
         self._arriving = Arriving(head, model)
         self._arriving.fill(data)
 
-    def _model_of(self, head: RequestHead, path: bytes) -> LoadedModel:
+    def _model_of(self, head: RequestHead, path: str) -> LoadedModel:
         """The model that a request asks, if it may: called before its windows are read."""
-        told = path.decode(errors="replace")
-        model = self._core.model_at(told)
+        model = self._core.model_at(path)
         if model is None:
-            self._core.answer(told)
-            raise NotFound(f"{told!r} is no inference: expected v2/models/NAME[/versions/VERSION]/infer")
+            self._core.answer(path)
+            raise NotFound(f"{path!r} is no inference: expected v2/models/NAME[/versions/VERSION]/infer")
         check_shape(model, (head.rows, head.columns))
         if head.rows > self._core.max_request_rows:
             raise ResourceExhausted(

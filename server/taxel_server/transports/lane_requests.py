@@ -90,14 +90,15 @@ class Repeated:
     Args:
         buffer: that requests are received into.
         head: of the request that `buffer` holds, as `may_be_repeated` accepts it.
-        model: that it asks.
+        path: that it asks.
 
     Attributes:
+        path: that it asks; its model may change.
         windows: (n, f) float32, a view of those that the buffer holds now.
     """
 
-    def __init__(self, buffer: bytearray, head: RequestHead, model: LoadedModel) -> None:
-        self.model = model
+    def __init__(self, buffer: bytearray, head: RequestHead, path: str) -> None:
+        self.path = path
         self.windows = np.ndarray((head.rows, head.columns), "<f4", buffer, head.data_at)
         self.windows.flags.writeable = False
         self._buffer = buffer

@@ -34,13 +34,18 @@ class MetadataThread:
 
     Args:
         answer: the answer to a key; raises `RequestError` to refuse.
+        take_order: answers a key with a payload later, or returns False at once.
         refused: is told what `answer` refused.
     """
 
     def __init__(
-        self, answer: Callable[[str], dict[str, Any]], refused: Callable[[RequestError], None]
+        self,
+        answer: Callable[[str], dict[str, Any]],
+        take_order: Callable[[str, bytes, Callable[[bytes | RequestError], None]], bool],
+        refused: Callable[[RequestError], None],
     ) -> None:
         self._answer = answer
+        self._take_order = take_order
         self._refused = refused
         self._queue: SimpleQueue[tuple[zenoh.Query, RequestError | None] | None] = SimpleQueue()
         self._thread = Thread(target=self._run, name="taxel-metadata", daemon=True)
@@ -68,10 +73,22 @@ class MetadataThread:
         while (item := self._queue.get()) is not None:
             query, refusal = item
             try:
-                reply(query, refusal or self._result(str(query.key_expr)))
+                if refusal is not None or not self._orders(query):
+                    reply(query, refusal or self._result(str(query.key_expr)))
             except Exception:
                 # The thread must survive a query that cannot be answered.
                 _LOG.exception("an answer could not be given")
+
+    def _orders(self, query: zenoh.Query) -> bool:
+        """Whether a query is an order, which is answered when it is done."""
+        payload = query.payload
+
+        def answer(result: bytes | RequestError) -> None:
+            if isinstance(result, RequestError):
+                self._refused(result)
+            reply(query, result)
+
+        return self._take_order(str(query.key_expr), payload.to_bytes() if payload else b"", answer)
 
     def _result(self, key: str) -> bytes | RequestError:
         try:

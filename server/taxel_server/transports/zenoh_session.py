@@ -2,8 +2,8 @@
 
 import json
 import os
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
 
 import zenoh
 
@@ -31,7 +31,11 @@ clients stop at the same time, all others may wait for these 10 s.
 
 
 def open_session(
-    listen: Sequence[str], *, shared_memory: bool = False, max_message_bytes: int | None = None
+    listen: Sequence[str],
+    *,
+    shared_memory: bool = False,
+    max_message_bytes: int | None = None,
+    security: Mapping[str, Any] | None = None,
 ) -> zenoh.Session:
     """Listen on endpoints, as a router: clients need no other process between.
 
@@ -41,6 +45,7 @@ def open_session(
             where they ask for it, too.
         max_message_bytes: a larger message is dropped before it is put together. None: zenoh's
             own limit.
+        security: further settings, of who gets in and what they may do.
 
     Raises:
         SettingsError: an endpoint is malformed.
@@ -49,7 +54,7 @@ def open_session(
     # zenoh reads this once, when the process opens its first session.
     os.environ.setdefault("ZENOH_RUNTIME", _RUNTIME)
     config = zenoh.Config()
-    settings = {
+    settings: dict[str, Any] = {
         "mode": "router",
         "scouting/multicast/enabled": False,
         "scouting/delay": 0,
@@ -58,6 +63,7 @@ def open_session(
     }
     if max_message_bytes is not None:
         settings["transport/link/rx/max_message_size"] = max_message_bytes
+    settings.update(security or {})
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
     endpoints = ", ".join(listen)
@@ -68,4 +74,6 @@ def open_session(
     try:
         return zenoh_process.open_session(config)
     except zenoh.ZError as error:
-        raise TaxelError(f"cannot listen on {endpoints}: {reason_of(error)}") from None
+        # ROS 2's router has the same default port.
+        hint = "; rmw_zenohd of ROS 2 listens on 7447, too" if ":7447" in endpoints else ""
+        raise TaxelError(f"cannot listen on {endpoints}: {reason_of(error)}{hint}") from None

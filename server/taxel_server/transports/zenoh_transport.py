@@ -4,7 +4,8 @@ zenoh's network threads put queries into a channel, so they never wait for Pytho
 receiver, takes each query out. It gives an inference query to the core, whose worker decodes,
 evaluates and answers it. It gives every other query to the metadata thread, so that a busy server
 still tells its health and refuses at once. The receiver itself answers a single window that finds
-the server idle.
+the server idle. The server's own keys, which clients of several servers ask, have a channel and a
+receiver of their own.
 """
 
 import logging
@@ -18,11 +19,12 @@ from zenoh.handlers import FifoChannel, Handler
 
 from taxel.envelopes import RequestReader
 from taxel.errors import Internal, RequestError
-from taxel.protocol import InferRequest, InferResponse, pack_infer_response
+from taxel.protocol import REPLICAS, InferRequest, InferResponse, pack_infer_response
 from taxel_server.core.core import Core
 from taxel_server.core.jobs import Job
 from taxel_server.engine import LoadedModel
 from taxel_server.options import ServerOptions
+from taxel_server.transports.access import security_settings
 from taxel_server.transports.metadata_thread import MetadataThread, reply
 from taxel_server.transports.zenoh_clients import ZenohClients
 from taxel_server.transports.zenoh_session import open_session
@@ -91,9 +93,11 @@ class ZenohTransport:
         self._options = options
         self._reader = RequestReader(core.max_request_rows)
         self._below_prefix = len(options.prefix) + 1
+        self._own_keys = ""
         self._clients = ZenohClients(core.gone)
         self._metadata_thread = MetadataThread(
-            lambda key: core.answer(key[self._below_prefix :]),
+            lambda key: core.answer(self._path(key)),
+            lambda key, payload, answer: core.take_order(self._path(key), payload, answer),
             lambda error: core.refusals.add(error, client=CLIENT),
         )
 
@@ -108,6 +112,7 @@ class ZenohTransport:
             self._options.listen,
             shared_memory=self._options.shared_memory,
             max_message_bytes=self._core.max_request_bytes + _MORE_BYTES,
+            security=security_settings(self._options),
         )
         self._session = session
         self._core.statistics.connections["zenoh"] = lambda: len(session.info.transports())
@@ -116,15 +121,28 @@ class ZenohTransport:
         """Take queries."""
         self._metadata_thread.start()
         self._clients.watch(self._session)
-        # One queryable for all keys: two that overlap would both answer a query.
+        # Before the keys: a client takes answers only from a server that it knows of.
+        own = f"{self._options.prefix}/{REPLICAS}/{self._session.info.zid()}"
+        self._own_keys = f"{own}/"
+        # One queryable for all common keys: two that overlap would both answer a query.
         # With `complete`, one replica answers each query; by default all would.
-        self._queryable = self._session.declare_queryable(
-            f"{self._options.prefix}/**", FifoChannel(_CHANNEL), complete=True
-        )
-        self._receiver = Thread(
-            target=self._receive, args=(self._queryable.handler,), name="taxel-receiver", daemon=True
-        )
-        self._receiver.start()
+        # Its own keys first: a client takes silence there for a denial once it knows of the common ones.
+        keys = f"{own}/**", f"{self._options.prefix}/**"
+        self._queryables = [
+            self._session.declare_queryable(key, FifoChannel(_CHANNEL), complete=True) for key in keys
+        ]
+        # Last: who sees the token may ask.
+        self._token = self._session.liveliness().declare_token(own)
+        self._receivers = [
+            Thread(target=self._receive, args=(each.handler,), name="taxel-receiver", daemon=True)
+            for each in self._queryables
+        ]
+        for receiver in self._receivers:
+            receiver.start()
+
+    def withdraw(self) -> None:
+        """Tell clients of several servers to ask the others from now on."""
+        self._token.undeclare()  # type: ignore[no-untyped-call]
 
     def close(self) -> bool:
         """Answer what has arrived, and close the session; call it after the core was drained.
@@ -132,9 +150,11 @@ class ZenohTransport:
         Returns:
             False if a client that has stopped reading kept the session open.
         """
-        self._queryable.undeclare()  # type: ignore[no-untyped-call]
+        for queryable in reversed(self._queryables):
+            queryable.undeclare()  # type: ignore[no-untyped-call]
         self._clients.close()
-        self._receiver.join()
+        for receiver in self._receivers:
+            receiver.join()
         self._metadata_thread.close()
         return self.hang_up()
 
@@ -164,8 +184,14 @@ class ZenohTransport:
             _LOG.exception("a query could not be handed on")
             self._metadata_thread.take(query, Internal("the query failed: the server's log says more"))
 
+    def _path(self, key: str) -> str:
+        """The path that a key names, be it a common one or this server's own."""
+        if key.startswith(self._own_keys):
+            return key[len(self._own_keys) :]
+        return key[self._below_prefix :]
+
     def _route(self, query: zenoh.Query, infer: Callable[[Job], None]) -> None:
-        model = self._core.model_at(str(query.key_expr)[self._below_prefix :])
+        model = self._core.model_at(self._path(str(query.key_expr)))
         if model is None:
             self._metadata_thread.take(query)
             return

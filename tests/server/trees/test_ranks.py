@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from taxel.manifest import Normalisation
 from taxel_server.runtimes.compiled.arguments import pack
 from taxel_server.runtimes.compiled.compiling import compiled
-from taxel_server.runtimes.trees.few_rows.ranks import ROWS, aligned_cuts, rank_rows
+from taxel_server.runtimes.trees.few_rows.ranks import ROWS, padded_cuts, rank_rows
 from taxel_server.runtimes.trees.layout.columns import Columns, Cuts, read_cuts
 from taxel_server.runtimes.trees.normalisation import Scales, read_scales
 
@@ -58,6 +58,6 @@ def test_ranks_are_the_numbers_of_cuts_not_above(lengths: list[int], seed: int) 
             input_mean=mean, input_std=deviation, output_mean=(), output_std=(), folded=bool(seed % 2)
         )
     )
-    aligned, ranks = aligned_cuts(columns), np.full(windows.shape, 7, dtype=np.int8)
+    aligned, ranks = padded_cuts(columns), np.full(windows.shape, 7, dtype=np.int8)
     rank(pack(aligned, scales), windows, ranks)
     np.testing.assert_array_equal(ranks, expected - 128)

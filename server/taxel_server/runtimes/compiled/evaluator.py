@@ -2,10 +2,11 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from taxel_server.runtimes.compiled.arguments import Scratch
 
@@ -22,15 +23,33 @@ class Evaluator(Protocol):
 
 
 class CompiledEvaluator(ABC):
-    """A model compiled for some number of rows."""
+    """A model compiled for some number of rows.
+
+    A pickle of it holds its data. Whoever reads it, in another process, makes it again from them: compiled
+    functions and the data have other addresses there.
+    """
 
     name: str
 
-    def __init__(self, evaluation: Callable[..., None], arguments: NDArray[np.int64]) -> None:
-        """Takes a function of these arguments, a scratch's arguments, windows and a result."""
+    def __init__(
+        self, data: tuple[Any, ...], evaluation: Callable[..., None], arguments: NDArray[np.int64]
+    ) -> None:
+        """Takes a function of these arguments, a scratch's arguments, windows and a result.
+
+        Args:
+            data: the arguments that this evaluator's class was called with, without copies of what
+                `arguments` refers to.
+            evaluation: the function.
+            arguments: its first argument.
+        """
+        self._data = data
         self._evaluation = evaluation
         self._arguments = arguments
         self._idle = list[Scratch]()
+
+    @override
+    def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:
+        return type(self), self._data
 
     @abstractmethod
     def _scratch(self) -> Scratch:

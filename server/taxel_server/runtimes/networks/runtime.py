@@ -37,10 +37,11 @@ class ProgramEvaluator(CompiledEvaluator):
     name = "network-program"
 
     def __init__(self, program: Program) -> None:
+        (weights,) = together(program.weights)
+        program = program._replace(weights=weights)
+        arguments = pack((program.steps, weights, program.window, program.channels))
+        super().__init__((program,), evaluate, arguments)
         self._memory = program.memory
-        self._steps = program.steps
-        (self._weights,) = together(program.weights)
-        super().__init__(evaluate, pack((self._steps, self._weights, program.window, program.channels)))
 
     @override
     def _scratch(self) -> Scratch:

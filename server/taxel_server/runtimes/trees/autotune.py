@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.evaluator import Evaluator
 from taxel_server.runtimes.timing import least_seconds
-from taxel_server.runtimes.trees.few_rows.leaf_blocks import LeafBlocksEvaluator
+from taxel_server.runtimes.trees.few_rows.leaf_blocks import LeafBlocksEvaluator, LeafBlocksForest
 from taxel_server.runtimes.trees.few_rows.ranks import ROWS
-from taxel_server.runtimes.trees.few_rows.small_batch import SmallBatchEvaluator
+from taxel_server.runtimes.trees.few_rows.small_batch import SmallBatchEvaluator, SmallBatchForest
 from taxel_server.runtimes.trees.layout.bitsets import MOST_LEAVES
 from taxel_server.runtimes.trees.layout.columns import Columns
 from taxel_server.runtimes.trees.layout.in_order import InOrder
@@ -101,12 +101,12 @@ def _evaluators(forest: Forest, scales: Scales, switches: Switches) -> Iterator[
     index = InOrder.of(forest)
     columns = Columns.of(index, 8)
     in_lanes = fits_lanes(columns)
-    if switches.leaf_blocks and in_lanes and LeafBlocksEvaluator.fits(forest, index):
-        yield LeafBlocksEvaluator(forest, index, columns, scales, switches), ROWS
+    if switches.leaf_blocks and in_lanes and LeafBlocksForest.fits(forest, index):
+        yield LeafBlocksEvaluator(LeafBlocksForest.of(forest, index, columns, switches), scales), ROWS
     else:
         yield NodeWalkEvaluator(forest, scales), 1
-    if switches.small_batch and in_lanes and SmallBatchEvaluator.fits(index):
-        yield SmallBatchEvaluator(forest, index, columns, scales, switches), ROWS
+    if switches.small_batch and in_lanes and SmallBatchForest.fits(index):
+        yield SmallBatchEvaluator(SmallBatchForest.of(forest, index, columns, switches), scales), ROWS
     if index.leaves.max(initial=0) <= MOST_LEAVES[2]:
         bitsets = BitsetForest.of(forest, index, switches)
         for lanes, switched_on in zip(BLOCKS, (switches.bitset_64, switches.bitset_256), strict=True):

@@ -5,6 +5,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,8 @@ from taxel_server.runtimes.trees.reading.xgboost_json import read_forest
 
 class TreesRuntime:
     """An XGBoost forest with one output a channel, loaded and compiled; safe to call from any thread.
+
+    A pickle of it is read without parsing, laying out or timing anything.
 
     Attributes:
         features: number of inputs.
@@ -57,7 +60,14 @@ class TreesRuntime:
         del forest
         _give_memory_back()
         self._threads = threads
-        self._pool = ThreadPoolExecutor(threads - 1, "trees") if threads > 1 else None
+        self._pool = _pool_of(threads)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_pool"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._pool = _pool_of(self._threads)
 
     def evaluate(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
         """Evaluates windows (n, features) to (n, outputs) float32; NaN and infinities are allowed.
@@ -93,6 +103,10 @@ class TreesRuntime:
         self._autotuned.evaluate(windows[: bounds[1]], result[: bounds[1]])
         for other in others:
             other.result()
+
+
+def _pool_of(threads: int) -> ThreadPoolExecutor | None:
+    return ThreadPoolExecutor(threads - 1, "trees") if threads > 1 else None
 
 
 def _give_memory_back() -> None:

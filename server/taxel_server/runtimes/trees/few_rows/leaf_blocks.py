@@ -1,7 +1,7 @@
 """Evaluates a row or two: the top trees side by side, then one leaf block of every tree."""
 
-from dataclasses import dataclass
-from typing import Final, NamedTuple, Self
+from dataclasses import dataclass, replace
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from taxel_server.runtimes.trees.few_rows.kernels import (
     find_exits,
     trees_at_once,
 )
-from taxel_server.runtimes.trees.few_rows.ranks import ROWS, aligned_cuts, rank_rows
+from taxel_server.runtimes.trees.few_rows.ranks import ROWS, padded_cuts, rank_rows
 from taxel_server.runtimes.trees.layout.columns import Columns, Cuts, read_cuts
 from taxel_server.runtimes.trees.layout.in_order import InOrder
 from taxel_server.runtimes.trees.layout.tree_lanes import (
@@ -39,7 +39,7 @@ _MOST_BYTES: Final = 2**27
 
 
 @dataclass(frozen=True)
-class _Groups:
+class Groups:
     """How a forest's trees are divided into groups of lanes.
 
     A round is one tree of each output. A group holds whole rounds, or a part of a round if there are more
@@ -59,6 +59,7 @@ class _Groups:
 
     @classmethod
     def of(cls, forest: Forest) -> Self:
+        """Divides a forest's trees."""
         every, lanes = len(forest.base_score), trees_at_once()
         outputs, parts = min(every, lanes), -(-every // lanes)
         rounds = lanes // outputs
@@ -71,6 +72,76 @@ class _Groups:
         group, round_ = np.divmod(forest.rounds, self.rounds)
         trees[group * self.parts + part, round_ * self.outputs + output] = np.arange(forest.trees)
         return trees
+
+
+class LeafBlocksForest(NamedTuple):
+    """A forest laid out for one or two rows.
+
+    Attributes:
+        cuts: of its columns.
+        size: of a table.
+        top: the top trees.
+        counts: (groups, lanes) the number of each tree's blocks.
+        blocks: the leaf blocks.
+        groups: of lanes.
+        lanes: of a group.
+        next_nodes, next_leaves: as in `Switches`.
+        base_score: (outputs,) float32.
+    """
+
+    cuts: Cuts
+    size: int
+    top: TopTrees
+    counts: NDArray[np.unsignedinteger[Any]]
+    blocks: LeafBlocks
+    groups: Groups
+    lanes: int
+    next_nodes: bool
+    next_leaves: bool
+    base_score: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, forest: Forest, index: InOrder, columns: Columns, switches: Switches) -> Self:
+        """Lays a forest out that `fits`."""
+        groups = Groups.of(forest)
+        trees = groups.trees(forest)
+        top = TopTrees.of(index, columns, trees, BLOCK_LEAVES, switches.packed_nodes and waits_for_memory())
+        blocks = LeafBlocks.of(index, columns, trees)
+        return cls(
+            padded_cuts(columns),
+            table_size(columns),
+            top,
+            blocks.counts.astype(f"u{top.bits // 8}"),
+            blocks,
+            groups,
+            trees.shape[1],
+            switches.next_nodes and waits_for_memory(),
+            switches.next_leaves,
+            forest.base_score,
+        )
+
+    @staticmethod
+    def fits(forest: Forest, index: InOrder) -> bool:
+        """Whether no tree has too many blocks and the layout does not take too much memory.
+
+        Every top tree takes the memory of the largest one in its group, so a few huge trees could fill the
+        memory. In a forest with many trees for one output, places without a tree could fill it, too.
+        """
+        blocks = int(count_blocks(index, BLOCK_LEAVES).max(initial=1))
+        places = Groups.of(forest).count * trees_at_once()
+        return blocks <= MOST_EXITS[16] and (4 * blocks + LINE) * places <= _MOST_BYTES
+
+    def placed(self) -> Self:
+        """The same forest, its arrays at the start of cache lines."""
+        cuts, nodes, counts, lines = together(
+            self.cuts.cuts, self.top.nodes, self.counts, self.blocks.lines
+        )
+        return self._replace(
+            cuts=self.cuts._replace(cuts=cuts),
+            top=replace(self.top, nodes=nodes),
+            counts=counts,
+            blocks=replace(self.blocks, lines=lines),
+        )
 
 
 class _Trees(NamedTuple):
@@ -142,52 +213,33 @@ def _read_scratch(arguments: NDArray[np.int64], first: int) -> _Scratch:
 
 
 class LeafBlocksEvaluator(CompiledEvaluator):
-    """A forest that `fits`, compiled for one or two rows."""
+    """A forest compiled for one or two rows."""
 
     name = "leaf-blocks"
 
-    def __init__(
-        self, forest: Forest, index: InOrder, columns: Columns, scales: Scales, switches: Switches
-    ) -> None:
-        size = table_size(columns)
-        groups = _Groups.of(forest)
-        trees = groups.trees(forest)
-        top = TopTrees.of(index, columns, trees, BLOCK_LEAVES, switches.packed_nodes and waits_for_memory())
-        blocks = LeafBlocks.of(index, columns, trees)
-        nodes, counts, lines = together(top.nodes, blocks.counts.astype(f"u{top.bits // 8}"), blocks.lines)
+    def __init__(self, forest: LeafBlocksForest, scales: Scales) -> None:
+        forest = forest.placed()
+        top, groups = forest.top, forest.groups
         self._trees = _Trees(
-            find_exits(size, top.bits, top.packed, prefetches=False),
+            find_exits(forest.size, top.bits, top.packed, prefetches=False),
             find_blocks(top.bits),
-            add_blocks(size, switches.next_leaves),
+            add_blocks(forest.size, forest.next_leaves),
             top.steps,
             top.start,
-            lines.ctypes.data + LINE * blocks.first,
-            switches.next_nodes and waits_for_memory(),
-            nodes.ctypes.data,
-            counts.ctypes.data,
+            forest.blocks.lines.ctypes.data + LINE * forest.blocks.first,
+            forest.next_nodes,
+            top.nodes.ctypes.data,
+            forest.counts.ctypes.data,
             top.bits // 8,
-            trees.shape[1],
+            forest.lanes,
             groups.rounds,
             groups.outputs,
             groups.parts,
-            size,
+            forest.size,
             -(-groups.parts * groups.outputs // OUTPUTS_AT_ONCE) * OUTPUTS_AT_ONCE,
             forest.base_score,
         )
-        cuts = aligned_cuts(columns)
-        self._kept = (cuts, nodes, counts, lines, scales)
-        super().__init__(_evaluate, pack(cuts, self._trees, scales))
-
-    @staticmethod
-    def fits(forest: Forest, index: InOrder) -> bool:
-        """Whether no tree has too many blocks and the layout does not take too much memory.
-
-        Every top tree takes the memory of the largest one in its group, so a few huge trees could fill the
-        memory. In a forest with many trees for one output, places without a tree could fill it, too.
-        """
-        blocks = int(count_blocks(index, BLOCK_LEAVES).max(initial=1))
-        places = _Groups.of(forest).count * trees_at_once()
-        return blocks <= MOST_EXITS[16] and (4 * blocks + LINE) * places <= _MOST_BYTES
+        super().__init__((forest, scales), _evaluate, pack(forest.cuts, self._trees, scales))
 
     def _scratch(self) -> Scratch:
         """Memory for one evaluation at a time."""

@@ -6,7 +6,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.compiled.arguments import together
 from taxel_server.runtimes.compiled.compiling import compiled
 from taxel_server.runtimes.compiled.vectors import count, load_floats, not_above, splat_float
 from taxel_server.runtimes.trees.layout.columns import Columns, Cuts
@@ -22,8 +21,8 @@ _MISSING_GOES_RIGHT: Final = 255
 _BIAS: Final = 128
 
 
-def aligned_cuts(columns: Columns) -> Cuts:
-    """The cuts of columns, each column's from the start of a cache line.
+def padded_cuts(columns: Columns) -> Cuts:
+    """The cuts of columns, each column's a whole number of cache lines. `together` aligns them.
 
     NaN, which is never <= x, fills a column's last line.
     """
@@ -32,8 +31,7 @@ def aligned_cuts(columns: Columns) -> Cuts:
     for first, stop in pairwise(starts):
         padded += [cuts[first:stop], np.full(-(stop - first) % _BLOCK, np.nan, dtype=np.float32)]
     lengths = -(-np.diff(starts) // _BLOCK) * _BLOCK
-    (aligned,) = together(np.concatenate(padded))
-    return Cuts(feature, default_left, np.cumsum([0, *lengths]), aligned)
+    return Cuts(feature, default_left, np.cumsum([0, *lengths]), np.concatenate(padded))
 
 
 @compiled

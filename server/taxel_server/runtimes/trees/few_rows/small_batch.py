@@ -1,7 +1,8 @@
 """Evaluates a small batch of rows: first whole trees side by side, then the leaves of all rows."""
 
+from dataclasses import replace
 from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from taxel_server.runtimes.compiled.compiling import compiled, inlined
 from taxel_server.runtimes.compiled.evaluator import CompiledEvaluator
 from taxel_server.runtimes.compiled.processor import register_bytes
 from taxel_server.runtimes.trees.few_rows.kernels import add_leaves, find_exits, put_exits, trees_at_once
-from taxel_server.runtimes.trees.few_rows.ranks import ROWS, aligned_cuts, rank_rows
+from taxel_server.runtimes.trees.few_rows.ranks import ROWS, padded_cuts, rank_rows
 from taxel_server.runtimes.trees.layout.columns import Columns, Cuts, read_cuts
 from taxel_server.runtimes.trees.layout.in_order import InOrder
 from taxel_server.runtimes.trees.layout.tree_lanes import MOST_EXITS, TopTrees, table_size
@@ -23,6 +24,90 @@ from taxel_server.runtimes.trees.switches import Switches, waits_for_memory
 
 _BATCH: Final = 2800
 """The fewest trees of a batch. All its exits are found before its leaves are added; it fits the cache."""
+
+
+class SmallBatchForest(NamedTuple):
+    """A forest laid out for a small batch of rows.
+
+    Attributes:
+        cuts: of its columns.
+        size: of a table.
+        top: whole trees, in groups.
+        batch_group, batch_output: (batches + 1,) the first group, and the first output, of each batch.
+        output_tree, output_leaf: (outputs + 1,) the first tree, and the first leaf, of each output.
+        slots: (places,) where a lane's exits go in its batch.
+        spare: the slot of lanes without a tree.
+        counts: (trees,) leaves of each tree.
+        leaves: the values of all leaves, and room for an exit behind the last.
+        lanes: of a group.
+        next_nodes, next_leaves: as in `Switches`.
+        base_score: (outputs,) float32.
+    """
+
+    cuts: Cuts
+    size: int
+    top: TopTrees
+    batch_group: NDArray[np.int64]
+    batch_output: NDArray[np.int64]
+    output_tree: NDArray[np.int64]
+    output_leaf: NDArray[np.int64]
+    slots: NDArray[np.int32]
+    spare: int
+    counts: NDArray[np.uint8]
+    leaves: NDArray[np.float32]
+    lanes: int
+    next_nodes: bool
+    next_leaves: bool
+    base_score: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, forest: Forest, index: InOrder, columns: Columns, switches: Switches) -> Self:
+        """Lays a forest out that `fits`."""
+        lanes = trees_at_once()
+        order = np.argsort(forest.outputs, kind="stable")
+        output_tree = np.searchsorted(forest.outputs[order], np.arange(len(forest.base_score) + 1))
+        batch_output = _batches(output_tree)
+        bounds = output_tree[batch_output]
+        places, batch_group = _places(index.leaves[order], bounds, lanes)
+        trees = np.where(places >= 0, order[places], -1).reshape(-1, lanes)
+        counts = index.leaves[order]
+        source = np.repeat(index.leaf_start[order] - (np.cumsum(counts) - counts), counts)
+        # A call with fewer rows leaves exits of an earlier call in place: these may point behind a tree.
+        leaves = np.append(index.value[source + np.arange(len(source))], np.zeros(256, dtype=np.float32))
+        # A tree's slot is its place in the batch. Other lanes have the slot behind the largest batch.
+        spare = int(np.diff(bounds).max(initial=0))
+        slots = np.where(places >= 0, places - np.repeat(bounds[:-1], np.diff(batch_group) * lanes), spare)
+        slots = slots.reshape(-1, register_bytes())[:, interleaved_lane(register_bytes())].astype(np.int32)
+        return cls(
+            padded_cuts(columns),
+            table_size(columns),
+            TopTrees.of(index, columns, trees, 1, switches.packed_nodes and waits_for_memory()),
+            batch_group,
+            batch_output,
+            output_tree,
+            np.append(0, np.cumsum(index.leaves[order]))[output_tree],
+            slots,
+            spare,
+            counts.astype(np.uint8),
+            leaves,
+            lanes,
+            switches.next_nodes,
+            switches.next_leaves,
+            forest.base_score,
+        )
+
+    @staticmethod
+    def fits(index: InOrder) -> bool:
+        """Whether no tree has more leaves than exits can number."""
+        return bool(index.leaves.max(initial=1) <= MOST_EXITS[8])
+
+    def placed(self) -> Self:
+        """The same forest, its arrays at the start of cache lines."""
+        cuts, nodes, counts, slots, leaves = together(
+            self.cuts.cuts, self.top.nodes, self.counts, self.slots, self.leaves
+        )
+        cuts_of_columns, top = self.cuts._replace(cuts=cuts), replace(self.top, nodes=nodes)
+        return self._replace(cuts=cuts_of_columns, top=top, counts=counts, slots=slots, leaves=leaves)
 
 
 class _Trees(NamedTuple):
@@ -88,58 +173,33 @@ def _read_scratch(arguments: NDArray[np.int64], first: int) -> _Scratch:
 
 
 class SmallBatchEvaluator(CompiledEvaluator):
-    """A forest that `fits`, compiled for a small batch of rows."""
+    """A forest compiled for a small batch of rows."""
 
     name = "small-batch"
 
-    def __init__(
-        self, forest: Forest, index: InOrder, columns: Columns, scales: Scales, switches: Switches
-    ) -> None:
-        lanes = trees_at_once()
-        size = table_size(columns)
-        order = np.argsort(forest.outputs, kind="stable")
-        output_tree = np.searchsorted(forest.outputs[order], np.arange(len(forest.base_score) + 1))
-        batch_output = _batches(output_tree)
-        bounds = output_tree[batch_output]
-        places, batch_group = _places(index.leaves[order], bounds, lanes)
-        trees = np.where(places >= 0, order[places], -1).reshape(-1, lanes)
-        top = TopTrees.of(index, columns, trees, 1, switches.packed_nodes and waits_for_memory())
-        counts = index.leaves[order]
-        source = np.repeat(index.leaf_start[order] - (np.cumsum(counts) - counts), counts)
-        # A call with fewer rows leaves exits of an earlier call in place: these may point behind a tree.
-        leaves = np.append(index.value[source + np.arange(len(source))], np.zeros(256, dtype=np.float32))
-        # A tree's slot is its place in the batch. Other lanes have the slot behind the largest batch.
-        spare = int(np.diff(bounds).max(initial=0))
-        slots = np.where(places >= 0, places - np.repeat(bounds[:-1], np.diff(batch_group) * lanes), spare)
-        slots = slots.reshape(-1, register_bytes())[:, interleaved_lane(register_bytes())].astype(np.int32)
-        nodes, counts, slots, leaves = together(top.nodes, counts.astype(np.uint8), slots, leaves)
-        self._spare = spare
+    def __init__(self, forest: SmallBatchForest, scales: Scales) -> None:
+        forest = forest.placed()
+        top = forest.top
+        self._spare = forest.spare
         self._trees = _Trees(
-            find_exits(size, top.bits, top.packed, switches.next_nodes),
+            find_exits(forest.size, top.bits, top.packed, forest.next_nodes),
             put_exits(),
-            add_leaves(switches.next_leaves),
-            batch_group,
-            batch_output,
-            output_tree,
-            np.append(0, np.cumsum(index.leaves[order]))[output_tree],
+            add_leaves(forest.next_leaves),
+            forest.batch_group,
+            forest.batch_output,
+            forest.output_tree,
+            forest.output_leaf,
             top.steps,
             top.start,
-            nodes.ctypes.data,
-            slots.ctypes.data,
-            counts.ctypes.data,
-            leaves.ctypes.data,
-            lanes,
-            size,
+            top.nodes.ctypes.data,
+            forest.slots.ctypes.data,
+            forest.counts.ctypes.data,
+            forest.leaves.ctypes.data,
+            forest.lanes,
+            forest.size,
             forest.base_score,
         )
-        cuts = aligned_cuts(columns)
-        self._kept = (cuts, nodes, counts, slots, leaves, scales)
-        super().__init__(_evaluate, pack(cuts, self._trees, scales))
-
-    @staticmethod
-    def fits(index: InOrder) -> bool:
-        """Whether no tree has more leaves than exits can number."""
-        return bool(index.leaves.max(initial=1) <= MOST_EXITS[8])
+        super().__init__((forest, scales), _evaluate, pack(forest.cuts, self._trees, scales))
 
     def _scratch(self) -> Scratch:
         """Memory for one evaluation at a time."""

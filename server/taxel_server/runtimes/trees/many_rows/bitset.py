@@ -1,10 +1,11 @@
 """Evaluates many rows: blocks of rows pass through all trees as bitsets, then the leaves are summed."""
 
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple, Self
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from taxel_server.runtimes.compiled.arguments import Scratch, array_in, number_in, pack, together
 from taxel_server.runtimes.compiled.compiling import compiled, inlined
@@ -140,10 +141,27 @@ class BitsetForest:
             BitsetTrees.of(index, numbers, columns, size, forest.outputs, places, most, len(start) - 1)
             for size in (1, 2)
         )
-        tables, *records = together(tables, narrow.records, wide.records)
-        narrow, wide = replace(narrow, records=records[0]), replace(wide, records=records[1])
         largest = int(numbers.count.max(initial=1))
-        return cls(columns.cuts, narrow, wide, largest, leaves, start, tables, most + 2, forest.base_score)
+        laid_out = cls(
+            columns.cuts, narrow, wide, largest, leaves, start, tables, most + 2, forest.base_score
+        )
+        return laid_out.placed()
+
+    def placed(self) -> Self:
+        """The same forest, its large arrays at the start of cache lines."""
+        tables, *records = together(self.tables, self.narrow.records, self.wide.records)
+        narrow, wide = replace(self.narrow, records=records[0]), replace(self.wide, records=records[1])
+        return replace(self, narrow=narrow, wide=wide, tables=tables)
+
+    @override
+    def __reduce__(self) -> tuple[Any, ...]:
+        fields = tuple(getattr(self, name) for name in self.__dataclass_fields__)
+        return _placed, (type(self), *fields)
+
+
+def _placed(kind: type[BitsetForest], *fields: Any) -> BitsetForest:
+    """A forest from a pickle, which knows no cache lines."""
+    return kind(*fields).placed()
 
 
 class BitsetEvaluator(CompiledEvaluator):
@@ -176,8 +194,8 @@ class BitsetEvaluator(CompiledEvaluator):
             forest.base_score,
             lane,
         )
-        self._kept = (scales, sets, narrow, wide, sums)
-        super().__init__(_evaluate, pack(forest.cuts, narrow, wide, sums, scales))
+        self._kept = (sets, narrow, wide, sums)
+        super().__init__((forest, lanes, scales), _evaluate, pack(forest.cuts, narrow, wide, sums, scales))
 
     def _scratch(self) -> Scratch:
         """Memory for one evaluation at a time."""
