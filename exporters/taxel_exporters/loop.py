@@ -9,6 +9,7 @@ from taxel.atomic import check_folder_place
 from taxel.commands.cli import ERR, OUT, Json, needs, print_json
 from taxel.dependencies import SERVING
 from taxel.errors import SettingsError
+from taxel_models.loop.inference.constants import DECLARED
 
 if TYPE_CHECKING:
     from taxel_models.loop.pipeline import LoopResult
@@ -56,7 +57,7 @@ def loop(
         typer.Option(
             min=0.0, max=1.0, help="The least share of the error that an effect must take away to be named."
         ),
-    ] = 0.015,
+    ] = DECLARED.least_share,
     exclude: Annotated[
         list[str] | None, typer.Option(help="An effect not to look for; give it again for several.")
     ] = None,

@@ -119,6 +119,7 @@ def test_harmless_differences_do_not_matter(tmp_path: Path, change: Callable[[st
     assert_equal(read_ruppel(path), small())
 
 
+@pytest.mark.filterwarnings("ignore::taxel.errors.InputWarning")
 def test_a_recording_remembers_its_file(tmp_path: Path) -> None:
     path = tmp_path / "night_run.csv"
     write_ruppel(small(), path)
@@ -245,7 +246,7 @@ def test_bytes_that_are_no_text_are_refused_by_line(tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"none\.csv: does not exist; expected a Ruppel CSV file or"):
+    with pytest.raises(RecordingError, match=r"none\.csv: does not exist; expected a Ruppel CSV file, a"):
         read_recording(tmp_path / "none.csv")
     with pytest.raises(RecordingError, match=r"none\.csv: cannot be read: .*; expected a CSV file"):
         read_ruppel(tmp_path / "none.csv")

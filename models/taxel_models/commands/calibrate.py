@@ -48,14 +48,14 @@ def calibrate(
     from taxel.atomic import check_folder_place
     from taxel_models.calibration.calibration import calibrate as estimate
     from taxel_models.calibration.folder import RECORD, write_calibration
-    from taxel_models.recordings import read_recording
+    from taxel_models.recordings.reading import read_unchecked
 
     output = output.resolve()
     check_folder_place(output, replacing=RECORD if overwrite else None)
     limits = Limits(touch, light)
     with Progress(console=ERR, transient=True, disable=not ERR.is_terminal) as bar:
         task = bar.add_task("reading", total=None)
-        read = [read_recording(path) for path in recordings]
+        read = [read_unchecked(path) for path in recordings]
         bar.update(task, description="fitting")
         calibration = estimate(read, limits=limits, standoff=standoff, seed=seed)
         bar.update(task, description="writing")

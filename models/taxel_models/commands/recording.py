@@ -1,4 +1,4 @@
-"""`taxel recording`: what a recording holds, and its conversion to Ruppel CSV."""
+"""`taxel recording`: what a recording holds, and its conversion."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -7,52 +7,92 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.progress import Progress
 from rich.table import Table
+from rich.text import Text
 
 from taxel.commands.cli import ERR, OUT, Json, print_json
 from taxel.dependencies import require
+from taxel.errors import SettingsError
+from taxel.ros2.settings import SHADOW_FINGERS
 
 if TYPE_CHECKING:
     from taxel_models.recordings import Recording
     from taxel_models.recordings.summary import Summary
 
 Source = Annotated[
-    Path, typer.Argument(metavar="PATH", help="A Ruppel CSV file, or a folder of BioTac slide trials.")
+    Path,
+    typer.Argument(
+        metavar="PATH", help="A Ruppel CSV file, a folder of BioTac slide trials, or a bag of ROS."
+    ),
 ]
 Plot = Annotated[
     Path | None, typer.Option("--plot", metavar="PNG", help="Draw it over time; .pdf and .svg work too.")
 ]
 Output = Annotated[
-    Path | None, typer.Option("--output", "-o", metavar="CSV", help="Write it as Ruppel CSV.")
+    Path | None,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="PATH",
+        help="Write it: NAME.mcap as MCAP, without a suffix as a rosbag2 folder, else as Ruppel CSV.",
+    ),
+]
+Finger = Annotated[
+    str | None, typer.Option(help="Which finger of a bag is read, or written: ff, mf, rf, lf or th.")
 ]
 
 
-def recording(path: Source, plot: Plot = None, output: Output = None, as_json: Json = False) -> None:
-    """Summarise a recording: rows, segments, rates, ranges, and what was dropped and why."""
-    from taxel_models.recordings import write_ruppel
+Strict = Annotated[bool, typer.Option("--strict", help="Fail if something in it looks wrong.")]
+
+
+def recording(
+    path: Source,
+    plot: Plot = None,
+    output: Output = None,
+    finger: Finger = None,
+    strict: Strict = False,
+    as_json: Json = False,
+) -> None:
+    """Summarise a recording: rows, segments, rates, ranges, what was dropped, and what looks wrong."""
+    from taxel_models.recordings.findings import check_recording
     from taxel_models.recordings.summary import summarise
 
     if plot is not None:
         require("--plot", "plot", "matplotlib")
-    read = _read(path)
+    if finger not in (None, *SHADOW_FINGERS):
+        raise SettingsError(f"--finger {finger}: expected one of {', '.join(SHADOW_FINGERS)}")
+    read = _read(path, finger)
+    if strict:
+        check_recording(read, strict=True)
     if output is not None:
-        write_ruppel(read, output)
+        _write(read, output, finger)
     if plot is not None:
         from taxel_models.recordings.recording_plot import draw
 
         draw(read, plot)
     summary = summarise(read)
     if as_json:
-        print_json(asdict(summary))
+        print_json({**asdict(summary), "findings": [finding._asdict() for finding in summary.findings]})
     else:
         _print(summary)
 
 
-def _read(path: Path) -> "Recording":
-    from taxel_models.recordings import read_recording
+def _write(read: "Recording", output: Path, finger: str | None) -> None:
+    from taxel_models.recordings import write_ros_bag, write_ruppel
+
+    if output.suffix in ("", ".mcap"):
+        write_ros_bag(read, output, finger or SHADOW_FINGERS[0])
+    else:
+        write_ruppel(read, output)
+
+
+def _read(path: Path, finger: str | None) -> "Recording":
+    from taxel_models.recordings.reading import read_unchecked
 
     with Progress(console=ERR, transient=True, disable=not ERR.is_terminal) as bar:
         task = bar.add_task("reading", total=None)
-        return read_recording(path, lambda done, total: bar.update(task, completed=done, total=total))
+        return read_unchecked(
+            path, lambda done, total: bar.update(task, completed=done, total=total), finger=finger
+        )
 
 
 def _print(summary: "Summary") -> None:
@@ -72,6 +112,8 @@ def _print(summary: "Summary") -> None:
         facts.add_row("dropped", f"{rows:,} rows: {reason}")
     if not summary.dropped:
         facts.add_row("dropped", "nothing")
+    for finding in summary.findings:
+        facts.add_row("looks wrong", Text(f"{finding.name}: {finding.text}"))
     OUT.print(facts)
 
     table = Table("column", "unit")

@@ -111,6 +111,10 @@ def train(
     counts = record.training.windows
     parts = ", ".join(f"{count} {part}" for part, count in counts.items())
     OUT.print(f"Windows: {parts}.")
+    if still := record.training.metrics["test"]["still"]:
+        OUT.print(
+            f"Hardly moving in the held-out data: {', '.join(still)}. Small errors there prove little."
+        )
     OUT.print(f"Parameters: {record.parameters}. Best at {record.history.unit} {record.history.best}.")
     OUT.print(f"Wrote {output}. Next: taxel export {output} --repository REPO", soft_wrap=True)
 

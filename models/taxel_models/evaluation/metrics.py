@@ -1,13 +1,19 @@
 """Error metrics of predictions, as in the paper."""
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
 from taxel.errors import InvalidArgument
+
+STILL_SHARE: Final = 0.1
+"""A channel hardly moves if its standard deviation is below this share of that in training …"""
+
+STILL_COUNTS: Final = 2.0
+"""… or below this many counts, about the converter's noise."""
 
 
 @dataclass(frozen=True)
@@ -18,11 +24,13 @@ class ErrorMetrics:
         rows: how many windows were compared.
         channel_mae: (21,) mean absolute error of each channel, counts.
         channel_norm_mae: (21,) the same over the channel's standard deviation in training.
+        still: channels that hardly move in what was measured: a small error there proves little.
     """
 
     rows: int
     channel_mae: NDArray[np.float64]
     channel_norm_mae: NDArray[np.float64]
+    still: tuple[str, ...]
 
     @classmethod
     def of(
@@ -44,7 +52,10 @@ class ErrorMetrics:
                 f"measured {measured.shape}, predicted {predicted.shape}: expected the same (n, 21), n > 0"
             )
         mae = np.abs(measured - predicted.astype(np.float64)).mean(axis=0)
-        return cls(len(measured), mae, mae / np.asarray(output_std, dtype=np.float64))
+        trained = np.asarray(output_std, dtype=np.float64)
+        still = measured.std(axis=0) < np.maximum(STILL_SHARE * trained, STILL_COUNTS)
+        names = tuple(name for name, hardly in zip(CHANNELS, still, strict=True) if hardly)
+        return cls(len(measured), mae, mae / trained, names)
 
     @property
     def mae(self) -> float:
@@ -83,4 +94,4 @@ class ErrorMetrics:
 
     def report(self) -> dict[str, Any]:
         """Everything, for JSON."""
-        return {**self.summary(), "per_channel": self.per_channel()}
+        return {**self.summary(), "per_channel": self.per_channel(), "still": list(self.still)}

@@ -1,4 +1,4 @@
-"""Electrode glitches: samples that jump far away and back."""
+"""Glitches: samples that jump far away and back."""
 
 from typing import Final
 
@@ -39,3 +39,40 @@ def glitches(electrodes: NDArray[np.float64]) -> NDArray[np.bool_]:
         for offset in range(length):
             found[offset : offset + starts] |= run
     return np.asarray(found.any(axis=1))
+
+
+JUMP_COUNTS: Final = 200
+"""A shorter jump may be a tap."""
+
+_USUAL_STEPS: Final = 10
+"""A jump is so many times longer than all but one in a thousand steps from row to row."""
+
+
+def jumps(channels: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Glitches in any format: values that jump far from the rows on both sides, to the same side of them.
+
+    For each channel: a run of at most `GLITCH_ROWS` rows that lie above, or below, the row before and the
+    row after it, by more than `JUMP_COUNTS` and more than the channel is used to.
+
+    Args:
+        channels: (n, c), counts, the rows of one segment.
+
+    Returns:
+        (n, c) bool.
+    """
+    found = np.zeros(channels.shape, bool)
+    if len(channels) < 3:
+        return found
+    usual = np.quantile(np.abs(np.diff(channels, axis=0)), 0.999, axis=0)
+    far = np.maximum(JUMP_COUNTS, _USUAL_STEPS * usual)
+    for length in range(1, min(GLITCH_ROWS, len(channels) - 2) + 1):
+        starts = len(channels) - length - 1
+        before, after = channels[:starts], channels[length + 1 :]
+        above, below = np.ones((2, *before.shape), bool)
+        for offset in range(1, length + 1):
+            inside = channels[offset : offset + starts]
+            above &= inside - np.maximum(before, after) > far
+            below &= np.minimum(before, after) - inside > far
+        for offset in range(1, length + 1):
+            found[offset : offset + starts] |= above | below
+    return found

@@ -26,7 +26,7 @@ class Recording:
         auxiliary: `pac1`, `tac` and `tdc`, each (n,) float64, counts.
         covariates: any other column by name, each (n,) float64.
         name: its name in tables and errors.
-        format: `ruppel`, `biotac_slide` or `twin`.
+        format: `ruppel`, `biotac_slide`, `ros_bag` or `twin`.
         sha256: hash of the files it was read from; empty if it was made in memory.
         dropped: how many rows were left out while reading, by reason.
     """

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS, ELECTRODE_COLUMNS, ELECTRODES
 from taxel.errors import RecordingError
 from taxel.windows.samples import GAP_NS
+from taxel_models.recordings.alignment import bracket_s, interpolated
 from taxel_models.recordings.csv_table import Table, TimeColumn, read_table
 from taxel_models.recordings.glitches import glitches
 from taxel_models.recordings.recording import AUXILIARY, Recording
@@ -135,13 +136,20 @@ def _read_trial(trial: Trial) -> _Rows:
             f"{tactile.path}: all {len(time)} rows are {OUTSIDE} or hold a glitch; "
             "expected four streams of the same time"
         )
-    gaps = np.column_stack([_bracket_s(time[keep], table.time_ns) for table in robot.values()])
+    gaps = np.column_stack([bracket_s(time[keep], table.time_ns) for table in robot.values()])
     tables = (tactile, *robot.values())
     return _Rows(
         time[keep],
         counts[keep],
         np.column_stack(
-            [_interpolated(time[keep], table, STREAMS[stream]) for stream, table in robot.items()]
+            [
+                interpolated(
+                    time[keep],
+                    table.time_ns,
+                    np.column_stack([table.columns[name] for name in STREAMS[stream]]),
+                )
+                for stream, table in robot.items()
+            ]
         ),
         gaps.max(axis=1),
         trial,
@@ -160,20 +168,6 @@ def _read_stream(trial: Trial, stream: str, columns: Sequence[str]) -> Table:
     table.require_finite(columns)
     table.require_increasing()
     return table
-
-
-def _interpolated(time: NDArray[np.int64], table: Table, columns: Sequence[str]) -> NDArray[np.float64]:
-    # ns since the first stamp fit a float64 exactly; ns since the epoch would not.
-    start = table.time_ns[0]
-    at, known = time - start, table.time_ns - start
-    return np.column_stack([np.interp(at, known, table.columns[name]) for name in columns])
-
-
-def _bracket_s(time: NDArray[np.int64], known: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Seconds between the stamps before and after each time; 0 where a time is a stamp."""
-    after = np.searchsorted(known, time)
-    before = np.searchsorted(known, time, side="right") - 1
-    return (known[after] - known[before]) / 1e9
 
 
 def _require_apart(parts: Sequence[_Rows]) -> None:

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
+from taxel.input_checks import Finding
+from taxel_models.recordings.findings import recording_findings
 from taxel_models.recordings.recording import Recording
 
 UNITS: Final = {
@@ -58,7 +60,7 @@ class Summary:
 
     Attributes:
         name: name of the recording.
-        format: `ruppel`, `biotac_slide` or `twin`.
+        format: `ruppel`, `biotac_slide`, `ros_bag` or `twin`.
         sha256: hash of the files.
         rows: samples kept.
         segments: stretches without a gap.
@@ -66,6 +68,7 @@ class Summary:
         rate_hz: rate that follows from the median interval between rows.
         dropped: rows left out while reading, by reason.
         columns: statistics by group (the keys of `UNITS`) and column name.
+        findings: what looks wrong.
     """
 
     name: str
@@ -77,6 +80,7 @@ class Summary:
     rate_hz: float
     dropped: Mapping[str, int]
     columns: Mapping[str, Mapping[str, ColumnStatistics]]
+    findings: tuple[Finding, ...]
 
 
 def summarise(recording: Recording) -> Summary:
@@ -109,4 +113,5 @@ def summarise(recording: Recording) -> Summary:
             group: {name: ColumnStatistics.of(values, follows) for name, values in columns}
             for group, columns in groups.items()
         },
+        findings=tuple(recording_findings(recording)),
     )

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.errors import SettingsError
+from taxel.trained_contacts import TrainedContacts
 from taxel.windows import WindowSpec, build_windows
 from taxel_models.recordings import Recording
 from taxel_models.training.split import SplitSettings, Subset, split, subset_of_windows
@@ -64,12 +65,14 @@ class Dataset:
 
     Attributes:
         test_recordings: the test rows, one recording for each source that has any.
+        contacts: what the training set's contacts range over.
     """
 
     train: Examples
     validation: Examples
     test: Examples
     test_recordings: tuple[Recording, ...]
+    contacts: TrainedContacts
 
     @classmethod
     def of(cls, recordings: Sequence[Recording], spec: WindowSpec, settings: SplitSettings) -> Self:
@@ -101,7 +104,17 @@ class Dataset:
             for recording, of_row in zip(ticks, row_subsets, strict=True)
             if (of_row == Subset.TEST).any()
         ]
-        return cls(sets[Subset.TRAIN], sets[Subset.VALIDATION], sets[Subset.TEST], tuple(held_out))
+        trained_on = [
+            recording.rows(of_row == Subset.TRAIN)
+            for recording, of_row in zip(ticks, row_subsets, strict=True)
+        ]
+        return cls(
+            sets[Subset.TRAIN],
+            sets[Subset.VALIDATION],
+            sets[Subset.TEST],
+            tuple(held_out),
+            contacts_of(trained_on, max(recording.samples.period_ns for recording in recordings)),
+        )
 
     def counts(self) -> dict[str, int]:
         """Windows in each set."""
@@ -112,3 +125,13 @@ def concatenate(items: list[Examples]) -> Examples:
     """Examples one after another; at least one item, which may be empty."""
     columns = zip(*(vars(item).values() for item in items), strict=True)
     return Examples(*(np.concatenate(column) for column in columns))
+
+
+def contacts_of(recordings: Sequence[Recording], period_ns: int) -> TrainedContacts:
+    """What the contacts of some recordings range over; at least one row. The longest period is told."""
+    return TrainedContacts.of(
+        np.concatenate([recording.samples.position for recording in recordings]),
+        np.concatenate([recording.samples.force for recording in recordings]),
+        {name: np.concatenate([recording.auxiliary[name] for recording in recordings]) for name in EXTRAS},
+        period_ns / 1e6,
+    )

@@ -128,6 +128,7 @@ def train(
             seed=settings.seed,
             hyperparameters=hyperparameters.model_dump(mode="json"),
             metrics=_metrics(data.test, fitted, scalers, settings.extras),
+            contacts=data.contacts,
         ),
         history=history,
         taxel_version=__version__,

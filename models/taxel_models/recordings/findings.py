@@ -1,0 +1,114 @@
+"""What looks wrong in a recording: units, signs, places, the clock, glitches, channels that stand still."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.channels import CHANNELS, COUNTS_MAX
+from taxel.errors import RecordingError
+from taxel.input_checks import Finding, contact_findings, rate_findings, warn
+from taxel.skin import Fingertip
+from taxel.trained_contacts import Range, TrainedContacts
+from taxel_models.recordings.glitches import jumps
+from taxel_models.recordings.recording import Recording
+
+_RADIUS: Final = Fingertip.biotac_2p().radius
+_PUSH_N: Final = 20.0
+
+PLAUSIBLE: Final = TrainedContacts(
+    period_ms=10.0,
+    x=Range(low=-0.025, high=_RADIUS),
+    y=Range(low=-_RADIUS, high=_RADIUS),
+    z=Range(low=-_RADIUS, high=_RADIUS),
+    fx=Range(low=-_PUSH_N, high=_PUSH_N),
+    fy=Range(low=-_PUSH_N, high=_PUSH_N),
+    fz=Range(low=-_PUSH_N, high=_PUSH_N),
+    force=Range(low=0.0, high=_PUSH_N),
+    on_skin=1.0,
+    pressing=1.0,
+)
+"""Contacts of any fingertip in the sensor's frame, for recordings that no model is asked about. More than
+20 N would harm the skin."""
+
+_TIME_UNITS: Final = {"milliseconds": 1e6, "microseconds": 1e3}
+"""Other units of time, in ns."""
+
+_FASTEST_NS, _SLOWEST_NS = 2e5, 2e8
+"""Intervals between samples of any sensor or simulator, ns."""
+
+_LEAST_ROWS: Final = 100
+"""In fewer rows, a channel may stand still."""
+
+_STILL_COUNTS: Final = 2.0
+"""A channel hardly moves if all but 2 % of its rows lie within so many counts."""
+
+
+def recording_findings(recording: Recording, trained: TrainedContacts | None = None) -> list[Finding]:
+    """What looks wrong in a recording of at least one row.
+
+    Args:
+        trained: the contacts of a model that is to predict it; if none, those of any fingertip. Slide
+            recordings are in the robot's frame, so that their places are compared with a model's only.
+    """
+    found = _time_findings(recording, trained or PLAUSIBLE)
+    samples = recording.samples
+    if trained is not None or recording.format != "biotac_slide":
+        found += contact_findings(trained or PLAUSIBLE, samples.position, samples.force)
+    return [*found, *_channel_findings(recording)]
+
+
+def check_recording(
+    recording: Recording, trained: TrainedContacts | None = None, *, strict: bool = False
+) -> None:
+    """Warn of what looks wrong, each by an `InputWarning`.
+
+    Raises:
+        RecordingError: something looks wrong, and `strict` says that it is an error.
+    """
+    for _, text in recording_findings(recording, trained) if len(recording) else ():
+        if strict:
+            raise RecordingError(f"{recording.name}: {text}")
+        warn(f"{recording.name}: {text}")
+
+
+def _time_findings(recording: Recording, trained: TrainedContacts) -> list[Finding]:
+    if len(recording) < 2:
+        return []
+    period = float(np.median(np.diff(recording.samples.time_ns)))
+    if period < _FASTEST_NS:
+        for unit, nanoseconds in _TIME_UNITS.items():
+            if _FASTEST_NS <= period * nanoseconds <= _SLOWEST_NS:
+                text = f"times that grow by {period:g} look like {unit}: expected nanoseconds"
+                return [Finding(unit, text)]
+        return [Finding("rate", f"a sample every {period:g} ns: expected one every 10 ms or so")]
+    return rate_findings(trained, period / 1e9)
+
+
+def _channel_findings(recording: Recording) -> list[Finding]:
+    channels = recording.channels
+    found = []
+    low, high = float(channels.min()), float(channels.max())
+    if low < 0.0 or high > COUNTS_MAX:
+        found.append(
+            Finding("counts", f"channels from {low:g} to {high:g}: expected counts from 0 to {COUNTS_MAX}")
+        )
+    glitches = np.concatenate([jumps(channels[segment]) for segment in recording.segments])
+    if rows := np.count_nonzero(glitches.any(axis=1)):
+        where = _named(np.asarray(glitches.any(axis=0)))
+        found.append(Finding("glitches", f"{rows:,} rows jump far away and back, in {where}"))
+    if len(recording) >= _LEAST_ROWS:
+        constant = channels.min(axis=0) == channels.max(axis=0)
+        if constant.any():
+            found.append(Finding("constant channels", f"{_named(constant)} never change"))
+        ends = np.quantile(channels, [0.01, 0.99], axis=0)
+        still = (ends[1] - ends[0] <= _STILL_COUNTS) & ~constant
+        if still.any():
+            found.append(
+                Finding("still channels", f"{_named(still)} hardly move, by {_STILL_COUNTS:g} counts")
+            )
+    return found
+
+
+def _named(chosen: NDArray[np.bool_]) -> str:
+    return ", ".join(name for name, taken in zip(CHANNELS, chosen, strict=True) if taken)
