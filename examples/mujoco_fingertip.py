@@ -16,6 +16,7 @@ import numpy as np
 
 import taxel
 import taxel.mujoco
+from taxel.predictor import DEFAULT_MODEL
 
 SCENE = """
 <mujoco>
@@ -43,7 +44,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--model", default="xgb")
+    parser.add_argument("--model", default=DEFAULT_MODEL)
     parser.add_argument(
         "--connect", metavar="ENDPOINT", help="ask a server; without it, predict in this process"
     )

@@ -7,11 +7,14 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from taxel.contacts import PATCH_M, ContactSample, fingertip_contacts
-from taxel.errors import InvalidArgument
+from taxel.errors import InputWarning, InvalidArgument
 from taxel.skin import PAD, Fingertip, gap_to_skin, height_above_skin
 
 SKIN = Fingertip.biotac_2p()
 ORIGIN, UPRIGHT = np.zeros(3), np.eye(3)
+
+pytestmark = pytest.mark.filterwarnings("ignore::taxel.errors.InputWarning")
+"""Random contacts lie off the skin, too."""
 
 
 def contacts(points: object, forces: object, **others: object) -> ContactSample:
@@ -105,3 +108,23 @@ def test_a_wrong_argument_is_named(points: object, forces: object, others: objec
         contacts(points, forces, **others)  # type: ignore[arg-type]
     with pytest.raises(InvalidArgument, match="expected a rotation matrix"):
         fingertip_contacts([], [], ORIGIN, 2 * UPRIGHT)
+
+
+@pytest.mark.parametrize(
+    ("point", "text"),
+    [
+        ([0.0, 0.0, -7.0], "more than 4 mm off the skin: they look like millimetres, expected metres"),
+        ([0.0, 0.0, -0.001], "more than 4 mm off the skin: expected points of the fingertip"),
+    ],
+)
+def test_contacts_off_the_skin_are_told(point: list[float], text: str) -> None:
+    with pytest.warns(InputWarning, match=text):
+        contacts([point], [[0.0, 0.0, 1.0]])
+    with pytest.raises(InvalidArgument, match=text):
+        contacts([point], [[0.0, 0.0, 1.0]], strict=True)
+
+
+@pytest.mark.filterwarnings("error")
+def test_contacts_near_the_skin_and_none_are_right() -> None:
+    contacts([[0.0, 0.0, -0.0065], [-0.004, 0.0, -0.0075]], [[0.0, 0.0, 1.0]] * 2, strict=True)
+    contacts(np.empty((0, 3)), np.empty((0, 3)), strict=True)

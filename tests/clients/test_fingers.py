@@ -139,8 +139,26 @@ def test_a_reset_touches_no_other_finger() -> None:
 def test_torch_tensors_are_taken() -> None:
     fingers = Fingers(Echo(), 2, rate_hz=100)  # type: ignore[arg-type]
     position = torch.tensor([[0.25, 0, -0.007], [0.5, 0, -0.007]])
-    channels = torch.from_dlpack(fingers.step(position, torch.zeros(2, 3)))  # type: ignore[arg-type]
+    given = fingers.step(position, torch.zeros(2, 3))  # type: ignore[arg-type]
+    channels = torch.from_dlpack(given)
     assert channels[:, 0].tolist() == [0.25, 0.5]
+    assert channels.data_ptr() == given.ctypes.data
+
+
+def test_tensors_are_not_copied(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tensor of float64, which windows are built in, is read where it lies."""
+    fingers = Fingers(Echo(), 2, rate_hz=100)  # type: ignore[arg-type]
+    position, force = torch.rand(2, 3, dtype=torch.float64), torch.rand(2, 3, dtype=torch.float64)
+    read = []
+
+    def step(self: FingerWindows, place: Any, push: Any, *others: Any) -> Any:
+        read.extend([place.ctypes.data, push.ctypes.data])
+        return original(self, place, push, *others)
+
+    original = FingerWindows.step
+    monkeypatch.setattr(FingerWindows, "step", step)
+    fingers.step(position, force)  # type: ignore[arg-type]
+    assert read == [position.data_ptr(), force.data_ptr()]
 
 
 @pytest.mark.parametrize(

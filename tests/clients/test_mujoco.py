@@ -108,3 +108,8 @@ def test_the_example_runs(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert set(json.loads(done.stdout)) == {"physics_alone", "real_time_factor", "median_us", "p99_us"}
     assert (tmp_path / "picture.png").stat().st_size > 10_000
+
+
+def test_a_site_that_is_none_is_told() -> None:
+    with pytest.raises(InvalidArgument, match="'thumb': expected the name of a site"):
+        taxel.mujoco.SiteContacts(scene("left"), ["left", "thumb"])

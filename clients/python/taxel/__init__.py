@@ -3,7 +3,7 @@
     import taxel
 
     with taxel.connect("tcp/127.0.0.1:7447") as server:
-        predictor = server.predictor("xgb")
+        predictor = server.predictor()
         channels = predictor.predict(windows)  # (n, f) float32 -> (n, 21) counts
 
 Names load on first use, so that importing the package costs next to nothing.
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from taxel.manifest import Manifest
     from taxel.predictor import ModelInfo, Predictor, PredictorSource, Timing
     from taxel.remote.async_source import connect_async
+    from taxel.remote.credentials import Credentials
     from taxel.remote.source import connect
     from taxel.windows import (
         LiveWindow,
@@ -66,6 +67,7 @@ _HOMES: Final = {
     "manifest": ("Manifest",),
     "predictor": ("ModelInfo", "Predictor", "PredictorSource", "Timing"),
     "remote.source": ("connect",),
+    "remote.credentials": ("Credentials",),
     "remote.async_source": ("connect_async",),
     "windows": (
         "LiveWindow",
@@ -85,6 +87,7 @@ __all__ = [
     "COUNTS_MAX",
     "ELECTRODES",
     "ArtifactError",
+    "Credentials",
     "DeadlineExceeded",
     "Internal",
     "InvalidArgument",

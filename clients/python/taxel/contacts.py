@@ -23,7 +23,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from taxel.errors import InvalidArgument
+from taxel.input_checks import warn
 from taxel.skin import PAD, Fingertip
+from taxel.trained_contacts import OFF_SKIN_M
 
 PATCH_M: Final = 0.006
 """Contacts so near to each other are one contact, m."""
@@ -59,8 +61,11 @@ def fingertip_contacts(
     *,
     finger: ArrayLike | None = None,
     last: ArrayLike | None = None,
+    strict: bool = False,
 ) -> ContactSample:
     """Make one contact for each fingertip from a simulator's contacts in the world frame.
+
+    It warns (`taxel.errors.InputWarning`) of contacts that are off the skin.
 
     Args:
         points: (k, 3), where contacts are, m, world frame. k may be 0.
@@ -70,10 +75,11 @@ def fingertip_contacts(
         finger: (k,), which fingertip each contact is on, 0 to n - 1; all on fingertip 0 if not given.
         last: (n, 3), the places of the last step, for fingertips that nothing touches; the middle of
             the pad if not given.
+        strict: what it would warn of is an error.
 
     Raises:
         InvalidArgument: a shape is wrong, a number is not finite, a rotation is none, or there is no such
-            fingertip.
+            fingertip. Or contacts are off the skin, and `strict` is true.
     """
     points, forces = _rows("points", points), _rows("forces", forces)
     if len(points) != len(forces):
@@ -86,7 +92,24 @@ def fingertip_contacts(
     held = np.tile(np.array(PAD), (count, 1)) if last is None else _rows("last", last).copy()
     if len(held) != count:
         raise InvalidArgument(f"last has {len(held)} places: expected one for each of {count} fingertips")
-    return _sample(places, pushes, on, held)
+    sample = _sample(places, pushes, on, held)
+    if np.abs(sample.height).max() > OFF_SKIN_M:
+        _tell_off_skin(places, strict=strict)
+    return sample
+
+
+def _tell_off_skin(places: NDArray[np.float64], *, strict: bool) -> None:
+    """The text has no figures, so that Python shows it once."""
+    heights = Fingertip.biotac_2p().height(places / 1e3)
+    unit = np.mean(np.abs(heights) <= OFF_SKIN_M) > 0.5
+    text = f"contacts are more than {OFF_SKIN_M * 1e3:g} mm off the skin: " + (
+        "they look like millimetres, expected metres"
+        if unit
+        else "expected points of the fingertip, in m, and the pose of its sensor's frame"
+    )
+    if strict:
+        raise InvalidArgument(text)
+    warn(text)
 
 
 def _sample(

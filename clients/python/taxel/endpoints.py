@@ -8,6 +8,7 @@ EXPECTED: Final = "expected PROTOCOL/ADDRESS, such as tcp/127.0.0.1:7447"
 """What an endpoint has to look like."""
 
 _WITH_PORT: Final = frozenset({"tcp", "udp", "tls", "quic", "ws"})
+_OVER_TCP: Final = frozenset({"tcp", "tls", "ws"})
 _OTHERS: Final = frozenset({"unixsock-stream", "unixpipe", "serial", "vsock"})
 
 
@@ -35,9 +36,23 @@ def checked_endpoint(endpoint: Any) -> str:
     return endpoint
 
 
-def _check_port(endpoint: str, address: str) -> None:
+def host_and_port_of(endpoint: str) -> tuple[str, int] | None:
+    """Where a checked endpoint's TCP connections go; None if it has none."""
+    protocol, _, address = endpoint.partition("/")
+    if protocol not in _OVER_TCP:
+        return None
+    host, port = _parts(address)
+    return host.strip("[]"), int(port)
+
+
+def _parts(address: str) -> tuple[str, str]:
     # What follows is for zenoh itself: `?` starts metadata, `#` starts options.
     host, _, port = address.partition("#")[0].partition("?")[0].rpartition(":")
+    return host, port
+
+
+def _check_port(endpoint: str, address: str) -> None:
+    host, port = _parts(address)
     if not host or (":" in host and not (host.startswith("[") and host.endswith("]"))):
         raise InvalidArgument(
             f"endpoint {endpoint!r}: expected HOST:PORT behind the slash, an IPv6 address as [ADDRESS]:PORT"

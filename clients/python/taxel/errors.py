@@ -18,6 +18,8 @@
 Where they come from: a `RequestError` crosses the wire as its `code` and text and is raised
 again, as the same class, by the client. The others never cross it: they stop a command before
 anything has been overwritten.
+
+An `InputWarning` is no error: an input is well formed and probably wrong all the same.
 """
 
 from typing import ClassVar, Final, Literal
@@ -68,7 +70,7 @@ class DeadlineExceeded(RequestError):
 
 
 class PermissionDenied(RequestError):
-    """A server is there, but its access control does not let this client ask."""
+    """A server is there, but does not let this client in or ask; or the client does not trust it."""
 
     code = "PERMISSION_DENIED"
 
@@ -112,6 +114,10 @@ class MissingDependency(TaxelError):
 
     def __init__(self, purpose: str, package: str, extra: str) -> None:
         super().__init__(f"{purpose} needs {package}: pip install 'taxel[{extra}]'")
+
+
+class InputWarning(UserWarning):
+    """An input looks wrong: its unit, sign, frame or rate. The text says what was seen and expected."""
 
 
 _BY_CODE: Final[dict[str, type[RequestError]]] = {

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from taxel.channels import CHANNELS
 from taxel.errors import InvalidArgument
+from taxel.input_checks import InputCheck
 from taxel.skin import PAD
 from taxel.windows.fingers import FingerWindows
 
@@ -40,6 +41,7 @@ class Fingers:
             interpolated between samples.
         prime: `"rest"`: begin, and begin again after a reset, as if nothing had touched for long, so that
             the first step gives channels. None: channels are NaN until enough samples have come.
+        check: looks at the samples, beside the contacts that the model was trained on.
 
     Attributes:
         channels: (count, 21) float32, the newest predictions, counts.
@@ -47,11 +49,18 @@ class Fingers:
     """
 
     def __init__(
-        self, predictor: "Predictor", count: int, *, rate_hz: float, prime: Literal["rest"] | None = "rest"
+        self,
+        predictor: "Predictor",
+        count: int,
+        *,
+        rate_hz: float,
+        prime: Literal["rest"] | None = "rest",
+        check: InputCheck | None = None,
     ) -> None:
         if prime not in ("rest", None):
             raise InvalidArgument(f"prime is {prime!r}: expected 'rest' or None")
         self._predictor = predictor
+        self._check = check
         self._windows = FingerWindows(
             predictor.window, count, rate_hz=rate_hz, extras=predictor.manifest.window.extras
         )
@@ -99,7 +108,7 @@ class Fingers:
 
         Raises:
             InvalidArgument: a shape is wrong, a number is not finite or not positive, an extra is none or
-                is computed. Nothing is changed.
+                is computed, or something looks wrong and they are strict. Nothing is changed.
             RequestError: no prediction could be had, in this step or, without waiting, in an earlier one.
                 The samples are taken; `channels` stay as they were.
         """
@@ -111,6 +120,10 @@ class Fingers:
             raise InvalidArgument(f"dt is {np.min(seconds)}: expected more than 0 s")
         given = {name: _numbers(name, values, (count,)) for name, values in (extras or {}).items()}
         self._check_names(given)
+        if self._check is not None:
+            self._check.take(places, forces, None if dt is None else seconds)
+            for name, values in given.items():
+                self._check.extra(name, values)
         dt_ns = np.broadcast_to(np.rint(np.asarray(seconds) * 1e9).astype(np.int64), (count,))
         ids, windows = self._windows.step(places, forces, dt_ns, given)
         if wait:

@@ -8,6 +8,7 @@ from taxel.channels import CHANNELS
 from taxel.corrections import AppliedEffect
 from taxel.errors import InvalidArgument
 from taxel.schema import NotNegativePerChannel, Positive, Schema
+from taxel.trained_contacts import TrainedContacts
 from taxel.windows import PERIOD_NS, ExtraFeature, WindowSpec
 
 SCHEMA: Final = 1
@@ -131,7 +132,10 @@ class RecordingFingerprint(Schema):
 
 
 class Training(Schema):
-    """How a model was trained: enough to train it again."""
+    """How a model was trained: enough to train it again, and on which contacts.
+
+    `contacts` is of the training set; a model of Taxel 0.2 or earlier has none.
+    """
 
     family: str
     data: tuple[RecordingFingerprint, ...]
@@ -140,6 +144,14 @@ class Training(Schema):
     seed: int
     hyperparameters: dict[str, Any]
     metrics: dict[str, Any]
+    contacts: TrainedContacts | None = None
+
+    @property
+    def held_out_norm_mae(self) -> float | None:
+        """The normalised MAE of the test set; None if it was not measured."""
+        found = self.metrics.get("test")
+        error = found.get("norm_mae") if isinstance(found, dict) else None
+        return float(error) if isinstance(error, (int, float)) else None
 
 
 class Imported(Schema):

@@ -15,16 +15,20 @@ The site is the sensor's frame (`taxel.skin`): x to the tip, z out of the nail. 
 from collections.abc import Sequence
 from typing import Any, Final
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
 from taxel.contacts import ContactSample, fingertip_contacts
-from taxel.errors import InvalidArgument
+from taxel.errors import InvalidArgument, MissingDependency
 from taxel.predictor import Predictor
 from taxel.remote import RemotePredictor
 from taxel.windows.combinations import PERIOD_NS
+
+try:
+    import mujoco
+except ModuleNotFoundError as error:
+    raise MissingDependency("taxel.mujoco", str(error.name), "mujoco") from None
 
 _TICK_S: Final = PERIOD_NS / 1e9
 _NETFORCE: Final = 14
@@ -54,97 +58,53 @@ def add_sensor(spec: Any, site: str) -> str:
     return name
 
 
-class Fingertips:
-    """All fingertips of a model: the sites that have a user sensor of 21 numbers.
+class SiteContacts:
+    """Reads what touches fingertips whose frames are sites, as `taxel.contacts` makes it from contacts.
 
     Args:
         model: a `mujoco.MjModel`.
-        predictor: local or remote; a remote one is never waited for.
+        sites: names of the sites, or their numbers.
         contacts: for each fingertip, the name of a contact sensor with `num="1"`, `reduce="netforce"` and
             `data="found force torque dist pos normal"` whose first object is the fingertip. If not
             given, all contacts of the geoms of the site's body count; only then are contacts that are far
             apart told from each other.
 
     Attributes:
-        sites: the numbers of the sites, in the order of fingertips.
-        contact: what touches each fingertip, since the last step.
-        fingers: their clocks, pasts and channels.
+        sites: (n,) the numbers of the sites.
 
     Raises:
-        InvalidArgument: no site has such a sensor, or a contact sensor is none.
+        InvalidArgument: there is no such site, or a contact sensor is none.
     """
 
-    def __init__(self, model: Any, predictor: Predictor, contacts: Sequence[str] | None = None) -> None:
-        users = np.flatnonzero(
-            (model.sensor_type == mujoco.mjtSensor.mjSENS_USER)
-            & (model.sensor_objtype == mujoco.mjtObj.mjOBJ_SITE)
-            & (model.sensor_dim == len(CHANNELS))
-        )
-        if not len(users):
-            raise InvalidArgument(
-                "the MuJoCo model has no user sensor of 21 numbers on a site: add one with "
-                "taxel.mujoco.add_sensor, or in XML: "
-                "<user objtype='site' objname='biotac' dim='21' needstage='acc'/>"
-            )
+    def __init__(
+        self, model: Any, sites: Sequence[str] | NDArray[np.int64], contacts: Sequence[str] | None = None
+    ) -> None:
         self._model = model
-        self.sites: NDArray[np.int64] = model.sensor_objid[users].astype(np.int64)
-        self._addresses = model.sensor_adr[users]
+        self.sites = np.array([_site(model, site) for site in sites], np.int64)
         self._nets = None if contacts is None else [self._net(name) for name in contacts]
-        if self._nets is not None and len(self._nets) != len(users):
+        if self._nets is not None and len(self._nets) != len(self.sites):
             raise InvalidArgument(
-                f"{len(self._nets)} contact sensors: expected one for each of {len(users)} fingertips"
+                f"{len(self._nets)} contact sensors: expected one for each of {len(self.sites)} fingertips"
             )
         # The fingertip of each geom, or -1.
         bodies = {int(body): number for number, body in enumerate(model.site_bodyid[self.sites])}
         self._finger_of = np.array([bodies.get(int(body), -1) for body in model.geom_bodyid], np.int64)
-        self._wait = not isinstance(predictor, RemotePredictor)
-        # Where ticks fall on steps, the steps between them change no window, and are left out.
-        steps = round(_TICK_S / model.opt.timestep)
-        on_steps = steps > 1 and abs(steps * model.opt.timestep - _TICK_S) < 1e-9
-        self._least_s = _TICK_S - 0.5 * model.opt.timestep if on_steps else 0.0
-        rate_hz = 1.0 / _TICK_S if on_steps else 1.0 / model.opt.timestep
-        self.fingers = predictor.fingers(len(users), rate_hz=rate_hz)
-        self.contact: ContactSample | None = None
-        self._time: float | None = None
 
-    def step(self, data: Any) -> NDArray[np.float32]:
-        """Take the contacts of a `mujoco.MjData` after `mj_step`, and put the newest channels into it.
+    def read(
+        self, data: Any, last: NDArray[np.float64] | None = None, strict: bool = False
+    ) -> ContactSample:
+        """The contacts of a `mujoco.MjData` after `mj_step` or `mj_forward`.
 
-        They are in `data.sensordata` until the next step, in which MuJoCo clears user sensors. If time has
-        gone back, as after `mj_resetData`, all fingertips begin again.
-
-        Returns:
-            (fingertips, 21) float32, counts.
-
-        Raises:
-            RequestError: no prediction could be had; see `taxel.fingers.Fingers.step`.
+        Args:
+            data: of the model.
+            last: (n, 3), the places of the last step, m, for fingertips that nothing touches.
+            strict: contacts off the skin are an error, not a warning.
         """
-        if self._time is not None and data.time < self._time:
-            self.fingers.reset()
-            self.contact = None
-            self._time = None
-        elapsed = None if self._time is None else data.time - self._time
-        if elapsed is None or elapsed > self._least_s:
-            self._time = data.time
-            self._sense(data, elapsed)
-        channels = self.fingers.channels
-        for address, values in zip(self._addresses, channels, strict=True):
-            data.sensordata[address : address + len(CHANNELS)] = values
-        return channels
-
-    def _sense(self, data: Any, elapsed: float | None) -> None:
-        """Take the contacts as they are now, `elapsed` seconds after the last ones."""
         points, forces, on = self._contacts(data) if self._nets is None else self._net_contacts(data)
         rotations = data.site_xmat[self.sites].reshape(-1, 3, 3)
-        last = None if self.contact is None else self.contact.position
-        self.contact = fingertip_contacts(
-            points, forces, data.site_xpos[self.sites], rotations, finger=on, last=last
+        return fingertip_contacts(
+            points, forces, data.site_xpos[self.sites], rotations, finger=on, last=last, strict=strict
         )
-        self.fingers.step(self.contact.position, self.contact.force, elapsed, wait=self._wait)
-
-    def close(self) -> None:
-        """End the thread that asks a remote predictor."""
-        self.fingers.close()
 
     def _contacts(self, data: Any) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
         """Points, forces on the finger, and fingertips of all contacts; world frame."""
@@ -178,3 +138,98 @@ class Fingertips:
         on = np.flatnonzero(rows[:, 0] > 0)
         # The sensor tells what its first object does to the other.
         return rows[on, 8:11], -rows[on, 1:4], on
+
+
+class Fingertips:
+    """All fingertips of a model: the sites that have a user sensor of 21 numbers.
+
+    Args:
+        model: a `mujoco.MjModel`.
+        predictor: local or remote; a remote one is never waited for.
+        contacts: contact sensors to read instead of all contacts; see `SiteContacts`.
+        strict: what would be warned of, such as contacts off the skin, is an error.
+
+    Attributes:
+        contact: what touches each fingertip, since the last step.
+        fingers: their clocks, pasts and channels.
+
+    Raises:
+        InvalidArgument: no site has such a sensor, or a contact sensor is none.
+    """
+
+    def __init__(
+        self,
+        model: Any,
+        predictor: Predictor,
+        contacts: Sequence[str] | None = None,
+        *,
+        strict: bool = False,
+    ) -> None:
+        users = np.flatnonzero(
+            (model.sensor_type == mujoco.mjtSensor.mjSENS_USER)
+            & (model.sensor_objtype == mujoco.mjtObj.mjOBJ_SITE)
+            & (model.sensor_dim == len(CHANNELS))
+        )
+        if not len(users):
+            raise InvalidArgument(
+                "the MuJoCo model has no user sensor of 21 numbers on a site: add one with "
+                "taxel.mujoco.add_sensor, or in XML: "
+                "<user objtype='site' objname='biotac' dim='21' needstage='acc'/>"
+            )
+        self._touching = SiteContacts(model, model.sensor_objid[users], contacts)
+        self._addresses = model.sensor_adr[users]
+        self._wait = not isinstance(predictor, RemotePredictor)
+        # Where ticks fall on steps, the steps between them change no window, and are left out.
+        steps = round(_TICK_S / model.opt.timestep)
+        on_steps = steps > 1 and abs(steps * model.opt.timestep - _TICK_S) < 1e-9
+        self._least_s = _TICK_S - 0.5 * model.opt.timestep if on_steps else 0.0
+        rate_hz = 1.0 / _TICK_S if on_steps else 1.0 / model.opt.timestep
+        self.fingers = predictor.fingers(len(users), rate_hz=rate_hz, strict=strict)
+        self._strict = strict
+        self.contact: ContactSample | None = None
+        self._time: float | None = None
+
+    def step(self, data: Any) -> NDArray[np.float32]:
+        """Take the contacts of a `mujoco.MjData` after `mj_step`, and put the newest channels into it.
+
+        They are in `data.sensordata` until the next step, in which MuJoCo clears user sensors. If time has
+        gone back, as after `mj_resetData`, all fingertips begin again.
+
+        Returns:
+            (fingertips, 21) float32, counts.
+
+        Raises:
+            RequestError: no prediction could be had; see `taxel.fingers.Fingers.step`.
+        """
+        if self._time is not None and data.time < self._time:
+            self.fingers.reset()
+            self.contact = None
+            self._time = None
+        elapsed = None if self._time is None else data.time - self._time
+        if elapsed is None or elapsed > self._least_s:
+            self._time = data.time
+            self._sense(data, elapsed)
+        channels = self.fingers.channels
+        for address, values in zip(self._addresses, channels, strict=True):
+            data.sensordata[address : address + len(CHANNELS)] = values
+        return channels
+
+    def _sense(self, data: Any, elapsed: float | None) -> None:
+        """Take the contacts as they are now, `elapsed` seconds after the last ones."""
+        last = None if self.contact is None else self.contact.position
+        self.contact = self._touching.read(data, last, strict=self._strict)
+        self.fingers.step(self.contact.position, self.contact.force, elapsed, wait=self._wait)
+
+    def close(self) -> None:
+        """End the thread that asks a remote predictor."""
+        self.fingers.close()
+
+
+def _site(model: Any, site: str | np.int64) -> int:
+    """The number of a site."""
+    if not isinstance(site, str):
+        return int(site)
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, site)
+    if number < 0:
+        raise InvalidArgument(f"{site!r}: expected the name of a site of the MuJoCo model")
+    return int(number)

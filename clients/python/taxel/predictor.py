@@ -12,15 +12,21 @@ from typing_extensions import override
 from taxel.arguments import checked_rate, is_whole
 from taxel.errors import InvalidArgument
 from taxel.fingers import Fingers
+from taxel.input_checks import InputCheck
 from taxel.manifest import Manifest, WindowLayout
 from taxel.windows import WindowSpec, WindowStream
 from taxel.windows.checks import check_windows
+from taxel.windows.samples import period_of, rows_are_ticks
 
 NOT_PICKLED: Final = (
     "a {} cannot be pickled or copied: it belongs to its process; send the endpoint or the repository's "
     "path, and the model's name, and open them there with taxel.connect or taxel.load"
 )
 """Why a predictor or a source stays in its process."""
+
+
+DEFAULT_MODEL: Final = "xgb-causal"
+"""The model for who names none: it answers without delay, and it comes with Taxel."""
 
 
 class Timing(NamedTuple):
@@ -47,6 +53,10 @@ class ModelInfo:
         one_row: the evaluator of a single window.
         many_rows: the evaluator of 1024 windows.
         instruction_set: that the first of them uses; empty where a library does not tell.
+        shadow: whether it answers only copies of requests, to be compared.
+        delay_s: how long after its moment a live answer comes, s; 0 if causal.
+        warm_up_s: from a stream's first sample to its first answer, s.
+        norm_mae: the normalised MAE on what its training held out; not known of an imported model.
     """
 
     name: str
@@ -58,6 +68,10 @@ class ModelInfo:
     one_row: str = ""
     many_rows: str = ""
     instruction_set: str = ""
+    shadow: bool = False
+    delay_s: float | None = None
+    warm_up_s: float | None = None
+    norm_mae: float | None = None
 
     @classmethod
     def read(cls, fields: dict[str, Any]) -> Self:
@@ -102,8 +116,15 @@ class BasePredictor:
         except (TypeError, ValueError) as error:
             raise InvalidArgument(f"window: {error}: expected an array (n, f) of numbers") from None
 
-    def stream(self, *, rate_hz: float = 100.0, fingers: int = 1) -> WindowStream:
+    def stream(self, *, rate_hz: float = 100.0, fingers: int = 1, strict: bool = False) -> WindowStream:
         """A builder of this model's windows, extra features included, from live samples.
+
+        It warns (`taxel.errors.InputWarning`) of samples that look wrong beside those of the training.
+
+        Args:
+            rate_hz: how often samples come.
+            fingers: fingertips that are sampled together.
+            strict: what it would warn of is an error.
 
         Raises:
             InvalidArgument: no rate that windows can be built at, or no number of fingertips.
@@ -111,7 +132,23 @@ class BasePredictor:
         if not is_whole(fingers):
             raise InvalidArgument(f"fingers is {fingers!r}: expected a whole number, at least 1")
         extras = self.manifest.window.extras
-        return WindowStream(self.window, rate_hz=checked_rate(rate_hz), fingers=fingers, extras=extras)
+        rate_hz = checked_rate(rate_hz)
+        check = self.input_check(rate_hz, strict=strict)
+        return WindowStream(self.window, rate_hz=rate_hz, fingers=fingers, extras=extras, check=check)
+
+    def input_check(self, rate_hz: float, *, strict: bool) -> InputCheck | None:
+        """Compares samples that come at this rate with the training's; None if those are not known.
+
+        Raises:
+            InvalidArgument: it is strict, and they are to come too slowly.
+        """
+        training = self.manifest.training
+        if training is None or training.contacts is None:
+            return None
+        label, period_ns = f"{self.manifest.name}/{self.manifest.version}", period_of(rate_hz)
+        return InputCheck(
+            label, training.contacts, period_ns / 1e9, ticks=rows_are_ticks(period_ns), strict=strict
+        )
 
     def check_gives_spread(self) -> None:
         """Raise if the model gives no spread.
@@ -132,19 +169,28 @@ class Predictor(BasePredictor, ABC):
     """Turns windows into the 21 channels."""
 
     def fingers(
-        self, count: int, *, rate_hz: float = 100.0, prime: Literal["rest"] | None = "rest"
+        self,
+        count: int,
+        *,
+        rate_hz: float = 100.0,
+        prime: Literal["rest"] | None = "rest",
+        strict: bool = False,
     ) -> Fingers:
         """Many fingertips of a simulator, each with a clock, a reset and a past of its own.
+
+        They warn (`taxel.errors.InputWarning`) of samples that look wrong beside those of the training.
 
         Args:
             count: how many there are.
             rate_hz: how often their `step` is called.
             prime: `"rest"`: begin as if nothing had touched for long. None: without a past.
+            strict: what they would warn of is an error.
 
         Raises:
             InvalidArgument: `count` is below 1, or the rate is no positive number.
         """
-        return Fingers(self, count, rate_hz=rate_hz, prime=prime)
+        check = self.input_check(checked_rate(rate_hz), strict=strict)
+        return Fingers(self, count, rate_hz=rate_hz, prime=prime, check=check)
 
     @abstractmethod
     def predict(self, windows: NDArray[Any], *, timeout: float | None = None) -> NDArray[np.float32]:
@@ -228,8 +274,10 @@ class PredictorSource(ABC):
         """Every version of every model, sorted."""
 
     @abstractmethod
-    def predictor(self, name: str, version: str | None = None) -> Predictor:
+    def predictor(self, name: str = DEFAULT_MODEL, version: str | None = None) -> Predictor:
         """A predictor for a model, its newest version if none is named.
+
+        Without a name, it is the causal model that comes with Taxel.
 
         Raises:
             NotFound: there is no such model or version.

@@ -7,6 +7,7 @@ Keys, below a prefix (`taxel` unless configured):
     <prefix>/v2/models/<name>[/versions/<v>]         model metadata
     …/ready, …/infer, …/stats                        of one model
     <prefix>/v2/repository/index                     every model and its state
+    <prefix>/@replica/<id>                           a liveliness token: this server is there
 
 An error is a zenoh error reply, `{"error": text, "code": one of taxel.errors.Code}`.
 Everything below is the hot path: it checks by hand and copies nothing.
@@ -23,6 +24,9 @@ from taxel.errors import Internal, InvalidArgument, RequestError, ResourceExhaus
 from taxel.manifest import INPUT_NAME, OUTPUT_NAME, SPREAD_NAME
 
 PREFIX: Final = "taxel"
+REPLICAS: Final = "@replica"
+"""Below a prefix, where each server has keys of its own. No wildcard matches a part that begins with @."""
+
 MAX_ROWS: Final = 65_536
 """The most windows in one request; a server may allow fewer."""
 

@@ -7,6 +7,7 @@ colour and progress only on a terminal.
 
 import json
 import sys
+import warnings
 from collections.abc import Callable
 from functools import wraps
 from importlib.metadata import EntryPoint, entry_points
@@ -17,7 +18,7 @@ from rich.console import Console
 
 from taxel import __version__
 from taxel.dependencies import require
-from taxel.errors import MissingDependency, SettingsError, TaxelError
+from taxel.errors import InputWarning, MissingDependency, SettingsError, TaxelError
 
 COMMANDS: Final = "taxel.commands"
 
@@ -76,7 +77,9 @@ def failing_clearly(command: Callable[..., None]) -> Callable[..., None]:
     def run(*args: Any, **kwargs: Any) -> None:
         try:
             require("this command", extra, *packages)
-            command(*args, **kwargs)
+            with warnings.catch_warnings():
+                warnings.showwarning = _say_warning
+                command(*args, **kwargs)
         except TaxelError as error:
             _say_error(error)
             raise typer.Exit(2 if isinstance(error, SettingsError) else 1) from None
@@ -98,6 +101,18 @@ def failing_clearly(command: Callable[..., None]) -> Callable[..., None]:
 def _say_error(error: TaxelError) -> None:
     ERR.print("[bold red]error:[/]", end=" ")
     ERR.print(str(error), markup=False, soft_wrap=True)
+
+
+def _say_warning(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+    """Warnings of inputs are for the user; others keep the form for programmers."""
+    if not issubclass(category, InputWarning):
+        _show_warning(message, category, *place, **more)
+        return
+    ERR.print("[bold yellow]warning:[/]", end=" ")
+    ERR.print(str(message), markup=False, soft_wrap=True)
+
+
+_show_warning: Final = warnings.showwarning
 
 
 def _version(wanted: bool) -> None:

@@ -53,18 +53,31 @@ def models(connect: Connect = None, repository: Repository = None, as_json: Json
         ]
         OUT.print(f"instruction set {instructions}: {', '.join(users)}", markup=False, soft_wrap=True)
     for model in offered:
+        if model.shadow:
+            OUT.print(f"{model.name}/{model.version} is a shadow: taxel top shows how it differs")
         if model.reason:
             OUT.print(f"{model.name}/{model.version}: {model.reason}", markup=False, soft_wrap=True)
 
 
 def _table(offered: list[ModelInfo]) -> Table:
-    """A row for each model: its platform, or what evaluates it where it is loaded. No name is cut off."""
+    """A row for each model: its platform, or what evaluates it where it is loaded. No name is cut off.
+
+    Errors are those on what training held out: figures of models that were trained on other recordings
+    cannot be compared.
+    """
     table = Table()
     loaded = any(model.one_row for model in offered)
-    for heading in ("model", "state", "inputs", *(("one row", "many rows") if loaded else ("platform",))):
+    last_headings = ("one row", "many rows") if loaded else ("platform",)
+    for heading in ("model", "state", "inputs", "delay", "warm-up", "norm. MAE", *last_headings):
         table.add_column(heading, overflow="fold")
     for model in offered:
         combination = "" if model.combination is None else str(model.combination)
         last = (model.one_row, model.many_rows) if loaded else (model.platform,)
-        table.add_row(f"{model.name}/{model.version}", model.state, combination, *last)
+        live = (_milliseconds(model.delay_s), _milliseconds(model.warm_up_s))
+        error = "" if model.norm_mae is None else f"{model.norm_mae:.3f}"
+        table.add_row(f"{model.name}/{model.version}", model.state, combination, *live, error, *last)
     return table
+
+
+def _milliseconds(seconds: float | None) -> str:
+    return "" if seconds is None else f"{seconds * 1e3:g} ms"

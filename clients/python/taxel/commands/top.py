@@ -83,8 +83,13 @@ def compared(before: Mapping[str, Any], now: Mapping[str, Any], seconds: float) 
                 "batch_rows_p50": _percentile(was.get("batch_rows", {}), model["batch_rows"], 0.5),
             }
         )
+    shadows = [
+        {"model": f"{model['name']}/{model['version']}", **model["shadow"]}
+        for model in now["models"]
+        if "shadow" in model
+    ]
     kept = ("uptime_s", "queue", "connections", "refusals", "loads", "resident_bytes")
-    return {"seconds": seconds, **{name: now[name] for name in kept}, "models": models}
+    return {"seconds": seconds, **{name: now[name] for name in kept}, "models": models, "shadows": shadows}
 
 
 def _percentile(before: Mapping[str, Any], now: Mapping[str, Any], share: float) -> int | None:
@@ -118,4 +123,13 @@ def _drawn(endpoint: str, told: Mapping[str, Any]) -> Group:
         table.add_row(Text(name), *shown)
     refusals = sorted(told["refusals"], key=lambda each: -each[2])[:_MOST_REFUSALS]
     lines = [Text(f"{count:>10,} {code} to {client}") for code, client, count in refusals]
-    return Group(head, table, *([Text("errors since the start:"), *lines] if lines else []))
+    shadows = [
+        Text(
+            f"{shadow['model']}, a shadow of {shadow['of']}: "
+            + ", ".join(f"{count:,} {what}" for what, count in shadow["rows"].items())
+            + f"; it differs by {shadow['mean_difference']:.3g} counts in the mean, by at most "
+            f"{shadow['max_difference']:.3g}, most in {shadow['channel'] or 'none'}"
+        )
+        for shadow in told["shadows"]
+    ]
+    return Group(head, table, *shadows, *([Text("errors since the start:"), *lines] if lines else []))

@@ -15,7 +15,7 @@ from taxel.schema import NotNegative, PerChannel, Positive
 
 
 class Calibrated(BaseTerm):
-    """delta_c = (stays[c] + fades[c] exp(-age / time_constant_s)) o_c + Σ_j others[j][c] clip(o_j).
+    """`delta_c = (stays[c] + fades[c] exp(-age / time_constant_s)) o_c + Σ_j others[j][c] clip(o_j)`.
 
     o are the calibrated offsets, counts; clip(o_j) keeps o_j within limits[j] of 0, so that one contact
     that is far from all others does not move every channel.

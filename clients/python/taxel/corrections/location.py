@@ -16,7 +16,7 @@ _FORCE: Final = ("fx", "fy", "fz")
 
 
 class Location(BaseTerm):
-    """delta_c = g Σ_k weights[k][c] exp(-|pos - centres[k]|² / (2 width²)), g = |F| / (|F| + half_force).
+    """`delta_c = g Σ_k weights[k][c] exp(-|pos - centres[k]|² / (2 width²)), g = |F| / (|F| + half_force)`.
 
     Without a contact there is no place, so g is 0 at no force.
 

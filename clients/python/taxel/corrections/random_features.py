@@ -26,7 +26,7 @@ class _Arrays(NamedTuple):
 
 
 class RandomFeatures(BaseTerm):
-    """delta_c = constants[c] + Σ_j weights[j][c] cos(phases[j] + Σ_i projection[i][j] z_i).
+    """`delta_c = constants[c] + Σ_j weights[j][c] cos(phases[j] + Σ_i projection[i][j] z_i)`.
 
     z_i = clip((u_i - means[i]) / scales[i], ±limit); u are the 21 predicted channels, then the features.
     Such cosines of a random projection stand for a smooth kernel (Rahimi and Recht 2007). z is clipped, so

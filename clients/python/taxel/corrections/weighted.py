@@ -19,7 +19,7 @@ Shape = Literal["unit", "signal", "log_impedance"]
 
 
 class Weighted(BaseTerm):
-    """delta_c = shape_c(p) Σ_k weights[k][c] (phi_k - references[k]).
+    """`delta_c = shape_c(p) Σ_k weights[k][c] (phi_k - references[k])`.
 
     Attributes:
         shape: how the effect acts on a channel: `unit` is 1, counts are added; `signal` is

@@ -1,4 +1,4 @@
-"""The lane's frames, as both ends write and read them. docs/wire.md shows every byte.
+"""The lane's frames, as both ends write and read them. docs/wire_lane.md shows every byte.
 
 A frame is a head of 32 bytes, then its content; every number is little-endian, every frame a multiple of 4
 bytes long, so that windows and counts can be read in place.

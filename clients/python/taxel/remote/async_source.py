@@ -1,7 +1,7 @@
 """The asynchronous face: calls are awaited, in one event loop."""
 
 import asyncio
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from types import TracebackType
 from typing import Any, Literal, NoReturn, Self, overload
 
@@ -12,11 +12,12 @@ from typing_extensions import override
 from taxel.arguments import checked_flag
 from taxel.errors import InvalidArgument, Unavailable
 from taxel.lane.async_client import AsyncLane
-from taxel.predictor import NOT_PICKLED, BasePredictor, ModelInfo, Timing
+from taxel.predictor import DEFAULT_MODEL, NOT_PICKLED, BasePredictor, ModelInfo, Timing
 from taxel.protocol import PREFIX, InferResponse
 from taxel.remote.awaited_calls import AwaitedCalls
 from taxel.remote.core import NO_LANE, RemoteCore, TransportName
-from taxel.remote.options import ConnectOptions, Transport, open_transport
+from taxel.remote.credentials import Credentials
+from taxel.remote.options import ConnectOptions, Transport, lane_of, open_transport
 from taxel.remote.query_transport import QueryTransport
 from taxel.remote.remote_model import RemoteModel, timing_of
 
@@ -30,14 +31,17 @@ class AsyncSource:
 
     def __init__(
         self,
-        endpoint: str | None = None,
+        endpoint: str | Sequence[str] | None = None,
         *,
         timeout: float = 5.0,
         prefix: str = PREFIX,
         shared_memory: bool = False,
+        credentials: Credentials | None = None,
         transport: Transport | QueryTransport | None = None,
     ) -> None:
-        self._options = ConnectOptions.checked(endpoint, timeout, prefix, shared_memory, transport)
+        self._options = ConnectOptions.checked(
+            endpoint, timeout, prefix, shared_memory, credentials, transport
+        )
         self._opened: RemoteCore[AsyncLane] | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self.endpoint = self._options.endpoint
@@ -46,6 +50,7 @@ class AsyncSource:
         """Connect, unless it is open already.
 
         Raises:
+            PermissionDenied: the server turns this client away, or its certificate is not trusted.
             Unavailable: nobody listens there; or the lane is asked for, and there is none.
         """
         if self._opened is None:
@@ -58,7 +63,7 @@ class AsyncSource:
                 connection,
                 options.prefix,
                 options.timeout,
-                options.lane,
+                lane_of(options, connection),
             )
             try:
                 await self._opened.find_lane(self._loop.time() + options.timeout)
@@ -99,15 +104,17 @@ class AsyncSource:
 
     @property
     def retries(self) -> int:
-        """How often a request was sent again because its connection was lost."""
+        """How often a request was sent again to the same server or to another."""
         return self.core.retries
 
     async def models(self) -> list[ModelInfo]:
         """Every version of every model, sorted."""
         return await self.core.models()
 
-    async def predictor(self, name: str, version: str | None = None) -> "AsyncPredictor":
+    async def predictor(self, name: str = DEFAULT_MODEL, version: str | None = None) -> "AsyncPredictor":
         """A predictor for a model, its newest version if none is named.
+
+        Without a name, it is the causal model that comes with Taxel.
 
         Raises:
             NotFound: there is no such model or version.
@@ -196,11 +203,12 @@ class AsyncPredictor(BasePredictor):
 
 
 def connect_async(
-    endpoint: str | None = None,
+    endpoint: str | Sequence[str] | None = None,
     *,
     timeout: float = 5.0,
     prefix: str = PREFIX,
     shared_memory: bool = False,
+    credentials: Credentials | None = None,
     transport: Transport | QueryTransport | None = None,
 ) -> AsyncSource:
     """Connect to the server at an endpoint, for an event loop.
@@ -209,10 +217,7 @@ def connect_async(
             predictor = await server.predictor("xgb")
             channels = await predictor.predict(windows)
 
-    Nothing is opened before `async with` or `await`.
-
-    Args:
-        endpoint, timeout, prefix, shared_memory, transport: as for `taxel.connect`.
+    Nothing is opened before `async with` or `await`. The arguments are those of `taxel.connect`.
 
     Raises:
         InvalidArgument: an argument is wrong; the text names it.
@@ -222,5 +227,6 @@ def connect_async(
         timeout=timeout,
         prefix=prefix,
         shared_memory=shared_memory,
+        credentials=credentials,
         transport=transport,
     )

@@ -29,8 +29,10 @@ from taxel.lane.offer import LaneOffer, machine_identity
 from taxel.manifest import Manifest
 from taxel.predictor import ModelInfo
 from taxel.protocol import InferResponse, model_key, unpack_infer_response, unpackb
+from taxel.remote.failover import Failover
 from taxel.remote.query_transport import QueryTransport
 from taxel.remote.remote_model import RemoteModel
+from taxel.remote.replicas import Replicas
 from taxel.remote.waiting import Waiting
 from taxel.zenoh_process import AFTER_FORK
 
@@ -67,9 +69,6 @@ class RemoteCore(Generic[LaneT]):
         prefix: the server's key prefix.
         timeout: seconds to wait for an answer if a call gives no timeout.
         lane: whether to look for a lane; `only` if requests may go no other way.
-
-    Attributes:
-        retries: how often a request was sent again because its connection was lost.
     """
 
     def __init__(
@@ -83,12 +82,18 @@ class RemoteCore(Generic[LaneT]):
         self.transport = transport
         self.prefix = prefix
         self.timeout = timeout
-        self.retries = 0
         self.lanes: LaneLookup[LaneT] | None = None if lane == "no" else LaneLookup()
         self._waiting = waiting
+        self._repeated = 0
+        self._failover = Failover(transport) if isinstance(transport, Replicas) else None
         self._lane_only = lane == "only"
         self._process = os.getpid()
         self._closed = False
+
+    @property
+    def retries(self) -> int:
+        """How often a request was sent again, to the same server or to another."""
+        return self._repeated + (self._failover.repeated if self._failover else 0)
 
     @property
     def transport_name(self) -> TransportName:
@@ -207,7 +212,7 @@ class RemoteCore(Generic[LaneT]):
         except ServerLost:
             if not await self._connected_again(min(ends - time.monotonic(), _RECONNECT_S)):
                 raise
-        self.retries += 1
+        self._repeated += 1
         left = max(ends - time.monotonic(), 1e-3)
         return await self._ask(model.key, payload, left + GRACE_S)
 
@@ -243,7 +248,7 @@ class RemoteCore(Generic[LaneT]):
                 reason = f"the connection to the server's lane was lost: {error}"
                 if retried or left <= 0:
                     raise ServerLost(f"{self.transport.endpoint}: {reason}") from None
-                self.retries += 1
+                self._repeated += 1
                 retried = True
             else:
                 spreads = counts[1] if head.spread else None
@@ -305,6 +310,8 @@ class RemoteCore(Generic[LaneT]):
         return lanes.lane
 
     async def _ask(self, key: str, payload: bytes | None, timeout: float) -> bytes:
+        if self._failover is not None:
+            return await self._failover.ask(self._waiting, key, payload, timeout)
         try:
             return await self._waiting.ask(self.transport, key, payload, timeout)
         except PermissionDenied:

@@ -47,10 +47,9 @@ class QueryTransport(ABC):
 
     @abstractmethod
     def send(self, key: str, payload: bytes | None, timeout: float, done: Done) -> None:
-        """Send a query without waiting. Any number of such queries may be in flight.
+        """Send a query, as `start` does, without waiting. Any number of such queries may be in flight.
 
         Args:
-            key, payload, timeout: as in `start`.
             done: called exactly once with the answer, or with the error that `start` would raise, on any
                 thread. It must return quickly.
         """

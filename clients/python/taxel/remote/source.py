@@ -1,6 +1,7 @@
 """The synchronous face: calls wait for their answers."""
 
 import time
+from collections.abc import Sequence
 from typing import Any, Final, Literal, overload
 
 import numpy as np
@@ -10,10 +11,11 @@ from typing_extensions import override
 from taxel.arguments import checked_flag, checked_microseconds
 from taxel.errors import Unavailable
 from taxel.lane.client import ConnectionLost, Lane, RepeatedRequest
-from taxel.predictor import ModelInfo, Predictor, PredictorSource, Timing
+from taxel.predictor import DEFAULT_MODEL, ModelInfo, Predictor, PredictorSource, Timing
 from taxel.protocol import PREFIX, InferResponse
 from taxel.remote.core import GRACE_S, NO_LANE, RemoteCore, TransportName
-from taxel.remote.options import ConnectOptions, Transport, open_transport
+from taxel.remote.credentials import Credentials
+from taxel.remote.options import ConnectOptions, Transport, lane_of, open_transport
 from taxel.remote.query_transport import QueryTransport
 from taxel.remote.remote_model import RemoteModel, timing_of
 from taxel.remote.waiting import BlockingCalls, finished
@@ -35,22 +37,27 @@ class RemoteSource(PredictorSource):
 
     def __init__(
         self,
-        endpoint: str | None = None,
+        endpoint: str | Sequence[str] | None = None,
         *,
         timeout: float = 5.0,
         prefix: str = PREFIX,
         shared_memory: bool = False,
+        credentials: Credentials | None = None,
         transport: Transport | QueryTransport | None = None,
         spin_us: int = 0,
     ) -> None:
-        options = ConnectOptions.checked(endpoint, timeout, prefix, shared_memory, transport)
+        options = ConnectOptions.checked(endpoint, timeout, prefix, shared_memory, credentials, transport)
         checked_microseconds("spin_us", spin_us)
         self.connection = open_transport(options)
         self._owns_connection = options.transport is None
         self.endpoint = self.connection.endpoint
         self.prefix = options.prefix
         self.core = RemoteCore(
-            BlockingCalls(spin_us), self.connection, options.prefix, options.timeout, options.lane
+            BlockingCalls(spin_us),
+            self.connection,
+            options.prefix,
+            options.timeout,
+            lane_of(options, self.connection),
         )
         if options.lane == "only" and self.transport != "lane":
             self.close()
@@ -63,7 +70,7 @@ class RemoteSource(PredictorSource):
 
     @property
     def retries(self) -> int:
-        """How often a request was sent again because its connection was lost."""
+        """How often a request was sent again to the same server or to another."""
         return self.core.retries
 
     @property
@@ -90,7 +97,7 @@ class RemoteSource(PredictorSource):
         return finished(self.core.models())
 
     @override
-    def predictor(self, name: str, version: str | None = None) -> "RemotePredictor":
+    def predictor(self, name: str = DEFAULT_MODEL, version: str | None = None) -> "RemotePredictor":
         return RemotePredictor(self, finished(self.core.model(name, version)))
 
     def ready(self) -> bool:
@@ -199,28 +206,35 @@ class RemotePredictor(Predictor):
 
 
 def connect(
-    endpoint: str | None = None,
+    endpoint: str | Sequence[str] | None = None,
     *,
     timeout: float = 5.0,
     prefix: str = PREFIX,
     shared_memory: bool = False,
+    credentials: Credentials | None = None,
     transport: Transport | QueryTransport | None = None,
     spin_us: int = 0,
 ) -> RemoteSource:
-    """Connect to the server at an endpoint.
+    """Connect to the server at an endpoint, or to several servers of the same models.
 
     Args:
-        endpoint: where the server listens, such as `tcp/127.0.0.1:7447`.
+        endpoint: where the server listens, such as `tcp/127.0.0.1:7447`; or a router with servers behind
+            it; or a list of such. Each request goes to one of several servers, and to another one if that
+            fails or is silent. Servers that come later are found.
         timeout: seconds to wait for the connection, and for an answer if a call gives no timeout.
         prefix: the server's key prefix.
         shared_memory: whether large requests go through shared memory, where the server allows it.
-        transport: `lane` or `zenoh` for windows; if none, the lane where there is one, and else zenoh. Or
-            an open transport without an endpoint, such as `taxel_server.transports.memory.MemoryServer`;
-            the source does not close it.
+        credentials: user, password and certificates; if none, those of `TAXEL_CLIENT_…` in the environment,
+            and of the table `[client]` in `taxel.toml`.
+        transport: `lane` or `zenoh` for windows; if none, the lane where there is one, and else zenoh, as
+            always for several servers and for routers. Or an open transport without an endpoint, such as
+            `taxel_server.transports.memory.MemoryServer`; the source does not close it.
         spin_us: microseconds that the lane's reply is polled for before the thread sleeps; it takes a core.
 
     Raises:
         InvalidArgument: an argument is wrong; the text names it.
+        PermissionDenied: the server turns this client away, or its certificate is not trusted.
+        SettingsError: the credentials of the environment or of `taxel.toml` are wrong.
         Unavailable: nobody listens there; or the lane is asked for, and there is none; or this process
             was forked from one with a connection.
     """
@@ -229,6 +243,7 @@ def connect(
         timeout=timeout,
         prefix=prefix,
         shared_memory=shared_memory,
+        credentials=credentials,
         transport=transport,
         spin_us=spin_us,
     )

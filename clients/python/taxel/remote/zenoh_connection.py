@@ -1,6 +1,5 @@
 """A zenoh session with one server: queries that wait for their answer, and queries that do not."""
 
-import json
 import os
 import time
 from collections.abc import Callable
@@ -10,7 +9,7 @@ import zenoh
 from typing_extensions import override
 from zenoh.handlers import Callback
 
-from taxel.endpoints import checked_endpoint, reason_of
+from taxel.endpoints import reason_of
 from taxel.errors import (
     DeadlineExceeded,
     InvalidArgument,
@@ -21,14 +20,14 @@ from taxel.errors import (
 )
 from taxel.first_reply import first_reply
 from taxel.protocol import unpack_error
+from taxel.remote.credentials import Credentials
+from taxel.remote.known_servers import TIMEOUT, KnownServers
 from taxel.remote.query_transport import Done, QueryTransport
-from taxel.zenoh_process import leave_behind_after_fork, open_session
+from taxel.remote.zenoh_opening import open_client_session
+from taxel.zenoh_process import leave_behind_after_fork
 
 _AS_THEY_COME: Final = zenoh.ConsolidationMode.NONE
 """There is one answer, so it can be read before zenoh reports the end of answers."""
-
-_RETRY: Final = {"period_init_ms": 100, "period_max_ms": 400, "period_increase_factor": 2}
-"""When zenoh looks again for a server that was lost. By default it waits 1 s and longer."""
 
 
 class Connection(QueryTransport):
@@ -39,18 +38,30 @@ class Connection(QueryTransport):
         prefix: the server's key prefix.
         timeout: seconds to wait for the connection.
         shared_memory: whether large requests go through shared memory, where the server allows it.
+        credentials: what the client shows to the server.
 
     Raises:
         InvalidArgument: that is no endpoint.
+        PermissionDenied: the server turns this client away, or is not trusted.
         Unavailable: nobody listens there.
     """
 
     name: ClassVar[Literal["zenoh", "memory"]] = "zenoh"
 
-    def __init__(self, endpoint: str, prefix: str, timeout: float, *, shared_memory: bool = False) -> None:
+    def __init__(
+        self,
+        endpoint: str,
+        prefix: str,
+        timeout: float,
+        *,
+        shared_memory: bool = False,
+        credentials: Credentials | None = None,
+    ) -> None:
         self.endpoint = endpoint
         self._process = os.getpid()
-        self._session = _open(endpoint, timeout, shared_memory)
+        self._session = open_client_session(
+            endpoint, timeout, shared_memory=shared_memory, credentials=credentials or Credentials()
+        )
         self._queriers: dict[tuple[str, float], zenoh.Querier] = {}
         # The server gives each session its share.
         self._source = zenoh.SourceInfo(self._session.id, 0)
@@ -59,16 +70,27 @@ class Connection(QueryTransport):
             self._server = self._session.declare_querier(f"{prefix}/**")
         except zenoh.ZError as error:
             raise InvalidArgument(f"prefix {prefix!r}: {reason_of(error)}") from None
+        self._known = KnownServers(self._session, prefix)
         leave_behind_after_fork(self)
 
     def zenoh_objects(self) -> list[object]:
         """The session, and what was declared on it."""
-        return [self._session, self._server, *self._queriers.values()]
+        return [self._session, self._server, self._known.subscriber, *self._queriers.values()]
 
     @property
     @override
     def connected(self) -> bool:
         return bool(self._session.info.routers_zid())
+
+    def servers(self) -> tuple[str, ...]:
+        """The ids of the servers that can be reached, where they tell."""
+        return tuple(self._known.alive)
+
+    @property
+    def is_to_router(self) -> bool:
+        """Whether servers are behind a router, which is none itself."""
+        servers = self._known.alive
+        return bool(servers) and not any(str(zid) in servers for zid in self._session.info.routers_zid())
 
     @override
     def prepare(self, key: str, timeout: float) -> None:
@@ -103,8 +125,14 @@ class Connection(QueryTransport):
             raise self._broken(error) from None
 
         def answer() -> bytes:
-            reply = first_reply(replies)
-            outcome = self._outcome(reply, key, timeout) if reply else self._end(key, timeout, started)
+            stranger = None
+            while (reply := first_reply(replies)) is not None:
+                if self._known.answers(reply):
+                    outcome = self._outcome(reply, key, timeout)
+                    break
+                stranger = reply
+            else:
+                outcome = self._end(key, timeout, started, stranger)
             if isinstance(outcome, RequestError):
                 raise outcome
             return outcome
@@ -115,12 +143,17 @@ class Connection(QueryTransport):
     def send(self, key: str, payload: bytes | None, timeout: float, done: Done) -> None:
         settle = _once(done)
         started = time.monotonic()
+        stranger: zenoh.Reply | None = None
 
         def read(reply: zenoh.Reply) -> None:
-            settle(self._outcome(reply, key, timeout))
+            nonlocal stranger
+            if self._known.answers(reply):
+                settle(self._outcome(reply, key, timeout))
+            else:
+                stranger = reply
 
         def end() -> None:
-            settle(lambda: self._end(key, timeout, started))
+            settle(lambda: self._end(key, timeout, started, stranger))
 
         # zenoh would start a thread for each query whose callback is not direct.
         handler: Callback[zenoh.Reply] = Callback(read, end, indirect=False)
@@ -169,10 +202,15 @@ class Connection(QueryTransport):
         if reply.ok is not None:
             return reply.ok.payload.to_bytes()
         text = reply.err.payload.to_bytes() if reply.err is not None else b""
-        return self._late(key, wait) if text == b"Timeout" else unpack_error(text)
+        return self._late(key, wait) if text == TIMEOUT else unpack_error(text)
 
-    def _end(self, key: str, wait: float, started: float) -> RequestError:
-        """The error of a query that ended without a reply."""
+    def _end(self, key: str, wait: float, started: float, stranger: zenoh.Reply | None) -> RequestError:
+        """The error of a query that ended without a server's reply."""
+        if stranger is not None:
+            return Unavailable(
+                f"{self.endpoint}: {key} was answered by {stranger.replier_id}, which is no server of this "
+                "prefix: its answer was refused; see who may declare keys on the way to the server"
+            )
         return self._late(key, wait) if time.monotonic() - started >= wait else self.silence(key)
 
     def _late(self, key: str, wait: float) -> DeadlineExceeded:
@@ -193,24 +231,3 @@ def _once(done: Done) -> Callable[[bytes | RequestError | Callable[[], RequestEr
             done(outcome() if callable(outcome) else outcome)
 
     return settle
-
-
-def _open(endpoint: str, timeout: float, shared_memory: bool) -> zenoh.Session:
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("scouting/multicast/enabled", "false")
-    config.insert_json5("transport/shared_memory/enabled", json.dumps(shared_memory))
-    config.insert_json5("connect/timeout_ms", str(round(timeout * 1e3)))
-    config.insert_json5("connect/exit_on_failure", "true")
-    config.insert_json5("connect/retry", json.dumps(_RETRY))
-    try:
-        config.insert_json5("connect/endpoints", json.dumps([checked_endpoint(endpoint)]))
-    except zenoh.ZError as error:
-        raise InvalidArgument(f"endpoint {endpoint!r}: {reason_of(error)}") from None
-    try:
-        return open_session(config)
-    except zenoh.ZError as error:
-        raise Unavailable(
-            f"no server at {endpoint} within {timeout:g} s; expected a `taxel serve` that has printed"
-            f" 'listening on': {reason_of(error)}"
-        ) from None

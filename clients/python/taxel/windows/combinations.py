@@ -108,6 +108,11 @@ class WindowSpec:
         """Delay of a live answer after the moment that it describes, s; 0 if causal."""
         return self.look_ahead * PERIOD_NS / 1e9
 
+    @property
+    def warm_up_s(self) -> float:
+        """Time from a stream's first sample to its first answer, s; with a primed past, `delay_s`."""
+        return (self.look_back + self.look_ahead) * PERIOD_NS / 1e9
+
 
 def _step(step: int) -> str:
     return f"[{step:+d}]" if step else ""

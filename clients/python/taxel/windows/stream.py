@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from taxel.errors import InvalidArgument
+from taxel.input_checks import InputCheck
 from taxel.windows.combinations import PERIOD_NS, WindowSpec
 from taxel.windows.extras import ExtraFeature
 from taxel.windows.memory import Memory
@@ -41,6 +42,7 @@ class WindowStream:
             ticks are interpolated between samples.
         fingers: fingertips sampled together at each step.
         extras: further columns behind the window's; `manifest.window.extras` for a loaded model.
+        check: looks at the samples, beside the contacts that a model was trained on.
     """
 
     def __init__(
@@ -50,11 +52,13 @@ class WindowStream:
         rate_hz: float = 100.0,
         fingers: int = 1,
         extras: Sequence[ExtraFeature] = (),
+        check: InputCheck | None = None,
     ) -> None:
         if fingers < 1:
             raise InvalidArgument(f"fingers is {fingers}: expected at least 1")
         self.spec = spec
         self.fingers = fingers
+        self._check = check
         period = period_of(rate_hz)
         self._rate_hz = rate_hz
         self._rows_are_ticks = rows_are_ticks(period)
@@ -123,7 +127,8 @@ class WindowStream:
 
         Raises:
             InvalidArgument: a shape is wrong, a value is not finite, an extra is none or is computed,
-                time does not increase, or samples come at a rate that `rate_hz` does not say.
+                time does not increase, samples come at a rate that `rate_hz` does not say, or something
+                looks wrong and the stream is strict.
                 The stream is unchanged.
         """
         sample = self._previous.copy()
@@ -131,6 +136,10 @@ class WindowStream:
         sample[:, 3:6] = self._checked("force", force)
         for name, values in (extras or {}).items():
             sample[:, self._column_of(name)] = self._checked_extra(name, values)
+        if self._check is not None:
+            self._check.take(sample[:, :3], sample[:, 3:6])
+            for name in extras or ():
+                self._check.extra(name, sample[:, self._column_of(name)])
         self._check_time(time_ns)
         if self._previous_ns is None or time_ns - self._previous_ns > self._gap_ns:
             self._begin_segment(time_ns)

@@ -23,11 +23,11 @@ def window_columns(spec: WindowSpec, position: AtStep, force: AtStep) -> list[ND
         force: contact forces at a step, N.
     """
     now = position(0)
-    columns = [_nearest_moved(now, map(position, _steps_of(which))) for which in spec.positions]
+    columns = [_nearest_moved(now, map(position, steps_of(which))) for which in spec.positions]
     return columns + [force(step) for step in spec.force_steps]
 
 
-def _steps_of(which: Position) -> tuple[int, ...]:
+def steps_of(which: Position) -> tuple[int, ...]:
     """The steps of the candidates for a position, the farthest first."""
     if which == "now":
         return (0,)

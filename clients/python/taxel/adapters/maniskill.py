@@ -1,0 +1,36 @@
+"""ManiSkill 3: contact samples from its pairwise forces, by its documentation; not run with ManiSkill.
+
+It tells no contact points. A contact is put where the skin faces its force, as without friction; on the
+cylinder, where all places along the finger face alike, near its end.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from taxel.adapters.frames import ON_THE_BODY, Mount, array
+from taxel.contacts import ContactSample, fingertip_contacts
+from taxel.skin import Fingertip
+
+
+def contact_sample(
+    scene: Any, link: Any, objects: Sequence[Any], mount: Mount = ON_THE_BODY, last: ArrayLike | None = None
+) -> ContactSample:
+    """What touches one fingertip in each of n environments.
+
+    Args:
+        scene: `env.unwrapped.scene`; `get_pairwise_contact_forces` gives forces on the first, (n, 3).
+        link: the fingertip; `pose.p` is (n, 3), `pose.q` (n, 4), the scalar first.
+        objects: what may touch it; each makes one contact.
+        mount: the sensor's frame on the link; by default, the link's own.
+        last: (n, 3), the places of the last step.
+    """
+    origins, turned = mount.frames(array(link.pose.p), array(link.pose.q))
+    forces = np.stack([array(scene.get_pairwise_contact_forces(link, each)) for each in objects], axis=1)
+    size = np.linalg.norm(forces, axis=2, keepdims=True)
+    facing = -forces / np.where(size > 0.0, size, 1.0)
+    points = (origins[:, None] + Fingertip.biotac_2p().radius * facing).reshape(-1, 3)
+    finger = np.repeat(np.arange(len(origins)), len(objects))
+    return fingertip_contacts(points, forces.reshape(-1, 3), origins, turned, finger=finger, last=last)

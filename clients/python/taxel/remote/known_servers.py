@@ -1,0 +1,61 @@
+"""Which servers a session knows of: only their answers count."""
+
+from typing import Final
+
+import zenoh
+from zenoh.handlers import Callback
+
+from taxel.protocol import REPLICAS
+
+TIMEOUT: Final = b"Timeout"
+"""The error that zenoh makes itself when a query's time is over."""
+
+_LOOK_S: Final = 1.0
+"""The longest that the first look for servers takes. Where there are none, it ends at once."""
+
+
+class KnownServers:
+    """Servers of a prefix: the one that the session is connected to, and those whose tokens it sees.
+
+    A server's access control lets no client declare a token. Behind a router, the router's access control
+    decides who may.
+
+    Args:
+        session: the client's session.
+        prefix: the servers' key prefix.
+
+    Attributes:
+        alive: those whose tokens it sees now.
+        subscriber: hears of servers that come and go.
+    """
+
+    def __init__(self, session: zenoh.Session, prefix: str) -> None:
+        self._session = session
+        # A server that is stopping still answers what it was asked: so nobody is forgotten.
+        self._seen: set[str] = set()
+        self.alive: set[str] = set()
+        tokens = f"{prefix}/{REPLICAS}/*"
+        liveliness = session.liveliness()
+        self.subscriber = liveliness.declare_subscriber(
+            tokens, Callback(self._note, indirect=False), history=True
+        )
+        for reply in liveliness.get(tokens, timeout=_LOOK_S):
+            if reply.ok is not None:
+                self._note(reply.ok)
+
+    def answers(self, reply: zenoh.Reply) -> bool:
+        """Whether a reply comes from one of them, or from zenoh in this process."""
+        replier = reply.replier_id
+        if replier is None:
+            # zenoh's own error at a timeout has none.
+            return reply.err is not None and reply.err.payload.to_bytes() == TIMEOUT
+        server = str(replier.zid)
+        return server in self._seen or server in map(str, self._session.info.routers_zid())
+
+    def _note(self, token: zenoh.Sample) -> None:
+        server = str(token.key_expr).rpartition("/")[2]
+        if token.kind == zenoh.SampleKind.PUT:
+            self._seen.add(server)
+            self.alive.add(server)
+        else:
+            self.alive.discard(server)

@@ -1,0 +1,120 @@
+/** The client: asks a server's lane for predictions. */
+
+import { Connection } from "./connection.js";
+import { ServerLost, TaxelError } from "./errors.js";
+import { encodeRequest, type Predictions, type Reply } from "./frames.js";
+
+const LARGEST_TIMEOUT_MS = 2 ** 31 - 1; // the most that a timer of Node holds
+const LARGEST_ID = 2 ** 32 - 1;
+
+export interface SourceOptions {
+  /** How long a request may take, connecting included, in milliseconds. Default 5000. */
+  readonly timeoutMs?: number;
+}
+
+export interface InferOptions {
+  /** Without one, the newest version that is loaded. */
+  readonly version?: string;
+  /** Asks an ensemble for its spread, too. */
+  readonly spread?: boolean;
+  /** For this request, in milliseconds; else the source's. */
+  readonly timeoutMs?: number;
+}
+
+interface InFlight {
+  readonly resolve: (predictions: Predictions) => void;
+  readonly reject: (error: TaxelError) => void;
+  readonly timer: NodeJS.Timeout;
+  readonly rows: number;
+}
+
+/**
+ * A server at its lane's address: `unix:PATH` or `tcp:HOST:PORT`.
+ *
+ * It connects at the first request, and again at the first after a connection was lost. Any number of requests may be in
+ * flight. An open connection keeps the process alive; `close` ends it.
+ */
+export class Source {
+  private connection: Connection | undefined;
+  private readonly inFlight = new Map<number, InFlight>();
+  private lastId = 0;
+  private closed = false;
+  private readonly timeoutMs: number;
+
+  constructor(
+    readonly address: string,
+    options: SourceOptions = {},
+  ) {
+    this.timeoutMs = checkedTimeout(options.timeoutMs ?? 5000);
+  }
+
+  /** Predictions for n windows of f numbers each. Every error is a TaxelError. */
+  async infer(model: string, windows: readonly ArrayLike<number>[], options: InferOptions = {}): Promise<Predictions> {
+    if (this.closed) throw new TaxelError("UNAVAILABLE", "the source was closed");
+    const timeoutMs = checkedTimeout(options.timeoutMs ?? this.timeoutMs);
+    const version = options.version === undefined ? "" : `/versions/${options.version}`;
+    const path = `v2/models/${model}${version}/infer`;
+    const id = this.nextId();
+    const frame = encodeRequest({ id, path, windows, spread: options.spread ?? false, timeoutMs });
+    const connection = this.connected();
+    return new Promise((resolve, reject) => {
+      const late = (): void => this.finish(id, new TaxelError("DEADLINE_EXCEEDED", `no answer within ${timeoutMs} ms`));
+      this.inFlight.set(id, { resolve, reject, timer: setTimeout(late, timeoutMs), rows: windows.length });
+      connection.send(frame);
+    });
+  }
+
+  /** Ends the connection; what is in flight, and every later request, fails as UNAVAILABLE. */
+  close(): void {
+    this.closed = true;
+    this.connection?.end(new TaxelError("UNAVAILABLE", "the source was closed"));
+  }
+
+  private connected(): Connection {
+    this.connection ??= new Connection(
+      this.address,
+      (reply) => this.onReply(reply),
+      (error) => this.onLost(error),
+    );
+    return this.connection;
+  }
+
+  private nextId(): number {
+    do this.lastId = (this.lastId % LARGEST_ID) + 1;
+    while (this.inFlight.has(this.lastId));
+    return this.lastId;
+  }
+
+  private onReply({ id, content }: Reply): void {
+    if (id === 0) {
+      // The server could not read a frame. It does not say of which request, and closes the connection.
+      this.connection?.end(content instanceof TaxelError ? content : new ServerLost("a reply without a request"));
+      return;
+    }
+    const rows = this.inFlight.get(id)?.rows;
+    if (!(content instanceof TaxelError) && rows !== undefined && rows !== content.channels.length)
+      content = new TaxelError("INTERNAL", `the server answered ${content.channels.length} of ${rows} windows`);
+    this.finish(id, content);
+  }
+
+  private onLost(error: TaxelError): void {
+    this.connection = undefined;
+    for (const id of [...this.inFlight.keys()]) this.finish(id, error);
+  }
+
+  /** The answer to a request that was given up before finds nobody, and is dropped. */
+  private finish(id: number, outcome: Predictions | TaxelError): void {
+    const request = this.inFlight.get(id);
+    if (request === undefined) return;
+    this.inFlight.delete(id);
+    clearTimeout(request.timer);
+    if (outcome instanceof TaxelError) request.reject(outcome);
+    else request.resolve(outcome);
+  }
+}
+
+function checkedTimeout(timeoutMs: number): number {
+  if (timeoutMs > 0 && timeoutMs <= LARGEST_TIMEOUT_MS) return timeoutMs;
+  const expected = `expected more than 0 and at most ${LARGEST_TIMEOUT_MS}`;
+  throw new TaxelError("INVALID_ARGUMENT", `the timeout is ${timeoutMs} ms; ${expected}`);
+}

@@ -1,0 +1,1 @@
+"""`taxel watch`: the fingertip as a page, in a terminal, or in other viewers."""
