@@ -5,7 +5,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -41,17 +41,53 @@ class RunningServer(NamedTuple):
 
 
 @contextmanager
-def running_server_process(repository: Path, *arguments: str) -> Iterator[RunningServer]:
-    """As `running_server`, with the server's process beside its endpoint."""
+def running_server_process(
+    repository: Path, *arguments: str, errors: Path | None = None
+) -> Iterator[RunningServer]:
+    """As `running_server`, with the server's process beside its endpoint.
+
+    Args:
+        repository: what it serves.
+        arguments: further ones of the command.
+        errors: a file that takes what the server writes to stderr, so also its log.
+
+    Raises:
+        Unavailable: the server stopped before it was ready.
+    """
     endpoint = f"tcp/{ADDRESS}:{free_port()}"
-    command = [*serve_command(repository, endpoint), *arguments, "--json"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = start_server(repository, endpoint, *arguments, errors=errors)
     try:
-        _wait_until_ready(process)
         yield RunningServer(endpoint, process.pid)
     finally:
         process.terminate()
         process.communicate()
+
+
+def start_server(
+    repository: Path, endpoint: str, *arguments: str, errors: Path | None = None
+) -> subprocess.Popen[str]:
+    """Start `taxel serve` at an endpoint; it is ready when this returns.
+
+    Args:
+        repository: what it serves.
+        endpoint: where it listens.
+        arguments: further ones of the command.
+        errors: a file that takes what the server writes to stderr, so also its log.
+
+    Raises:
+        Unavailable: the server stopped before it was ready; its last output says why.
+    """
+    command = [*serve_command(repository, endpoint), *arguments, "--json"]
+    with ExitStack() as files:
+        stderr = subprocess.PIPE if errors is None else files.enter_context(errors.open("w"))
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=stderr, text=True)
+    try:
+        _wait_until_ready(process)
+    except BaseException:
+        process.kill()
+        process.communicate()
+        raise
+    return process
 
 
 def _wait_until_ready(process: subprocess.Popen[str]) -> None:
@@ -66,7 +102,9 @@ def _wait_until_ready(process: subprocess.Popen[str]) -> None:
             continue
         return
     _, errors = process.communicate()
-    raise Unavailable(f"the server stopped before it was ready: {errors.strip() or 'it said nothing'}")
+    raise Unavailable(
+        f"the server stopped before it was ready: {(errors or '').strip() or 'it said nothing'}"
+    )
 
 
 def serve_command(repository: Path, endpoint: str) -> list[str]:

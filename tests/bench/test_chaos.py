@@ -1,10 +1,32 @@
 """`bench chaos`: what is judged, and how."""
 
+import shutil
 from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from taxel.errors import ResourceExhausted
+from taxel.lane.frames import pack_request_head
 from taxel_bench.chaos.flood import bars_of
+from taxel_bench.chaos.hostile import (
+    bars_of_full_disk,
+    bars_of_misbehaviour,
+    bars_of_mutated,
+    full_disk_of,
+    misbehaviour_of,
+    mutated_of,
+)
+from taxel_bench.chaos.misbehaviour import FULL_DISK
+from taxel_bench.chaos.mutated import owed_replies
+from taxel_bench.chaos.mutations import mutations
 from taxel_bench.chaos.senders import Sent
+from taxel_bench.server_process import RunningServer, running_server_process
+from taxel_models.shipped import shipped_repository
 
 
 def test_each_figure_of_a_flood_is_judged_by_its_bar() -> None:
@@ -29,3 +51,58 @@ def test_only_refusals_count_as_refusals_and_only_answers_in_time_as_answers() -
     sent.add(0.0, float("inf"), ResourceExhausted("the queue is full"))
     assert (sent.answered, len(sent.latency_ms), len(sent.refusal_ms)) == (1, 2, 1)
     assert sent.errors == Counter({"RESOURCE_EXHAUSTED": 1})
+
+
+@given(count=st.integers(1, 50), seed=st.integers(0, 1000))
+def test_mutations_follow_from_the_seed(count: int, seed: int) -> None:
+    valid = bytes(range(100))
+    several = list(mutations(valid, count, seed))
+    assert several == list(mutations(valid, count, seed))
+    assert len(several) == count
+
+
+def test_what_a_stream_of_frames_is_owed() -> None:
+    right = pack_request_head("v2/models/m/infer", 5, (1, 2), 0, spread=False) + bytes(8)
+    owed = owed_replies(right + right)
+    assert owed is not None
+    assert (owed.ids, owed.ends, owed.stream) == (Counter({5: 2}), False, right + right)
+    # What is missing at the end of a frame comes from the one behind it, and zeros.
+    cut = owed_replies(right[:-4] + right)
+    assert cut is not None
+    assert cut.ends
+    assert cut.ids == Counter({5: 1, 0: 1})
+    short = owed_replies(right[:-4])
+    assert short is not None
+    assert short.stream == right[:-4] + bytes(4)
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
+    repository = tmp_path_factory.mktemp("repository")
+    shutil.copytree(shipped_repository() / "xgb", repository / "xgb")
+    with running_server_process(repository) as running:
+        yield running
+
+
+def test_mutated_requests_are_answered_once_and_harm_nobody(server: RunningServer) -> None:
+    result = mutated_of(server.endpoint, "xgb", 300, seed=1)
+    assert [bar for bar in bars_of_mutated(result) if not bar.holds] == []
+    for transport in ("zenoh", "lane"):
+        told = result[transport]
+        assert told["predictions"] > 0
+        assert told["errors"]["INVALID_ARGUMENT"] > 0
+    assert all(each["answers"] > 0 for each in result["bystanders"])
+
+
+def test_bad_clients_harm_nobody(server: RunningServer) -> None:
+    result = misbehaviour_of(server.endpoint, "xgb", psutil.Process(server.pid))
+    assert [bar for bar in bars_of_misbehaviour(result) if not bar.holds] == []
+    assert result["unread_requests"] > 0
+
+
+@pytest.mark.skipif(not FULL_DISK.exists(), reason="this system has no /dev/full")
+def test_a_server_whose_log_cannot_be_written_serves_on(tmp_path: Path) -> None:
+    shutil.copytree(shipped_repository() / "xgb", tmp_path / "xgb")
+    result = full_disk_of(tmp_path, "xgb", seed=2)
+    assert [bar for bar in bars_of_full_disk(result) if not bar.holds] == []
+    assert sum(result["errors"].values()) > 0

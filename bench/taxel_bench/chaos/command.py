@@ -3,13 +3,15 @@
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal, get_args
 
 import typer
 
 from taxel.commands.cli import ERR, OUT, Json, needs, print_json
 
-Fault = Literal["flood", "oversize"]
+Fault = Literal["flood", "oversize", "mutated", "clients", "full-disk"]
+
+_ALL: Final[tuple[Fault, ...]] = get_args(Fault)
 
 
 @needs("bench", "psutil")
@@ -20,6 +22,8 @@ def chaos(
         "1,64,1024,16384"
     ),
     seconds: Annotated[float, typer.Option(min=1, help="How long each part of a flood lasts.")] = 5.0,
+    payloads: Annotated[int, typer.Option(min=1, help="Mutated requests over each transport.")] = 10_000,
+    seed: Annotated[int, typer.Option(min=0, help="Of the mutations.")] = 0,
     connect: Annotated[
         str | None,
         typer.Option(metavar="ENDPOINT", help="A server on this machine; if none, one is started."),
@@ -30,45 +34,62 @@ def chaos(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Flood a server and send it what is too large: a table of figures, each VALID or INVALID."""
-    from rich.table import Table
-
+    """Flood a server, send it bad requests, be a bad client: a table of figures, each VALID or INVALID."""
     from taxel.errors import TaxelError
     from taxel_bench.chaos.bars import Bar
     from taxel_bench.chaos.flood import bars_of, client_processes, flood_of, oversize_of
+    from taxel_bench.chaos.hostile import (
+        bars_of_full_disk,
+        bars_of_misbehaviour,
+        bars_of_mutated,
+        full_disk_of,
+        misbehaviour_of,
+        mutated_of,
+    )
+    from taxel_bench.chaos.printing import bars_table, verdict_of_bars
     from taxel_bench.load.drive import server_at
     from taxel_bench.load.usage import listening_process
     from taxel_bench.machine import describe_machine
     from taxel_models.shipped import shipped_repository
 
-    faults = [only] if only else ["flood", "oversize"]
+    faults = [only] if only else _ALL
     # Told to stop, it still stops its server and clients.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    served = repository or shipped_repository()
     results: dict[str, Any] = {}
     bars: list[Bar] = []
-    with ERR.status("flooding"), server_at(connect, repository or shipped_repository()) as endpoint:
+    with ERR.status("asking") as status, server_at(connect, served) as endpoint:
         server = listening_process(endpoint)
         if server is None:
             raise TaxelError(
                 f"{endpoint}: no process of this machine that this user may look at listens there"
             )
-        with client_processes(endpoint) as pool:
-            if "flood" in faults:
-                sizes = [int(size) for size in rows.split(",")]
-                results["flood"] = [flood_of(pool, server, model, size, seconds) for size in sizes]
-                bars += [bar for result in results["flood"] for bar in bars_of(result)]
-            if "oversize" in faults:
-                results["oversize"] = held = oversize_of(pool, server, model)
-                bars.append(
-                    Bar("400 MiB in one message: more MiB held", held["peak_mib"] - held["calm_mib"], 50)
-                )
-    verdict = "VALID" if all(bar.holds for bar in bars) else "INVALID"
+        if "flood" in faults or "oversize" in faults:
+            with client_processes(endpoint) as pool:
+                if "flood" in faults:
+                    sizes = [int(size) for size in rows.split(",")]
+                    results["flood"] = [flood_of(pool, server, model, size, seconds) for size in sizes]
+                    bars += [bar for result in results["flood"] for bar in bars_of(result)]
+                if "oversize" in faults:
+                    results["oversize"] = held = oversize_of(pool, server, model)
+                    more_mib = held["peak_mib"] - held["calm_mib"]
+                    bars.append(Bar("400 MiB in one message: more MiB held", more_mib, 50))
+        if "mutated" in faults:
+            status.update("mutated requests")
+            results["mutated"] = mutated_of(endpoint, model, payloads, seed)
+            bars += bars_of_mutated(results["mutated"])
+        if "clients" in faults:
+            status.update("bad clients")
+            results["clients"] = misbehaviour_of(endpoint, model, server)
+            bars += bars_of_misbehaviour(results["clients"])
+        bars.append(Bar("servers that have ended", float(not server.is_running()), 0))
+    if "full-disk" in faults:
+        results["full-disk"] = full_disk_of(served, model, seed)
+        bars += bars_of_full_disk(results["full-disk"])
+    verdict = verdict_of_bars(bars)
     if as_json:
         told = {"machine": describe_machine(), "model": model, "seconds": seconds}
         print_json({**told, **results, "bars": [bar.as_dict() for bar in bars], "verdict": verdict})
         return
-    table = Table("figure", "measured", "must be", "verdict")
-    for bar in bars:
-        table.add_row(bar.what, f"{bar.figure:.3g}", bar.wanted, "VALID" if bar.holds else "INVALID")
-    OUT.print(table)
+    OUT.print(bars_table(bars))
     OUT.print(verdict)

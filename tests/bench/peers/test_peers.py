@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -122,7 +123,8 @@ def test_a_peer_that_disagrees_or_fails_is_left_out_and_the_others_are_timed() -
         }
     assert [each["engine"] for each in found["wrong"]] == ["paper", "numpy", "taxel"]
     (reason,) = found["wrong"][-1]["left_out"].values()
-    assert "the engine onnxruntime differs from ours by 1 counts" in reason
+    # Beside that one count, the two differ in their last bits.
+    assert re.search(r"the engine onnxruntime differs from ours by 1(\.00\d*)? counts", reason)
     assert [each["engine"] for each in found["failing"]] == ["paper", "onnxruntime", "taxel"]
     assert found["failing"][-1]["left_out"] == {"numpy": "MemoryError: no room"}
 

@@ -1,0 +1,1 @@
+"""How many fingers one server carries, and what a request costs it."""

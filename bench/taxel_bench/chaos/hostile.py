@@ -1,0 +1,134 @@
+"""Faults that are no flood: mutated requests, bad clients, a full disk; with a bar for each figure."""
+
+from pathlib import Path
+from typing import Any, Final
+
+import psutil
+
+from taxel.errors import RequestError
+from taxel.manifest import Manifest
+from taxel.remote import RemoteSource
+from taxel_bench.chaos.bars import Bar
+from taxel_bench.chaos.bystander import Bystander, bystanders
+from taxel_bench.chaos.misbehaviour import FULL_DISK, lane_of, read_slowly, use_up_files, vanish
+from taxel_bench.chaos.mutated import (
+    Answers,
+    mutated_over_lane,
+    mutated_over_zenoh,
+    valid_frame,
+    valid_payload,
+)
+from taxel_bench.chaos.mutations import mutations
+from taxel_bench.server_process import running_server_process
+
+_LOGGED: Final = 50
+"""Mutated requests to a server that cannot write its log."""
+
+
+def mutated_of(endpoint: str, model: str, payloads: int, seed: int) -> dict[str, Any]:
+    """Send so many mutated requests over each transport, beside clients that behave."""
+    with (
+        RemoteSource(endpoint, timeout=10, transport="zenoh") as source,
+        bystanders(endpoint, model) as several,
+    ):
+        manifest = source.predictor(model).manifest
+        payload, frame = valid_payload(manifest), valid_frame(manifest)
+        return {
+            "zenoh": _told(mutated_over_zenoh(source, manifest, mutations(payload, payloads, seed))),
+            "lane": _told(
+                mutated_over_lane(lane_of(source), manifest, mutations(frame, payloads, seed + 1))
+            ),
+            "bystanders": [_of(each) for each in several],
+        }
+
+
+def bars_of_mutated(result: dict[str, Any]) -> list[Bar]:
+    """What must be true of mutated requests."""
+    bars = []
+    for transport in ("zenoh", "lane"):
+        told = result[transport]
+        for what in ("unanswered", "repeated", "untyped"):
+            name = f"{told['requests']} mutated requests over {transport}: {what}"
+            bars.append(Bar(name, float(told[what]), 0.0))
+    return [*bars, _failed("mutated requests", result)]
+
+
+def misbehaviour_of(endpoint: str, model: str, server: psutil.Process) -> dict[str, Any]:
+    """A slow reader, vanished clients, and used-up files, beside clients that behave."""
+    with (
+        RemoteSource(endpoint, timeout=10, transport="zenoh") as source,
+        bystanders(endpoint, model) as several,
+    ):
+        manifest, lane = source.predictor(model).manifest, lane_of(source)
+        unread = read_slowly(lane, manifest, several)
+        kept = vanish(lane, manifest, server)
+        use_up_files(lane, server, several)
+        told = [_of(each) for each in several]
+    return {
+        "unread_requests": unread,
+        "kept_files": kept,
+        "bystanders": told,
+        "new_client_failed": _asks(endpoint, model),
+    }
+
+
+def bars_of_misbehaviour(result: dict[str, Any]) -> list[Bar]:
+    """What must be true beside bad clients, and after them."""
+    return [
+        Bar("vanished clients: open files that are kept", float(result["kept_files"]), 0.0),
+        Bar("used-up files: new clients that fail afterwards", float(result["new_client_failed"]), 0.0),
+        _failed("bad clients", result),
+    ]
+
+
+def full_disk_of(repository: Path, model: str, seed: int) -> dict[str, Any]:
+    """Refused requests of a server that cannot write its log."""
+    with (
+        running_server_process(repository, errors=FULL_DISK) as server,
+        RemoteSource(server.endpoint, timeout=10, transport="zenoh") as source,
+        bystanders(server.endpoint, model) as several,
+    ):
+        manifest: Manifest = source.predictor(model).manifest
+        payloads = mutations(valid_payload(manifest), _LOGGED, seed)
+        answers = mutated_over_zenoh(source, manifest, payloads)
+    return {**_told(answers), "bystanders": [_of(each) for each in several]}
+
+
+def bars_of_full_disk(result: dict[str, Any]) -> list[Bar]:
+    """What must be true of a server whose log goes to a full disk."""
+    return [
+        Bar("full disk: unanswered requests", float(result["unanswered"]), 0.0),
+        _failed("full disk", result),
+    ]
+
+
+def _asks(endpoint: str, model: str) -> int:
+    """How many new clients fail: of one over each transport."""
+    failed = 0
+    for transport in ("lane", "zenoh"):
+        try:
+            with RemoteSource(endpoint, timeout=10, transport=transport) as source:
+                bystander = Bystander(source.predictor(model))
+                bystander.ask()
+                failed += bystander.failed
+        except RequestError:
+            failed += 1
+    return failed
+
+
+def _told(answers: Answers) -> dict[str, Any]:
+    return {**vars(answers), "errors": dict(answers.errors)}
+
+
+def _of(bystander: Bystander) -> dict[str, Any]:
+    return {
+        "answers": bystander.answers,
+        "failed": bystander.failed,
+        "errors": dict(bystander.errors),
+        "longest_ms": bystander.longest_ms,
+    }
+
+
+def _failed(beside: str, result: dict[str, Any]) -> Bar:
+    failed = sum(each["failed"] for each in result["bystanders"])
+    return Bar(f"clients that behave, beside {beside}: requests that failed", float(failed), 0.0)

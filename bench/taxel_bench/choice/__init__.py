@@ -1,0 +1,1 @@
+"""`bench choice`: accuracy, delay and latency of models beside each other."""

@@ -1,0 +1,1 @@
+"""`bench replicas`: several servers under load while one is killed, stopped or restarted."""

@@ -1,0 +1,1 @@
+"""`bench simulator`: what fingertips cost a simulation."""

@@ -1,0 +1,1 @@
+"""A server that is left alone under mixed traffic: does what it holds, or its latency, grow?"""
