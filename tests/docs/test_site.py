@@ -1,0 +1,86 @@
+"""The documentation site: what it is made from, and that its drawings are of today."""
+
+import importlib.util
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Final
+
+import pytest
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+SITE: Final = ROOT / "packaging" / "site"
+
+
+def _module(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, SITE / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def pages(tmp_path: Path) -> Iterator[Path]:
+    if not (ROOT / ".git").exists():
+        pytest.skip("a source archive has no list of its files")
+    _module("sources").gather(ROOT, tmp_path)
+    return tmp_path
+
+
+def test_pages_and_what_they_link_to_are_gathered(pages: Path) -> None:
+    assert (pages / "index.md").read_text().startswith("# Taxel")
+    assert (pages / "docs" / "wire" / "lane_request.bin").read_bytes() == (
+        ROOT / "docs" / "wire" / "lane_request.bin"
+    ).read_bytes()
+    assert "](#)" not in (pages / "index.md").read_text()
+
+
+def test_every_page_is_in_the_table_of_contents_or_linked(pages: Path) -> None:
+    """A page that nothing leads to is a page that nobody finds."""
+    contents = (ROOT / "zensical.toml").read_text()
+    texts = {page: page.read_text() for page in pages.rglob("*.md")}
+    for page in texts:
+        name = str(page.relative_to(pages))
+        linked = any(f"{page.name}" in text for other, text in texts.items() if other != page)
+        assert name in contents or linked, name
+
+
+def test_the_reference_names_every_command_option_and_error(tmp_path: Path) -> None:
+    from importlib.metadata import entry_points
+
+    import taxel.errors
+    from taxel_server.options import ServerOptions
+
+    _module("reference").write_reference(tmp_path / "reference")
+    commands = {page.stem for page in (tmp_path / "reference" / "commands").glob("*.md")} - {"README"}
+    assert commands == {entry.name for entry in entry_points(group="taxel.commands")}
+    options = (tmp_path / "reference" / "options.md").read_text()
+    assert all(f"`{name}`" in options for name in ServerOptions.model_fields)
+    errors = (tmp_path / "reference" / "errors.md").read_text()
+    for error in (taxel.errors.ServerLost, taxel.errors.RecordingError, taxel.errors.TaxelError):
+        assert f"## {error.__name__}\n" in errors
+
+
+def test_the_drawings_show_what_the_code_says(tmp_path: Path) -> None:
+    """Drawn again, they are the same but for matplotlib's own words."""
+    drawings = _module("drawings")
+    drawings.draw(tmp_path)
+    for name in drawings.DRAWINGS:
+        shown, now = (_texts(folder / name) for folder in (ROOT / "docs", tmp_path))
+        assert shown == now, f"docs/{name} is not of today: {sys.executable} packaging/site/drawings.py"
+
+
+def _texts(svg: Path) -> list[str]:
+    import re
+
+    return re.findall(r"<text[^>]*>([^<]*)<", svg.read_text())
+
+
+def test_no_page_is_longer_than_a_short_read() -> None:
+    """At most 1,200 words, outside the results and the list of changes."""
+    pages = [*(ROOT / "docs").glob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+    long = {page.name: len(page.read_text().split()) for page in pages}
+    assert not {name: words for name, words in long.items() if words > 1200}
