@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 MODEL ?= xgb
 
-.PHONY: help demo install test check unit coverage matrix arm release format artifacts clean
+.PHONY: help demo install test check unit coverage docs matrix arm release format artifacts clean
 
 help:
 	@echo "make demo      serve a shipped model and replay a recording through it (MODEL=xgb)"
@@ -14,6 +14,7 @@ help:
 	@echo "make install   install everything into $(VENV): $(BIN)/taxel and $(BIN)/bench"
 	@echo "make arm       the compiled runtimes' tests on an emulated ARM processor (needs qemu-user-static)"
 	@echo "make coverage  the tests again, and which lines they run"
+	@echo "make docs      build the documentation site into site/; a link that leads nowhere stops it"
 	@echo "make matrix    the wheel on every Python here, and every extra by itself (ARGS=--help)"
 	@echo "make release   VERSION=x.y.z: bump, build, check, commit, tag (DRY=1: in a clone)"
 	@echo "make format    format and fix what can be fixed"
@@ -25,7 +26,7 @@ demo: $(VENV)/.server
 install: $(VENV)/.all
 	@echo "Installed. Try: $(BIN)/taxel --help, $(BIN)/bench --help"
 
-test: $(VENV)/.all
+test: $(VENV)/.all $(VENV)/.ros2 $(VENV)/.typescript
 	@$(MAKE) --no-print-directory check unit
 
 check:
@@ -33,6 +34,7 @@ check:
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python packaging/site
 
 # A test file stays on one worker, so that its fixtures are made once.
 unit:
@@ -43,8 +45,11 @@ arm: $(VENV)/.all
 	@$(BIN)/python tests/arm/emulate.py $(ARGS)
 
 # Apart from `make test`: tracing makes the tests of plain Python half as slow again.
-coverage: $(VENV)/.all
+coverage: $(VENV)/.all $(VENV)/.ros2 $(VENV)/.typescript
 	$(BIN)/python -m pytest --cov --cov-report=term
+
+docs: $(VENV)/.all
+	@$(BIN)/python packaging/site
 
 matrix:
 	@$(PYTHON) tests/matrix $(ARGS)
@@ -71,16 +76,26 @@ SHIPPED := xgb ffnn transformer network-a network-b
 artifacts: $(VENV)/.all
 	mkdir -p build
 	$(BIN)/taxel twin --rows 292200 --seed 1 -o build/twin.csv
-	$(MAKE) --no-print-directory $(SHIPPED:%=artifact-%)
+	$(MAKE) --no-print-directory $(SHIPPED:%=artifact-%) $(SHIPPED:%=causal-artifact-%)
 
 artifact-%: $(VENV)/.all
-	$(BIN)/taxel train --model $* --inputs 1 --data build/twin.csv -o build/$* --overwrite --jobs 1 $(SMALL_$*)
-	rm -rf models/repository/$*
-	$(BIN)/taxel export build/$* --repository models/repository --name $* --version 1 --description \
-	  "A small $* model of Taxel's twin, a simulated fingertip: not of a real sensor."
+	$(call shipped,$*,1,$*,A small $* model)
+
+# Input combination 6 is the causal one that sees every tick of the past 100 ms.
+causal-artifact-%: $(VENV)/.all
+	$(call shipped,$*,6,$*-causal,A small causal $* model)
+
+# The family, its input combination, the name of the artifact, and what it is.
+define shipped
+	$(BIN)/taxel train --model $1 --inputs $2 --data build/twin.csv -o build/$3 --overwrite --jobs 1 $(SMALL_$1)
+	rm -rf models/repository/$3
+	$(BIN)/taxel export build/$3 --repository models/repository --name $3 --version 1 --description \
+	  "$4 of Taxel's twin, a simulated fingertip: not of a real sensor."
+endef
 
 clean:
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf clients/typescript/node_modules clients/typescript/build
 
 # A virtual environment, or a plain word on what is missing for one.
 $(BIN)/python:
@@ -108,6 +123,28 @@ $(VENV)/.all: $(BIN)/python pyproject.toml constraints.txt
 	@echo "Installing everything into $(VENV) …"
 	@$(PIP) install -q -c constraints.txt -e '.[all,dev]' || { $(MAKE) -s no-packages; exit 1; }
 	@touch $@ $(VENV)/.server
+
+# ROS 2 and another author's client of rmw_zenoh, for tests. In an environment of their own, since ROS's wheels
+# start every Python of their environment twice. Where there are no such wheels, their tests are skipped.
+ROS2 := $(VENV)/ros2
+ROS2_TESTS := tests/clients/ros2/requirements.txt
+$(VENV)/.ros2: $(VENV)/.all $(ROS2_TESTS)
+	@echo "Installing ROS 2 for the tests into $(ROS2) …"
+	@$(BIN)/python -m venv $(ROS2)
+	@$(BIN)/python -c 'import sysconfig; site = sysconfig.get_path("purelib"); print(f"import site; site.addsitedir({site!r})")' \
+	  > $$($(ROS2)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/_taxel.pth
+	@$(ROS2)/bin/python -m pip --disable-pip-version-check install -q -r $(ROS2_TESTS) \
+	  || echo "pip could not install ROS 2: the tests that need it are skipped."
+	@touch $@
+
+# The compiler of the client for Node. Where there is no npm or no index, that client's tests are skipped.
+$(VENV)/.typescript: $(VENV)/.all clients/typescript/package-lock.json
+	@if command -v npm >/dev/null 2>&1; then \
+	  echo "Installing the TypeScript compiler for the tests …"; \
+	  npm ci --silent --no-audit --no-fund --prefix clients/typescript \
+	    || echo "npm could not install it: the tests of clients/typescript are skipped."; \
+	else echo "There is no npm: the tests of clients/typescript are skipped."; fi
+	@touch $@
 
 .PHONY: no-packages
 no-packages:

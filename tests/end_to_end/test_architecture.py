@@ -1,4 +1,4 @@
-"""The table of words in docs/architecture.md, held against the code, and the list of decisions."""
+"""The tables of words, held against the code, and the list of decisions."""
 
 import re
 from importlib import import_module
@@ -6,15 +6,14 @@ from pathlib import Path
 
 import pytest
 
-ARCHITECTURE = Path(__file__).resolve().parents[2] / "docs" / "architecture.md"
+DOCS = Path(__file__).resolve().parents[2] / "docs"
 ROW = re.compile(r"^\| (?!word |---)(?P<word>[^|]+) \| (?P<meaning>[^|]+) \| (?P<names>[^|]+) \|$")
 
 
 def words() -> dict[str, list[str]]:
     """The public names of every word."""
-    _, section = ARCHITECTURE.read_text(encoding="utf-8").split("## Words\n")
-    table = section.split("\n## ")[0]
-    rows = [match for line in table.splitlines() if (match := ROW.match(line))]
+    tables = "".join(page.read_text(encoding="utf-8") for page in sorted(DOCS.glob("words*.md")))
+    rows = [match for line in tables.splitlines() if (match := ROW.match(line))]
     return {row["word"]: re.findall(r"`([\w.]+)`", row["names"]) for row in rows}
 
 
@@ -50,9 +49,9 @@ def test_every_name_of_a_word_exists(word: str, names: list[str]) -> None:
 
 
 def test_the_list_of_decisions_has_every_file_under_its_title() -> None:
-    files = sorted((ARCHITECTURE.parent / "decisions").glob("[0-9]*.md"))
+    files = sorted((DOCS / "decisions").glob("[0-9]*.md"))
     titles = [(file.name, file.read_text(encoding="utf-8").splitlines()[0]) for file in files]
-    index = (ARCHITECTURE.parent / "decisions" / "README.md").read_text(encoding="utf-8")
+    index = (DOCS / "decisions" / "README.md").read_text(encoding="utf-8")
     listed = re.findall(r"^\| (\d{4}) \| \[(.+)\]\((.+?)\)", index, re.MULTILINE)
     assert [(name, f"# {number} {title}") for number, title, name in listed] == titles
     assert [number for number, _, _ in listed] == [f"{place:04d}" for place in range(1, len(files) + 1)]

@@ -1,5 +1,8 @@
 """What runs with each extra by itself, and what the bare client says of everything else."""
 
+import json
+from urllib.request import urlopen
+
 from environments import Environment, Failed, environment
 from requirements import extras
 from serving import ROOT, Check, demo, predict, serve
@@ -7,6 +10,9 @@ from serving import ROOT, Check, demo, predict, serve
 # Each needs an extra; what it is given need not exist, since that is told first.
 REFUSED = {
     "server": ("demo", "serve"),
+    "watch": ("watch --demo --no-open",),
+    "foxglove": ("watch twin.csv --mcap x.mcap",),
+    "rerun": ("watch twin.csv --rerun x.rrd",),
     "plot": ("recording twin.csv --plot x.png", "predict twin.csv --model xgb -o x.csv --report x"),
     "train": ("train --data twin.csv -o x", "export x --repository x"),
     "loop": (
@@ -16,6 +22,7 @@ REFUSED = {
         "twin --effect offset -o x.csv",
     ),
     "study": ("study --data twin.csv -o x", "search --data twin.csv -o x"),
+    "ros2": ("ros2", "recording twin.csv -o x.mcap"),
     "bench": (
         "bench run --model xgb",
         "bench table -o x",
@@ -91,6 +98,32 @@ def plots(environment: Environment) -> None:
     taxel(environment, "recording twin.csv --plot twin.png")
 
 
+def watched(environment: Environment) -> None:
+    """The page of the demo is served, with all its files."""
+    process = environment.started("taxel", "watch", "--demo", "--port", "0", "--json")
+    try:
+        address = json.loads(process.stdout.readline())["address"]
+        for path in ("", "main.js", "layout.css", "vendor/uPlot.esm.js"):
+            with urlopen(address + path, timeout=30) as answer:
+                if not answer.read():
+                    raise Failed(f"taxel watch serves no {path or 'page'}")
+    finally:
+        process.terminate()
+        process.communicate()
+
+
+def written_for_foxglove(environment: Environment) -> None:
+    """A recording becomes an MCAP file."""
+    _twin(environment)
+    taxel(environment, "watch twin.csv --mcap twin.mcap")
+
+
+def written_for_rerun(environment: Environment) -> None:
+    """A recording becomes a file of Rerun."""
+    _twin(environment)
+    taxel(environment, "watch twin.csv --rerun twin.rrd")
+
+
 def trained_and_exported(environment: Environment) -> None:
     """Trees, a network and an ensemble: trained, exported in every format, predicting."""
     _twin(environment)
@@ -149,12 +182,27 @@ def measured(environment: Environment) -> None:
     environment.run("bench", "run", "--model", "network-b", "--repetitions", "100", "--json")
 
 
+def bagged(environment: Environment) -> None:
+    """A recording in a bag and back; a node says that there is no router."""
+    _twin(environment)
+    taxel(environment, "recording twin.csv -o twin.mcap")
+    taxel(environment, "recording twin.mcap -o bag")
+    taxel(environment, "recording bag --json")
+    done = environment.run("taxel", "ros2", "--fingers", "ff,ff", check=False)
+    if done.returncode != 2 or "expected names, each of them once" not in done.stderr:
+        raise Failed(f"taxel ros2: exit {done.returncode}:\n{done.stderr}")
+
+
 EXTRAS: dict[str, tuple[Check, ...]] = {
     "client": (light, client, refusals),
     "server": (demo, serve, predict, served_to_a_bare_client),
+    "watch": (watched,),
+    "foxglove": (written_for_foxglove,),
+    "rerun": (written_for_rerun,),
     "plot": (plots,),
     "train": (trained_and_exported, imported_from_gazebo),
     "loop": (looped, loop_exported),
     "study": (studied,),
+    "ros2": (bagged,),
     "bench": (measured,),
 }

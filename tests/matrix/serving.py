@@ -17,6 +17,8 @@ TESTS = (
     "tests/server/test_local.py",
     "tests/end_to_end/test_shipped.py",
 )
+_OTHER_EXTRAS = ("adapters", "contacts", "examples", "fingers", "gymnasium", "mujoco", "torch")
+"""Of the clients' tests, those that need more."""
 _FIXTURES = ("tests/conftest.py", "tests/server/conftest.py", "tests/server/trees/conftest.py")
 _TOOLS = ("pytest", "hypothesis", "xgboost-cpu" if sys.platform == "linux" else "xgboost")
 
@@ -54,7 +56,8 @@ def tests(environment: Environment) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         copy = shutil.copytree if (ROOT / test).is_dir() else shutil.copy
         copy(ROOT / test, target)
-    options = ("-q", "-x", "--import-mode=importlib", "-p", "no:cacheprovider")
+    ignored = [f"--ignore=tests/clients/test_{name}.py" for name in _OTHER_EXTRAS]
+    options = (*ignored, "-q", "-x", "--import-mode=importlib", "-p", "no:cacheprovider")
     environment.python("-m", "pytest", "-o", "markers=measured", *options, *TESTS)
 
 
