@@ -49,7 +49,7 @@ def test_predictions_through_a_server_equal_those_in_process(work: Path, tmp_pat
     in_process = ["--model", "finger", "--repository", work / "repository"]
     local = as_json("predict", *in_process, held_out, "-o", tmp_path / "b.csv")
     assert remote == local
-    assert set(remote) == {"mae", "norm_mae", "mae_electrodes", "norm_mae_electrodes", "rows"}
+    assert set(remote) == {"mae", "norm_mae", "mae_electrodes", "norm_mae_electrodes", "rows", "still"}
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
     trained = json.loads((work / "trained" / "trained.json").read_text())
     assert remote["norm_mae"] == pytest.approx(trained["training"]["metrics"]["test"]["norm_mae"], rel=1e-6)

@@ -74,6 +74,7 @@ def contacts(fingers: int, rows: int = 80) -> list[Samples]:
     ]
 
 
+@pytest.mark.filterwarnings("ignore::taxel.errors.InputWarning")
 def test_a_served_corrected_model_gives_base_and_effects(
     corrected: Path, start: Callable[..., str]
 ) -> None:

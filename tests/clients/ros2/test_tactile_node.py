@@ -89,6 +89,7 @@ def test_where_nothing_touches_no_point_is_needed_and_the_place_stays() -> None:
 NUMBERS = st.integers(-30_000, 30_000).map(lambda micro: micro * 1e-6)
 
 
+@pytest.mark.filterwarnings("ignore::taxel.errors.InputWarning")
 @given(st.tuples(NUMBERS, NUMBERS, NUMBERS), st.tuples(NUMBERS, NUMBERS, NUMBERS))
 def test_a_sample_is_the_one_of_the_contacts_of_simulators(
     place: tuple[float, float, float], force: tuple[float, float, float]

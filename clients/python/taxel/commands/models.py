@@ -47,11 +47,11 @@ def models(connect: Connect = None, repository: Repository = None, as_json: Json
         print_json({"models": [asdict(model) for model in offered]})
         return
     OUT.print(_table(offered))
-    for instructions in sorted({model.instruction_set for model in offered} - {""}):
-        users = [
-            f"{model.name}/{model.version}" for model in offered if model.instruction_set == instructions
-        ]
-        OUT.print(f"instruction set {instructions}: {', '.join(users)}", markup=False, soft_wrap=True)
+    by: dict[str, list[str]] = {}
+    for model in offered:
+        by.setdefault(_evaluator(model), []).append(f"{model.name}/{model.version}")
+    for evaluator, users in by.items():
+        OUT.print(f"{evaluator}: {', '.join(users)}", markup=False, soft_wrap=True)
     for model in offered:
         if model.shadow:
             OUT.print(f"{model.name}/{model.version} is a shadow: taxel top shows how it differs")
@@ -60,23 +60,28 @@ def models(connect: Connect = None, repository: Repository = None, as_json: Json
 
 
 def _table(offered: list[ModelInfo]) -> Table:
-    """A row for each model: its platform, or what evaluates it where it is loaded. No name is cut off.
+    """A row for each model. No name is cut off.
 
     Errors are those on what training held out: figures of models that were trained on other recordings
     cannot be compared.
     """
     table = Table()
-    loaded = any(model.one_row for model in offered)
-    last_headings = ("one row", "many rows") if loaded else ("platform",)
-    for heading in ("model", "state", "inputs", "delay", "warm-up", "norm. MAE", *last_headings):
+    for heading in ("model", "state", "inputs", "delay", "warm-up", "norm. MAE"):
         table.add_column(heading, overflow="fold")
     for model in offered:
         combination = "" if model.combination is None else str(model.combination)
-        last = (model.one_row, model.many_rows) if loaded else (model.platform,)
         live = (_milliseconds(model.delay_s), _milliseconds(model.warm_up_s))
         error = "" if model.norm_mae is None else f"{model.norm_mae:.3f}"
-        table.add_row(f"{model.name}/{model.version}", model.state, combination, *live, error, *last)
+        table.add_row(f"{model.name}/{model.version}", model.state, combination, *live, error)
     return table
+
+
+def _evaluator(model: ModelInfo) -> str:
+    """What evaluates a model where it is loaded; else what it was exported for."""
+    if not model.one_row:
+        return f"for {model.platform}"
+    instructions = f" ({model.instruction_set})" if model.instruction_set else ""
+    return f"one row by {model.one_row}, many by {model.many_rows}{instructions}"
 
 
 def _milliseconds(seconds: float | None) -> str:
