@@ -10,6 +10,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from taxel.errors import ArtifactError
+
 Inputs = Sequence[Tensor | None]
 """A node's inputs; None where an optional one is left out."""
 
@@ -117,7 +119,7 @@ def _expand(inputs: Inputs, _: Attributes) -> Tensor:
 def _pad(inputs: Inputs, attributes: Attributes) -> Tensor:
     values, amounts, filled = _tensor(inputs), _whole(inputs, 1), _given(inputs, 2)
     if attributes.get("mode", b"constant") != b"constant" or _given(inputs, 3) is not None:
-        raise NotImplementedError("Pad with another mode, or of some axes")
+        raise ArtifactError("torch computes Pad only with zeros or a constant, and of all axes")
     before, after = amounts[: values.ndim], amounts[values.ndim :]
     # torch begins with the last axis.
     pairs = [side for both in zip(before[::-1], after[::-1], strict=True) for side in both]
