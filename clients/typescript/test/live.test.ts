@@ -8,7 +8,7 @@ import { join } from "node:path";
 import { after, before, test } from "node:test";
 
 import { Source } from "../src/index.js";
-import { askPython, freePort, makeRepository, startServer, stop, type Server } from "./server.js";
+import { askPython, freePort, makeRepository, pause, type Server, startServer, stop } from "./server.js";
 
 const NUMBERS = 12;
 const folder = mkdtempSync(join(tmpdir(), "taxel-"));
@@ -79,8 +79,7 @@ for (const [kind, source] of Object.entries(sources)) {
   });
 
   test(`${kind}: what is in flight when a server is killed fails as ServerLost, and a later call connects again`, async () => {
-    const { process: killed } = running.get(source.address)!;
-    killed.kill("SIGSTOP"); // So that the request cannot be answered before.
+    await pause(running.get(source.address)!); // So that the request cannot be answered before.
     const lost = Array.from({ length: 3 }, () => source.infer("xgb", first));
     const rejected = lost.map((call) => assert.rejects(call, { name: "ServerLost", code: "UNAVAILABLE" }));
     await stop(running.get(source.address)!, "SIGKILL");

@@ -5,6 +5,7 @@ import { once } from "node:events";
 import { cpSync } from "node:fs";
 import { createServer, type AddressInfo } from "node:net";
 import { join } from "node:path";
+import { setTimeout as sleep } from "node:timers/promises";
 import { fileURLToPath } from "node:url";
 
 const CHECKOUT = fileURLToPath(new URL("../../../../", import.meta.url));
@@ -48,6 +49,13 @@ export async function stop(server: Server, signal: NodeJS.Signals): Promise<void
   const stopped = once(server.process, "exit");
   server.process.kill(signal);
   await stopped;
+}
+
+/** Resolves when the process stands still: a signal takes its time. */
+export async function pause(server: Server): Promise<void> {
+  server.process.kill("SIGSTOP");
+  const state = (): string => spawnSync("ps", ["-o", "state=", "-p", String(server.process.pid)], { encoding: "utf8" }).stdout;
+  while (!state().startsWith("T")) await sleep(10);
 }
 
 /** The bytes of the n × 21 float32 that the Python client gets over zenoh. */
