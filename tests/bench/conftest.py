@@ -13,6 +13,7 @@ from taxel_bench.windows import random_windows
 from taxel_exporters.corrected import export_corrected
 from taxel_exporters.export import export
 from taxel_models.shipped import shipped_repository
+from taxel_server.runtimes.compiled.compiling import cache_folder
 
 CREEP = ExtraFeature(
     name="creep", unit="N", history=Relaxation(of="fz", time_constant_s=0.3), taken_by="effects"
@@ -35,6 +36,16 @@ EFFECTS = (
     ),
 )
 """At the extras' defaults they come to 10 counts."""
+
+
+@pytest.fixture
+def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A user's cache folder in which no peer is installed; compiled code is kept where it always is."""
+    kept = cache_folder()
+    if kept is not None:
+        monkeypatch.setenv("NUMBA_CACHE_DIR", str(kept.parent))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache"
 
 
 @pytest.fixture(params=["trees", "network"])

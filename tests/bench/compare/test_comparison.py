@@ -19,11 +19,12 @@ from taxel_bench.compare.rounds import BareRuntime, Round
 from taxel_bench.compare.servers import taxel_servers
 from taxel_models.shipped import shipped_repository
 
+pytestmark = pytest.mark.usefixtures("empty_cache")
+
 
 @pytest.fixture
-def settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> CompareSettings:
+def settings() -> CompareSettings:
     """Of the smallest shipped network, where no peer is installed."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     folder = folder_of(shipped_repository(), "network-b")
     return CompareSettings(
         folder, parse_peers("fastapi,grpc"), install=False, rounds=2, seconds=0.05, seed=1, gaps_ms=(0, 2.5)
@@ -104,8 +105,7 @@ def test_a_report_has_medians_and_ratios_of_rounds() -> None:
     assert report["skipped"] == [{"peer": "ray", "reason": "too large"}]
 
 
-def test_the_command_prints_and_writes_one_object(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+def test_the_command_prints_and_writes_one_object(tmp_path: Path) -> None:
     app = new_app("Test.")
     app.command("compare")(failing_clearly(compare))
     output = tmp_path / "out.json"

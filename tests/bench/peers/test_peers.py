@@ -43,9 +43,7 @@ HERE = {
 """Peers that need no environment of their own."""
 
 
-@pytest.fixture(autouse=True)
-def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+pytestmark = pytest.mark.usefixtures("empty_cache")
 
 
 def bench(*arguments: str | Path, code: int = 0) -> Result:
