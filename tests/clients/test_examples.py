@@ -42,7 +42,7 @@ def test_pybullet(order: tuple[str, ...]) -> None:
 
 @pytest.mark.skipif(find_spec("mujoco") is None, reason="MuJoCo is not installed")
 def test_the_loop_in_mujoco_finds_what_the_model_lacks() -> None:
-    found = run("loop_in_mujoco.py", "--seconds", "100")
+    found = run("loop_in_mujoco.py", "--seconds", "60")
     assert "creep" in found["effects"]
     assert found["error_after"] < 0.6 * found["error_before"]
     # The mean size of normal noise is 0.8 of its standard deviation.
