@@ -69,9 +69,7 @@ def test_zenohs_settings_come_from_where_gazebo_takes_them(
     file = tmp_path / "zenoh.json5"
     file.write_text('{mode: "client", connect: {endpoints: ["tcp/127.0.0.1:1"]}}')
     monkeypatch.setenv("ZENOH_CONFIG", str(file))
-    monkeypatch.setenv(
-        "GZ_TRANSPORT_ZENOH_CONFIG_OVERRIDE", 'mode = "peer" ; scouting/multicast/ttl=3;'
-    )
+    monkeypatch.setenv("GZ_TRANSPORT_ZENOH_CONFIG_OVERRIDE", 'mode = "peer" ; scouting/multicast/ttl=3;')
     config = zenoh_config(None, 1.0)
     assert config.get_json("mode") == '"peer"'
     assert config.get_json("scouting/multicast/ttl") == "3"

@@ -97,7 +97,9 @@ def test_channels_are_read_by_others(gz: Json) -> None:
     assert (message.header.stamp.sec, message.header.stamp.nsec) == (7, 12)
     # Packed, as protobuf's third syntax says: header 4 bytes long, then 8 bytes of data.
     two = np.array([1.0, -2.0], np.float32)
-    assert channel_payload(two, 7_000_000_012).hex() == "0a060a040807100c" + "1208" + "0000803f" + "000000c0"
+    assert (
+        channel_payload(two, 7_000_000_012).hex() == "0a060a040807100c" + "1208" + "0000803f" + "000000c0"
+    )
 
 
 def test_every_field_has_gazebos_number_and_type(gz: Json) -> None:

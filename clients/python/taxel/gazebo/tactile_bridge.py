@@ -146,9 +146,7 @@ class TactileBridge:
                 f"{finger.name}: {topic} has two poses of {found!r}: expected names that differ, or the "
                 "topic of a pose publisher of one model"
             )
-        raise InvalidArgument(
-            f"{finger.name}: {topic} has no pose of {name!r}: expected that of {scoped!r}"
-        )
+        raise InvalidArgument(f"{finger.name}: {topic} has no pose of {scoped!r}")
 
 
 def on_finger(

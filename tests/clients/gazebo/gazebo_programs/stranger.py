@@ -1,9 +1,9 @@
 """Speaks as Gazebo's sources say, with eclipse-zenoh and protobuf alone; it takes nothing of Taxel.
 
-    python stranger.py ENDPOINT < scenario.json > heard.json
+    python stranger.py ENDPOINT scenario.json > heard.json
 
-It listens at ENDPOINT as a peer. As Gazebo does, it publishes only what somebody subscribes to. A scenario has
-the partition, the topics to hear, how many messages to wait for, and what to publish, one after the other.
+It listens at ENDPOINT as a peer. As Gazebo does, it publishes only what somebody subscribes to. A scenario
+has the partition, the topics to hear, how many messages to wait for, and what to publish, in its order.
 """
 
 import json
@@ -55,7 +55,7 @@ def wait_for_subscriber(session: zenoh.Session, partition: str, topic: str, kind
 
 
 def main() -> None:
-    scenario, classes = json.load(sys.stdin), messages()
+    scenario, classes = json.loads(Path(sys.argv[2]).read_text()), messages()
     session, partition = open_peer(sys.argv[1]), scenario["partition"]
     heard: SimpleQueue[zenoh.Sample] = SimpleQueue()
     subscribers = [
