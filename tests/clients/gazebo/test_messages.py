@@ -83,7 +83,8 @@ def test_poses_are_read_by_name_and_two_of_one_name_are_none(gz: Json) -> None:
     pose = {"name": "tip", "id": 3, "header": STAMP, "position": vector(1, 2, 3), "orientation": turned}
     rest = {"position": vector(0, 0, 0), "orientation": {"w": 1}}
     message = {"pose": [pose, {**rest, "name": "a"}, {**rest, "name": "a"}, {**rest, "name": "a"}]}
-    poses = poses_of(decode(bytes_of(gz, POSES, message), POSES))
+    poses = poses_of(decode(bytes_of(gz, POSES, message), POSES), {"a", "tip", "b"})
+    assert poses.keys() == {"a", "tip"}
     assert poses["a"] is None
     assert poses["tip"] is not None
     assert poses["tip"].position.tolist() == [1, 2, 3]
@@ -149,4 +150,5 @@ def test_contacts_that_are_not_finite_are_refused(gz: Json, field: str, bad: str
 def test_poses_that_are_none_are_refused(gz: Json, pose: Json) -> None:
     message = decode(bytes_of(gz, POSES, {"pose": [{"name": "tip", **pose}]}), POSES)
     with pytest.raises(InvalidArgument, match="a pose of 'tip' that is none"):
-        poses_of(message)
+        poses_of(message, {"tip"})
+    assert poses_of(message, {"hand"}) == {}

@@ -9,7 +9,7 @@ from google.protobuf import json_format
 from numpy.typing import NDArray
 
 import taxel
-from taxel.errors import InputWarning, InvalidArgument
+from taxel.errors import InputWarning
 from taxel.gazebo.messages import CLOCK, CONTACTS, POSES
 from taxel.gazebo.settings import BridgeSettings, GazeboFinger, mount_of
 from taxel.gazebo.tactile_bridge import Prediction, TactileBridge, on_finger
@@ -64,20 +64,21 @@ class World:
         self._gz, self.bridge, self.time_ns = gz, bridge, 5_000_000_000
         self.given: list[Prediction] = []
 
-    def message(self, name: str, content: Json) -> Any:
-        return json_format.ParseDict(content, self._gz[name]())
+    def payload(self, name: str, content: Json) -> bytes:
+        payload: bytes = json_format.ParseDict(content, self._gz[name]()).SerializeToString()
+        return payload
 
     def step(self, touching: Json | None = None, finger: int = 0, after_ns: int = STEP_NS) -> None:
         self.time_ns += after_ns
         sec, nsec = divmod(self.time_ns, 1_000_000_000)
-        given = self.bridge.take_clock(self.message(CLOCK, {"sim": {"sec": sec, "nsec": nsec}}))
+        given = self.bridge.take_clock(self.payload(CLOCK, {"sim": {"sec": sec, "nsec": nsec}}))
         if given is not None:
             self.given.append(given)
         if touching is not None:
-            self.bridge.take_contacts(finger, self.message(CONTACTS, touching))
+            self.bridge.take_contacts(finger, self.payload(CONTACTS, touching))
 
     def poses(self, *poses: Json) -> None:
-        self.bridge.take_poses(self.message(POSES, {"pose": list(poses)}))
+        self.bridge.take_poses(self.payload(POSES, {"pose": list(poses)}))
 
 
 @pytest.fixture
@@ -88,21 +89,27 @@ def world(gz: Json, predictor: Predictor) -> World:
 
 
 class ByHand:
-    """Fingers that are told places and forces in the sensor's frame, one step after the other."""
+    """Fingers that are told places and forces in the sensor's frame, at every tenth step of the world."""
 
-    def __init__(self, predictor: Predictor, count: int = 1) -> None:
-        self._fingers = predictor.fingers(count, rate_hz=1000.0)
+    def __init__(
+        self, predictor: Predictor, count: int = 1, every: int = 10, rate_hz: float = 100.0
+    ) -> None:
+        self._fingers = predictor.fingers(count, rate_hz=rate_hz)
+        self._every, self._steps = every, 0
         self._place = np.tile(np.array(PAD), (count, 1))
         self.given: list[NDArray[np.float32]] = []
 
-    def step(self, touch: tuple[Vector, Vector] | None = None, finger: int = 0, dt: float = 0.001) -> None:
+    def step(self, touch: tuple[Vector, Vector] | None = None, finger: int = 0) -> None:
+        self._steps += 1
+        if (self._steps - 1) % self._every:
+            return
         force = np.zeros_like(self._place)
         if touch is not None:
             self._place = self._place.copy()
             self._place[finger] = Fingertip.biotac_2p().nearest(touch[0][None])[0]
             force[finger] = touch[1]
         before = self._fingers.channels
-        channels = self._fingers.step(self._place, force, dt)
+        channels = self._fingers.step(self._place, force)
         if channels is not before:
             self.given.append(channels)
 
@@ -161,8 +168,20 @@ def test_the_stamp_is_that_of_the_step_with_the_contacts(world: World, predictor
     same(world, by_hand)
     stamps = np.array([one.stamp_ns for one in world.given])
     assert stamps[0] == 5_000_000_000 + STEP_NS
-    # Fingers begin with a tick a step before their first sample.
-    np.testing.assert_array_equal(np.diff(stamps), [9 * STEP_NS, *[10 * STEP_NS] * 3])
+    np.testing.assert_array_equal(np.diff(stamps), [10 * STEP_NS] * 4)
+
+
+def test_steps_that_do_not_divide_ten_milliseconds_are_all_taken(gz: Json, predictor: Predictor) -> None:
+    settings = BridgeSettings("w", (FF,), mount=MOUNT, rate_hz=250.0)
+    world = World(gz, TactileBridge(predictor, settings))
+    world.poses(HAND, TIP)
+    by_hand = ByHand(predictor, every=1, rate_hz=250.0)
+    for step in range(40):
+        force = PRESS * (1.0 + 0.01 * step)
+        world.step(contacts((PAD_PLACE, force)), after_ns=4 * STEP_NS)
+        by_hand.step((PAD_PLACE, force))
+    world.step(after_ns=4 * STEP_NS)
+    same(world, by_hand)
 
 
 def test_a_sensor_that_falls_silent_touches_nothing(world: World, predictor: Predictor) -> None:
@@ -264,11 +283,14 @@ def test_a_pose_that_changes_is_followed(world: World, predictor: Predictor) -> 
 def test_a_finger_without_a_pose_is_told_by_name(gz: Json, predictor: Predictor) -> None:
     world = World(gz, TactileBridge(predictor, SETTINGS))
     world.step(contacts((PAD_PLACE, PRESS)))
-    with pytest.warns(InputWarning, match="^ff: /world/w/dynamic_pose/info has no pose of 'hand'"):
+    with pytest.warns(
+        InputWarning, match="^/world/.*/contact: /world/w/dynamic_pose/info has no pose of 'hand'"
+    ):
         world.step()
     world.poses(HAND, TIP, TIP)
-    world.step(contacts((PAD_PLACE, PRESS)))
-    with pytest.warns(InputWarning, match="ff: .* has two poses of 'tip': expected names that differ"):
+    for _ in range(9):
+        world.step(contacts((PAD_PLACE, PRESS)))
+    with pytest.warns(InputWarning, match="has two poses of 'tip': expected names that differ"):
         world.step()
     assert world.bridge.refused == 2
 
@@ -279,16 +301,26 @@ def test_contacts_of_another_frame_are_told(world: World) -> None:
         world.step()
 
 
-def test_contacts_that_cannot_be_used_are_left_out_alone(world: World, predictor: Predictor) -> None:
-    by_hand = ByHand(predictor)
-    for step in range(30):
-        world.step(contacts((PAD_PLACE, PRESS)))
-        by_hand.step((PAD_PLACE, PRESS))
-        if step % 3 == 0:
-            with pytest.raises(InvalidArgument, match="without a wrench"):
-                world.bridge.take_contacts(0, world.message(CONTACTS, {"contact": [{"position": [{}]}]}))
-    world.step()
+def test_contacts_that_cannot_be_used_are_left_out_alone(gz: Json, predictor: Predictor) -> None:
+    th = GazeboFinger.parsed("th=hand/thumb/touch", "w")
+    world = World(gz, TactileBridge(predictor, BridgeSettings("w", (FF, th), mount=MOUNT)))
+    world.poses(HAND, TIP, {**TIP, "name": "thumb"})
+    bad = [b"nonsense", world.payload(CONTACTS, {"contact": [{"position": [{}]}]})]
+    by_hand = ByHand(predictor, 2)
+
+    def steps() -> None:
+        for step in range(40):
+            world.step(contacts((PAD_PLACE, PRESS)))
+            world.bridge.take_contacts(1, bad[step // 10 % 2])
+            by_hand.step((PAD_PLACE, PRESS))
+        world.step()
+
+    with pytest.warns(InputWarning) as told:
+        steps()
     same(world, by_hand)
+    assert world.bridge.refused == 4
+    reasons = {str(one.message).partition("/contact: ")[2].partition(":")[0] for one in told}
+    assert reasons == {"bytes that are no gz.msgs.Contacts", "contacts without a wrench at each position"}
 
 
 @pytest.fixture

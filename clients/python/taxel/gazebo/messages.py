@@ -4,6 +4,7 @@ Only fields that are used are declared; protobuf passes over the others. The des
 pool of their own, so that no code need be generated, and Gazebo's own Python messages may be imported, too.
 """
 
+from collections.abc import Set
 from functools import cache
 from typing import Any, Final, NamedTuple
 
@@ -75,7 +76,7 @@ def decode(payload: bytes, name: str) -> Any:
 
 
 def sim_time_ns(clock: Any) -> int:
-    """The simulated time of a `Clock`."""
+    """The simulated time that a `Clock` tells."""
     return int(clock.sim.sec) * 1_000_000_000 + int(clock.sim.nsec)
 
 
@@ -103,25 +104,28 @@ def touches_of(contacts: Any) -> Touches:
     return touches
 
 
-def poses_of(poses: Any) -> dict[str, Pose | None]:
-    """The poses of a `Pose_V` by name; None where two have one name.
+def poses_of(poses: Any, names: Set[str]) -> dict[str, Pose | None]:
+    """The poses of these names in a `Pose_V`; None where two have one name.
 
     Raises:
         InvalidArgument: a pose has a number that is not finite, or no orientation.
     """
     found: dict[str, Pose | None] = {}
     for pose in poses.pose:
-        if pose.name in found:
-            found[pose.name] = None
+        name = pose.name
+        if name not in names:
+            continue
+        if name in found:
+            found[name] = None
             continue
         turned = pose.orientation
         quaternion = np.array([turned.w, turned.x, turned.y, turned.z])
         position = np.array(_vector(pose.position))
         if not (np.isfinite(position).all() and np.isfinite(quaternion).all() and quaternion.any()):
             raise InvalidArgument(
-                f"a pose of {pose.name!r} that is none: expected finite numbers and an orientation"
+                f"a pose of {name!r} that is none: expected finite numbers and an orientation"
             )
-        found[pose.name] = Pose(position, quaternion)
+        found[name] = Pose(position, quaternion)
     return found
 
 

@@ -13,9 +13,9 @@ import zenoh
 from zenoh.handlers import Callback
 
 from taxel.endpoints import reason_of
-from taxel.errors import InvalidArgument, Unavailable
+from taxel.errors import Unavailable
 from taxel.gazebo.gz_transport import GazeboNode, own_partition, zenoh_config
-from taxel.gazebo.messages import CHANNELS, CLOCK, CONTACTS, POSES, channel_payload, decode
+from taxel.gazebo.messages import CHANNELS, CLOCK, CONTACTS, POSES, channel_payload
 from taxel.gazebo.settings import BridgeSettings
 from taxel.gazebo.tactile_bridge import Prediction, TactileBridge
 from taxel.input_checks import warn
@@ -34,7 +34,7 @@ class _Input(NamedTuple):
 
     topic: str
     type: str
-    take: Callable[[Any], Prediction | None]
+    take: Callable[[bytes], Prediction | None]
 
 
 class _Arrived(NamedTuple):
@@ -173,11 +173,7 @@ class ZenohBridge:
         if event.type != source.type:
             warn(f"{source.topic} carries {event.type or 'untyped messages'}: expected {source.type}")
             return None
-        try:
-            prediction = source.take(decode(event.payload, source.type))
-        except InvalidArgument as error:
-            self._bridge.refuse(f"{source.topic}: {error}")
-            return None
+        prediction = source.take(event.payload)
         if prediction is not None:
             for publisher, channels in zip(self._publishers, prediction.channels, strict=True):
                 publisher.put(channel_payload(channels, prediction.stamp_ns), attachment=CHANNELS.encode())
