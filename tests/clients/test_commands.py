@@ -83,5 +83,5 @@ def test_every_extra_that_a_command_names_exists() -> None:
     for entry in entry_points(group=cli.COMMANDS):
         entry.load()
     named = {extra for extra, _ in cli._NEEDS.values()}
-    assert named == {"server", "train", "loop", "study", "bench", "ros2", "watch"}
+    assert named == {"server", "train", "loop", "study", "bench", "ros2", "gazebo", "watch"}
     assert named < set(metadata("taxel").get_all("Provides-Extra") or ())

@@ -2,6 +2,8 @@
 
 import math
 import re
+from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -18,6 +20,19 @@ def test_a_finger_is_named_as_in_the_sdf() -> None:
     assert GazeboFinger("ff", ("hand", "ff_distal"), FF.contacts) == FF
     assert FF.contacts == "/world/w/model/hand/link/ff_distal/sensor/touch/contact"
     assert FF.channels == "/ff/tactile"
+
+
+def test_the_pages_command_names_what_its_world_has() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "gazebo_bridge.md").read_text()
+    sdf = ElementTree.fromstring(page.partition("```xml\n")[2].partition("```")[0])
+    name, text = re.findall(r"taxel gazebo --world (\w+) --finger (\S+)", page)[0]
+    finger = GazeboFinger.parsed(text, name)
+    model, link = finger.link
+    found = sdf.find(f"world[@name='{name}']/model[@name='{model}']/link[@name='{link}']")
+    assert found is not None
+    sensor = found.find(f"sensor[@name='{finger.contacts.split('/')[-2]}'][@type='contact']")
+    assert sensor is not None
+    assert found.find(f"collision[@name='{sensor.findtext('contact/collision')}']") is not None
 
 
 def test_a_finger_may_be_in_a_model_of_a_model() -> None:
