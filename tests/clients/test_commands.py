@@ -77,6 +77,8 @@ def test_what_serving_needs_is_in_its_extra_and_is_here() -> None:
         MissingDependency, match=r"^drawing needs taxel_nowhere: pip install 'taxel\[plot\]'$"
     ):
         require("drawing", "plot", "numpy", "taxel_nowhere")
+    with pytest.raises(MissingDependency, match="needs taxel_nowhere.part: pip install"):
+        require("drawing", "plot", "taxel_nowhere.part")
 
 
 def test_every_extra_that_a_command_names_exists() -> None:

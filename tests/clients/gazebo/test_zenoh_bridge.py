@@ -1,7 +1,10 @@
 """`taxel gazebo` through real zenoh, with an independent program that speaks as Gazebo's sources say."""
 
 import json
+import signal
+import socket
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -79,6 +82,20 @@ def by_hand(predictor: Predictor, steps: int) -> list[Any]:
     return given
 
 
+def listens(host: str, port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex((host, port)) == 0
+
+
+def until(happened: Callable[[], bool]) -> None:
+    """Wait for what must happen."""
+    for _ in range(3000):
+        if happened():
+            return
+        time.sleep(0.02)
+    pytest.fail("it never happened")
+
+
 @contextmanager
 def running(
     predictor: Predictor,
@@ -141,13 +158,41 @@ def test_an_independent_program_speaks_with_it_both_ways(
     assert {one.split("/")[1] for one in heard["tokens"]} == {"%lab"}
 
 
-def until(happened: Callable[[], bool]) -> None:
-    """Wait for what must happen."""
-    for _ in range(3000):
-        if happened():
-            return
-        time.sleep(0.02)
-    pytest.fail("it never happened")
+def test_the_command_bridges_until_it_is_interrupted(
+    predictor: Predictor, endpoint: str, command: list[str], tmp_path: Path
+) -> None:
+    expected = by_hand(predictor, 20)
+    file = tmp_path / "scenario.json"
+    file.write_text(
+        json.dumps(
+            {
+                "partition": "lab",
+                "hear": [FINGERS[0].channels],
+                "wait_for": len(expected),
+                "publish": published(20),
+            }
+        )
+    )
+    world = subprocess.Popen([*command, endpoint, file], stdout=subprocess.PIPE, text=True)
+    try:
+        host, _, port = endpoint.removeprefix("tcp/").partition(":")
+        until(lambda: listens(host, int(port)))
+        options = ["--world", "w", "--partition", "lab", "--router", endpoint]
+        for name in ("ff", "th"):
+            options += ["--finger", f"{name}=hand/{name}_tip/touch"]
+        bridge = subprocess.Popen(
+            [sys.executable, "-m", "taxel", "gazebo", *options], stderr=subprocess.PIPE, text=True
+        )
+        try:
+            heard = json.loads(world.communicate(timeout=120)[0])["heard"]
+        finally:
+            bridge.send_signal(signal.SIGINT)
+            said = bridge.communicate(timeout=60)[1]
+    finally:
+        world.kill()
+    np.testing.assert_allclose([one["data"] for one in heard], np.array(expected)[:, 0], atol=1e-3)
+    assert bridge.returncode == 130
+    assert f"ff: {FF_TOPIC} gives /ff/tactile" in said
 
 
 class Publishing:
