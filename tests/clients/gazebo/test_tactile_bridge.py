@@ -99,7 +99,9 @@ class ByHand:
         self._place = np.tile(np.array(PAD), (count, 1))
         self.given: list[NDArray[np.float32]] = []
 
-    def step(self, touch: tuple[Vector, Vector] | None = None, finger: int = 0) -> None:
+    def step(
+        self, touch: tuple[Vector, Vector] | None = None, finger: int = 0, dt: float | None = None
+    ) -> None:
         self._steps += 1
         if (self._steps - 1) % self._every:
             return
@@ -109,7 +111,7 @@ class ByHand:
             self._place[finger] = Fingertip.biotac_2p().nearest(touch[0][None])[0]
             force[finger] = touch[1]
         before = self._fingers.channels
-        channels = self._fingers.step(self._place, force)
+        channels = self._fingers.step(self._place, force, dt)
         if channels is not before:
             self.given.append(channels)
 
@@ -171,16 +173,19 @@ def test_the_stamp_is_that_of_the_step_with_the_contacts(world: World, predictor
     np.testing.assert_array_equal(np.diff(stamps), [10 * STEP_NS] * 4)
 
 
-def test_steps_that_do_not_divide_ten_milliseconds_are_all_taken(gz: Json, predictor: Predictor) -> None:
-    settings = BridgeSettings("w", (FF,), mount=MOUNT, rate_hz=250.0)
+@pytest.mark.parametrize(("rate_hz", "step_ns"), [(250.0, 4_000_000), (300.0, 3_330_000)])
+def test_steps_that_do_not_divide_ten_milliseconds_are_all_taken(
+    gz: Json, predictor: Predictor, rate_hz: float, step_ns: int
+) -> None:
+    settings = BridgeSettings("w", (FF,), mount=MOUNT, rate_hz=rate_hz)
     world = World(gz, TactileBridge(predictor, settings))
     world.poses(HAND, TIP)
-    by_hand = ByHand(predictor, every=1, rate_hz=250.0)
+    by_hand = ByHand(predictor, every=1, rate_hz=rate_hz)
     for step in range(40):
         force = PRESS * (1.0 + 0.01 * step)
-        world.step(contacts((PAD_PLACE, force)), after_ns=4 * STEP_NS)
-        by_hand.step((PAD_PLACE, force))
-    world.step(after_ns=4 * STEP_NS)
+        world.step(contacts((PAD_PLACE, force)), after_ns=step_ns)
+        by_hand.step((PAD_PLACE, force), dt=step_ns / 1e9 if step else None)
+    world.step(after_ns=step_ns)
     same(world, by_hand)
 
 

@@ -50,7 +50,7 @@ class TactileBridge:
         self._settings = settings
         step_ns = round(1e9 / settings.rate_hz)
         on_steps = PERIOD_NS % step_ns == 0
-        self._period_ns = PERIOD_NS if on_steps else step_ns
+        self._least_ns = PERIOD_NS - step_ns // 2 if on_steps else 0
         rate_hz = 1e9 / PERIOD_NS if on_steps else settings.rate_hz
         self._fingers = predictor.fingers(len(settings.fingers), rate_hz=rate_hz)
         self._links = [_scopes(finger.link) for finger in settings.fingers]
@@ -95,7 +95,7 @@ class TactileBridge:
         self._now_ns = now_ns
         contacts, self._contacts = self._contacts, {}
         elapsed_ns = None if self._sampled_ns is None else ended_ns - self._sampled_ns
-        if elapsed_ns is not None and elapsed_ns < self._period_ns:
+        if elapsed_ns is not None and elapsed_ns < self._least_ns:
             return None
         self._sampled_ns = ended_ns
         return self._step(contacts, ended_ns, elapsed_ns)
