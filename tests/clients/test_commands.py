@@ -77,7 +77,7 @@ def test_what_serving_needs_is_in_its_extra_and_is_here() -> None:
         MissingDependency, match=r"^drawing needs taxel_nowhere: pip install 'taxel\[plot\]'$"
     ):
         require("drawing", "plot", "numpy", "taxel_nowhere")
-    with pytest.raises(MissingDependency, match="needs taxel_nowhere.part: pip install"):
+    with pytest.raises(MissingDependency, match=r"needs taxel_nowhere\.part: pip install"):
         require("drawing", "plot", "taxel_nowhere.part")
 
 
