@@ -77,11 +77,13 @@ def test_what_serving_needs_is_in_its_extra_and_is_here() -> None:
         MissingDependency, match=r"^drawing needs taxel_nowhere: pip install 'taxel\[plot\]'$"
     ):
         require("drawing", "plot", "numpy", "taxel_nowhere")
+    with pytest.raises(MissingDependency, match=r"needs taxel_nowhere\.part: pip install"):
+        require("drawing", "plot", "taxel_nowhere.part")
 
 
 def test_every_extra_that_a_command_names_exists() -> None:
     for entry in entry_points(group=cli.COMMANDS):
         entry.load()
     named = {extra for extra, _ in cli._NEEDS.values()}
-    assert named == {"server", "train", "loop", "study", "bench", "ros2", "watch"}
+    assert named == {"server", "train", "loop", "study", "bench", "ros2", "gazebo", "watch"}
     assert named < set(metadata("taxel").get_all("Provides-Extra") or ())

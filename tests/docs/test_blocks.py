@@ -9,10 +9,12 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterator
+import tomllib
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Final, NamedTuple
+from xml.etree import ElementTree
 
 import pytest
 import typer
@@ -35,7 +37,7 @@ PAGES: Final = sorted(
         ),
     ]
 )
-LANGUAGES: Final = {"sh", "ts", "python", "output", "text", "json", "json5", "toml"}
+LANGUAGES: Final = {"sh", "ts", "python", "output", "text", "json", "json5", "toml", "xml"}
 
 ENDPOINT: Final = "tcp/127.0.0.1:7447"
 """What the pages call a server. The tests run one on a free port."""
@@ -73,11 +75,16 @@ def test_every_block_names_its_language() -> None:
     assert len(ALL) > 40
 
 
-@pytest.mark.parametrize("block", [one for one in ALL if one.language in ("json", "toml")], ids=str)
-def test_data_can_be_read(block: Block) -> None:
-    import tomllib
+READERS: Final[dict[str, Callable[[str], object]]] = {
+    "json": json.loads,
+    "toml": tomllib.loads,
+    "xml": ElementTree.fromstring,
+}
 
-    (json.loads if block.language == "json" else tomllib.loads)(block.text)
+
+@pytest.mark.parametrize("block", [one for one in ALL if one.language in READERS], ids=str)
+def test_data_can_be_read(block: Block) -> None:
+    READERS[block.language](block.text)
 
 
 def commands(block: Block) -> list[list[str]]:

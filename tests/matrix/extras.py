@@ -23,6 +23,7 @@ REFUSED = {
     ),
     "study": ("study --data twin.csv -o x", "search --data twin.csv -o x"),
     "ros2": ("ros2", "recording twin.csv -o x.mcap"),
+    "gazebo": ("gazebo --world w --finger ff=hand/tip/touch",),
     "bench": (
         "bench run --model xgb",
         "bench table -o x",
@@ -193,6 +194,15 @@ def bagged(environment: Environment) -> None:
         raise Failed(f"taxel ros2: exit {done.returncode}:\n{done.stderr}")
 
 
+def bridged(environment: Environment) -> None:
+    """The bridge looks for its network and says that nobody is there."""
+    command = "gazebo --world w --finger ff=hand/tip/touch --router tcp/127.0.0.1:9"
+    done = environment.run("taxel", *command.split(), "--connect", "tcp/127.0.0.1:9", check=False)
+    if done.returncode != 1 or "no server at tcp/127.0.0.1:9" not in done.stderr:
+        raise Failed(f"taxel gazebo: exit {done.returncode}:\n{done.stderr}")
+    environment.python("-c", "from taxel.gazebo.messages import decode; decode(b'', 'gz.msgs.Contacts')")
+
+
 EXTRAS: dict[str, tuple[Check, ...]] = {
     "client": (light, client, refusals),
     "server": (demo, serve, predict, served_to_a_bare_client),
@@ -204,5 +214,6 @@ EXTRAS: dict[str, tuple[Check, ...]] = {
     "loop": (looped, loop_exported),
     "study": (studied,),
     "ros2": (bagged,),
+    "gazebo": (bridged,),
     "bench": (measured,),
 }

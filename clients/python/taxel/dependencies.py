@@ -29,4 +29,8 @@ def require(purpose: str, extra: str, *packages: str) -> None:
 def _installed(name: str) -> bool:
     if name in sys.modules:
         return sys.modules[name] is not None
-    return find_spec(name) is not None
+    try:
+        return find_spec(name) is not None
+    except ModuleNotFoundError:
+        # Of `google.protobuf` even `google` is missing.
+        return False

@@ -1,0 +1,1 @@
+"""Fingertips for Gazebo: contacts from its topics and channels back, over its transport on zenoh."""
