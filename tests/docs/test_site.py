@@ -1,7 +1,6 @@
-"""The documentation site: what it is made from, and that its drawings are of today."""
+"""The documentation site: what it is made from."""
 
 import importlib.util
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -62,21 +61,6 @@ def test_the_reference_names_every_command_option_and_error(tmp_path: Path) -> N
     errors = (tmp_path / "reference" / "errors.md").read_text()
     for error in (taxel.errors.ServerLost, taxel.errors.RecordingError, taxel.errors.TaxelError):
         assert f"## {error.__name__}\n" in errors
-
-
-def test_the_drawings_show_what_the_code_says(tmp_path: Path) -> None:
-    """Drawn again, they are the same but for matplotlib's own words."""
-    drawings = _module("drawings")
-    drawings.draw(tmp_path)
-    for name in drawings.DRAWINGS:
-        shown, now = (_texts(folder / name) for folder in (ROOT / "docs", tmp_path))
-        assert shown == now, f"docs/{name} is not of today: {sys.executable} packaging/site/drawings.py"
-
-
-def _texts(svg: Path) -> list[str]:
-    import re
-
-    return re.findall(r"<text[^>]*>([^<]*)<", svg.read_text())
 
 
 def test_no_page_is_longer_than_a_short_read() -> None:
