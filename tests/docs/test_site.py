@@ -1,6 +1,7 @@
 """The documentation site: what it is made from."""
 
 import importlib.util
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -68,3 +69,12 @@ def test_no_page_is_longer_than_a_short_read() -> None:
     pages = [*(ROOT / "docs").glob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
     long = {page.name: len(page.read_text().split()) for page in pages}
     assert not {name: words for name, words in long.items() if words > 1200}
+
+
+def test_every_link_of_the_documents_leads_somewhere() -> None:
+    if not (ROOT / "docs" / "results").is_dir():
+        pytest.skip("a source archive leaves the results out")
+    documents = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *ROOT.glob("*/README.md")]
+    for document in documents:
+        for target in re.findall(r"\]\((?!https?:)([^)#]+)", document.read_text()):
+            assert (document.parent / target).exists(), f"{document}: {target}"
