@@ -130,7 +130,7 @@ def draw(run: Run, path: str) -> None:
         values = run.channels[:, taxel.CHANNELS.index(name)]
         electrodes.plot(seconds, values - values[0], lw=0.8, label=name)
     electrodes.set_ylabel("electrodes less rest, counts")
-    electrodes.legend(loc="upper right", ncols=5, fontsize=6)
+    electrodes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), ncols=2, fontsize=6)
     electrodes.set_xlabel("time, s: pressed, from 2 s on slid, too")
     figure.savefig(path, dpi=120)
 

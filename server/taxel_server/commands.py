@@ -82,6 +82,8 @@ def serve(
     spin_us: Annotated[int | None, _option("spin_us", "N")] = None,
     halt: Annotated[bool | None, _option("halt")] = None,
     http: Annotated[str | None, _option("http", "HOST:PORT")] = None,
+    websocket: Annotated[str | None, _option("websocket", "HOST:PORT")] = None,
+    websocket_origins: Annotated[list[str] | None, _option("websocket_origins", "ORIGIN")] = None,
     watchable: Annotated[bool | None, _option("watchable")] = None,
     load_seconds: Annotated[int | None, _option("load_seconds", "S")] = None,
     load_memory_mib: Annotated[int | None, _option("load_memory_mib", "MIB")] = None,
@@ -200,6 +202,7 @@ def _announce(listen: tuple[str, ...], service: "Service", models: list[ModelInf
             "listen": list(listen),
             "lane": service.lane.address if service.lane else None,
             "http": service.http,
+            "websocket": service.websocket,
             "models": [asdict(model) for model in models],
         }
         sys.stdout.write(json.dumps(ready) + "\n")
@@ -210,6 +213,8 @@ def _announce(listen: tuple[str, ...], service: "Service", models: list[ModelInf
         OUT.print(f"{model.name}/{model.version} {model.state}{reason}", markup=False, soft_wrap=True)
     if service.http:
         OUT.print(f"metrics on http://{service.http}/metrics", soft_wrap=True)
+    if service.websocket:
+        OUT.print(f"web pages on {service.websocket}", soft_wrap=True)
     OUT.print(f"listening on {', '.join(listen)}", soft_wrap=True)
     sys.stdout.flush()
 

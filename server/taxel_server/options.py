@@ -5,7 +5,7 @@ from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import BaseModel, Field, field_validator, model_validator
 
-from taxel.endpoints import EXPECTED
+from taxel.endpoints import EXPECTED, is_loopback
 from taxel.lane.offer import parse_address
 from taxel.protocol import MAX_ROWS, PREFIX
 
@@ -109,6 +109,15 @@ class ServerOptions(BaseModel):
         default="off",
         description="Where metrics and health are told over HTTP, as HOST:PORT, or off.",
     )
+    websocket: str = Field(
+        default="off",
+        description="Where web pages of this machine may ask over a WebSocket, as 127.0.0.1:PORT, or off.",
+    )
+    websocket_origins: tuple[str, ...] = Field(
+        default=(),
+        description="Where a page that may ask comes from, as https://HOST; may be given several times. "
+        "Pages from loopback always may.",
+    )
     watchable: bool = Field(
         default=False,
         description="Whether any client may watch what all clients ask and get (taxel watch).",
@@ -140,7 +149,7 @@ class ServerOptions(BaseModel):
         description="Seconds to finish the queued requests after a signal to stop.",
     )
 
-    @field_validator("listen", "providers", "allow", mode="before")
+    @field_validator("listen", "providers", "allow", "websocket_origins", mode="before")
     @classmethod
     def _several(cls, value: Any) -> Any:
         """An environment variable may name several, separated by commas."""
@@ -170,6 +179,13 @@ class ServerOptions(BaseModel):
         if http != "off":
             host_and_port(http)
         return http
+
+    @field_validator("websocket")
+    @classmethod
+    def _is_of_loopback(cls, websocket: str) -> str:
+        if websocket != "off" and not is_loopback(host_and_port(websocket)[0]):
+            raise ValueError(f"{websocket!r}: expected a port of loopback, such as 127.0.0.1:7449, or off")
+        return websocket
 
     @field_validator("allow")
     @classmethod
@@ -203,6 +219,12 @@ class ServerOptions(BaseModel):
             raise ValueError(
                 f"lane {self.lane}: any user of the machine may ask there: expected unix:PATH or off"
             )
+        if (self.users or self.tls_client_ca) and self.websocket != "off":
+            raise ValueError(
+                f"websocket {self.websocket}: any user of the machine may ask there: expected off"
+            )
+        if self.websocket != "off" and self.lane == "off":
+            raise ValueError(f"websocket {self.websocket}: expected a lane, which it passes requests to")
         return self
 
     @model_validator(mode="after")

@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING, Self
 
+from taxel.dependencies import require
 from taxel.errors import TaxelError
 from taxel.lane.offer import LaneOffer
 from taxel_server.core.administration import Administration
@@ -15,6 +16,7 @@ from taxel_server.transports.zenoh_transport import ZenohTransport
 
 if TYPE_CHECKING:
     from taxel_server.operations.http_endpoint import HttpEndpoint
+    from taxel_server.transports.web_socket import WebSocketTransport
 
 
 class Service:
@@ -33,6 +35,7 @@ class Service:
         self._core.take_order = Administration(engine, exchange, options.admin).take
         self._liveness = Liveness(lambda: self._core.progress)
         self._http: HttpEndpoint | None = None
+        self._web_socket: WebSocketTransport | None = None
         self._options = options
         self._zenoh = ZenohTransport(self._core, options)
         self._lane = LaneTransport(self._core, options)
@@ -53,6 +56,11 @@ class Service:
         return self._http.address if self._http else None
 
     @property
+    def websocket(self) -> str | None:
+        """Where web pages may ask, as `ws://HOST:PORT/`; None if nowhere."""
+        return self._web_socket.address if self._web_socket else None
+
+    @property
     def is_live(self) -> bool:
         """Whether the server makes progress."""
         return self._liveness.is_live()
@@ -62,15 +70,18 @@ class Service:
 
         Raises:
             SettingsError: an endpoint is malformed.
+            MissingDependency: the package for WebSockets is missing.
             TaxelError: an endpoint is occupied.
         """
         self._zenoh.listen()
         try:
             self._http = self._listen_for_http()
             self._core.lane = self._lane.listen()
+            self._web_socket = self._listen_for_pages()
         except TaxelError:
             if self._http is not None:
                 self._http.close()
+            self._lane.close()
             self._zenoh.hang_up()
             raise
         if self._loader is not None:
@@ -78,6 +89,8 @@ class Service:
             self._loader.watch(self._core.refresh_routes)
         self._core.start()
         self._lane.start()
+        if self._web_socket is not None:
+            self._web_socket.start()
         self._zenoh.start()
         self._core.ready = True
         if self._http is not None:
@@ -94,6 +107,17 @@ class Service:
         registry = registry_of(core.statistics.read, lambda: core.ready)
         return HttpEndpoint(self._options.http, registry, self._liveness.is_live, lambda: core.ready)
 
+    def _listen_for_pages(self) -> "WebSocketTransport | None":
+        if self._options.websocket == "off":
+            return None
+        require("a WebSocket for web pages", "watch", "websockets")
+        from taxel_server.transports.web_socket import WebSocketTransport
+
+        if self._core.lane is None:
+            raise TaxelError("websocket: there is no lane to pass requests to; the log says why")
+        origins = self._options.websocket_origins
+        return WebSocketTransport(self._options.websocket, origins, self._core.lane.address)
+
     def close(self) -> bool:
         """Stop: accept no more requests, answer the queued ones, and close the session.
 
@@ -109,6 +133,8 @@ class Service:
         self._core.drain()
         if self._http is not None:
             self._http.close()
+        if self._web_socket is not None:
+            self._web_socket.close()
         self._lane.close()
         return self._zenoh.close()
 

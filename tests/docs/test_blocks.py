@@ -1,6 +1,7 @@
 """The fenced blocks of README and docs: each names its language, commands are understood, examples run.
 
-What takes long, needs a package index or changes the machine is not run. Its commands are parsed.
+What takes long, needs a package index or changes the machine is not run. Its commands are parsed. So are
+those that made the pictures and results of `docs/figures.json`.
 """
 
 import json
@@ -21,7 +22,8 @@ import typer
 
 from taxel.commands.cli import build
 from taxel_bench.commands import app as bench_app
-from taxel_bench.server_process import running_server
+from taxel_bench.server_process import free_port, running_server, start_server
+from taxel_models.loop.effects.registry import NAMES
 from taxel_models.shipped import shipped_repository
 
 ROOT: Final = Path(__file__).resolve().parents[2]
@@ -91,18 +93,23 @@ def commands(block: Block) -> list[list[str]]:
     """The `taxel` and `bench` commands of a block, as their words."""
     found = []
     for line in block.text.replace("\\\n", " ").splitlines():
-        for part in re.split(r"&&|\|", line):
-            if re.match(r"\s*(taxel|bench)\s", part):
-                found.append(shlex.split(part.partition(" > ")[0], comments=True))
+        found += commands_of(line)
     return found
 
+
+def commands_of(line: str) -> list[list[str]]:
+    parts = [part for part in re.split(r"&&|\|", line) if re.match(r"\s*(taxel|bench)\s", part)]
+    return [shlex.split(part.partition(" > ")[0], comments=True) for part in parts]
+
+
+FIGURES: Final = json.loads((ROOT / "docs" / "figures.json").read_text())
 
 COMMANDS: Final = [
     (f"{block.page}:{block.line}", words)
     for block in ALL
     if block.language == "sh"
     for words in commands(block)
-]
+] + [(figure["files"][0], words) for figure in FIGURES for words in commands_of(figure["command"])]
 
 
 @pytest.mark.parametrize(("where", "words"), COMMANDS, ids=[" ".join(words) for _, words in COMMANDS])
@@ -129,7 +136,29 @@ source = taxel.connect("tcp/127.0.0.1:7447")
 predictor = source.predictor("xgb")
 windows = a = b = np.zeros((3, predictor.window.length), np.float32)
 """,
+    "docs/gazebo.md": """
+import numpy as np, taxel
+windows, tdc = np.ones((3, 12), np.float32), np.full(3, 1970, np.float32)
+""",
+    "docs/other_simulators.md": f"""
+import runpy, gymnasium, mujoco, taxel, taxel.gymnasium, taxel.mujoco
+import numpy as np
+
+class Finger(gymnasium.Env):
+    observation_space = action_space = gymnasium.spaces.Box(-1.0, 1.0, (1,), np.float32)
+    dt = 0.01
+    model = mujoco.MjModel.from_xml_string(
+        runpy.run_path({str(ROOT / "examples" / "mujoco_fingertip.py")!r})["SCENE"]
+    )
+    data = mujoco.MjData(model)
+    def reset(self, *, seed=None, options=None):
+        mujoco.mj_forward(self.model, self.data)
+        return np.zeros(1, np.float32), {{}}
+
+env, predictor = Finger(), taxel.load().predictor()
+""",
     "docs/replicas.md": "import taxel\n",
+    "docs/security.md": "import numpy as np, taxel\nwindows = np.zeros((1, 12), np.float32)\n",
     "docs/recordings.md": """
 from taxel_models.recordings import write_ruppel
 from taxel_models.twin import simulate
@@ -138,15 +167,56 @@ write_ruppel(simulate(300, 1), Path("night_run.csv"))
 """,
 }
 
-NOT_RUN: Final = {
-    # Run elsewhere, or they need a file or a machine that this test does not have.
-    "README.md": "tests/end_to_end/test_readme.py",
-    "docs/simulators.md": "tests/end_to_end/test_readme.py",
-    "docs/gazebo.md": "tests/exporters/gazebo",
-    "docs/other_simulators.md": "tests/clients/test_gymnasium.py has an environment",
-    "docs/security.md": "tests/server/test_access.py has certificates and users",
-    "docs/loop.md": "the blocks before it take minutes; tests/exporters/test_corrected.py",
+CHECKS: Final = {
+    # What a page says in words of what its examples give.
+    "README.md": "assert list(dict(zip(taxel.CHANNELS, channels[0].tolist()))) == list(taxel.CHANNELS)",
+    "docs/gazebo.md": "assert counts.shape == (3, 21) and abs(warm - counts).max() > 0.01",
+    "docs/loop.md": "assert predictor.manifest.version == '2' and channels.shape == (1, 21)",
+    "docs/other_simulators.md": "assert observation['channels'].shape == (1, 21)",
+    "docs/security.md": "assert server.predictor('xgb').predict(windows).shape == (1, 21)",
+    "docs/simulators.md": "assert channels.shape == (64, 21)",
 }
+
+_SHIPPED: Final = "$(python -c 'from taxel.local import shipped_repository; print(shipped_repository())')"
+_GAZEBO: Final = str(ROOT / "tests" / "exporters" / "gazebo" / "conftest.py")
+
+FOLLOWED: Final = {
+    # Pages whose blocks work one after the other, and what they take as given.
+    "docs/start.md": "",
+    "docs/your_recordings.md": """
+taxel twin --rows 3000 --seed 7 -o mine.csv
+taxel twin --rows 3000 --seed 8 -o measured.csv
+""",
+    "docs/loop.md": "",
+    "docs/twin.md": "",
+    "docs/gazebo.md": f"""
+python -c "import pathlib, runpy; runpy.run_path('{_GAZEBO}')['network_b']().write(pathlib.Path('.'))"
+""",
+    "docs/security.md": f"""
+mkdir repository && cp -r {_SHIPPED}/xgb repository/
+python -m trustme -q -i localhost && mv client.pem ca.pem
+printf 'robot:…\noperator:turns\n' > users
+""",
+}
+
+STAND_INS: Final = {
+    '["tcp/10.0.0.1:7447", "tcp/10.0.0.2:7447", "tcp/10.0.0.3:7447"]': f'["{ENDPOINT}"]',
+    'MemoryServer("repository")': "MemoryServer()",
+    '"mine"': '"xgb"',
+}
+"""What a page calls a reader's own repository and model, and what a test has instead."""
+
+_FEW: Final = "".join(f" --exclude {name}" for name in NAMES if name not in ("creep", "offset"))
+
+SMALLER: Final = {
+    "-o trained\n": "-o trained --set n_estimators=20\n",
+    "--least-share 0.015": f"--stability 0{_FEW}",
+    "--rows 60000 --effect creep:1": "--rows 12000 --effect creep:1",
+}
+"""What makes a page's commands quick enough for a test."""
+
+NEVER: Final = ("pip ", "make ", "bench ", "taxel check", "taxel loop --model xgb --repository REPO")
+"""What `taxel check` says depends on how busy the machine is."""
 
 
 @pytest.fixture(scope="module")
@@ -168,7 +238,7 @@ def _run(command: list[str], folder: Path, where: str) -> str:
     return done.stdout
 
 
-PYTHON_PAGES: Final = sorted({one.page for one in ALL if one.language == "python"} - set(NOT_RUN))
+PYTHON_PAGES: Final = sorted({one.page for one in ALL if one.language == "python"} - set(FOLLOWED))
 
 
 def _awaited(text: str) -> str:
@@ -176,14 +246,19 @@ def _awaited(text: str) -> str:
     return f"async def example():\n{lines}asyncio.run(example())\n"
 
 
-@pytest.mark.parametrize("page", [page for page in PYTHON_PAGES if page != "docs/start.md"])
+def test_the_readme_example_is_short() -> None:
+    (example,) = (block for block in blocks("README.md") if block.language == "python")
+    assert len(example.text.strip().splitlines()) <= 12
+
+
+@pytest.mark.parametrize("page", PYTHON_PAGES)
 def test_python_examples_run(page: str, server: str, tmp_path: Path) -> None:
     """All examples of a page, one after the other, in one program, and what they print."""
     parts = [PRELUDES.get(page, "")]
     for block in blocks(page):
         if block.language == "python":
             parts.append(_awaited(block.text) if "async with" in block.text else block.text)
-    text = "\n".join(parts)
+    text = "\n".join([*parts, CHECKS.get(page, "")])
     for given, there in STAND_INS.items():
         text = text.replace(given, there)
     text = text.replace(ENDPOINT, server)
@@ -195,53 +270,62 @@ def test_python_examples_run(page: str, server: str, tmp_path: Path) -> None:
         _compare(printed, "".join(expected), page)
 
 
-STAND_INS: Final = {
-    '["tcp/10.0.0.1:7447", "tcp/10.0.0.2:7447", "tcp/10.0.0.3:7447"]': f'["{ENDPOINT}"]',
-    'MemoryServer("repository")': "MemoryServer()",
-    '"mine"': '"xgb"',
-}
-"""What a page calls a reader's own repository and model, and what a test has instead."""
-
-SMALLER: Final = {"-o trained\n": "-o trained --set n_estimators=20\n"}
-"""What makes a page's commands quick enough for a test."""
-
-NEVER: Final = ("pip ", "make ", "bench ", "taxel check")
-"""What `taxel check` says depends on how busy the machine is."""
-
-
-@pytest.mark.parametrize("page", ["docs/start.md", "docs/your_recordings.md"])
-def test_a_page_can_be_followed(page: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("page", FOLLOWED)
+def test_a_page_can_be_followed(page: str, server: str, tmp_path: Path) -> None:
     """The commands and examples of a page work one after the other, and print what the page shows."""
-    if page != "docs/start.md":
-        for name, seed in (("mine", "7"), ("measured", "8")):
-            _run(["taxel", "twin", "--rows", "3000", "--seed", seed, "-o", f"{name}.csv"], tmp_path, page)
+    endpoint, printed = server, ""
     with ExitStack() as servers:
-        endpoint, printed = ENDPOINT, ""
-        for block in blocks(page):
+        for block in [Block(page, 0, "sh", FOLLOWED[page]), *blocks(page)]:
             where = f"{block.page}:{block.line}"
             if block.language == "output":
                 _compare(printed, block.text, where)
             for command in _steps(block):
                 if command[-1].startswith("taxel serve"):
-                    endpoint = servers.enter_context(running_server(_repository(command[-1], tmp_path)))
+                    endpoint = _serve(command[-1], tmp_path, servers) or server
                 else:
-                    printed = _run([one.replace(ENDPOINT, endpoint) for one in command], tmp_path, where)
+                    there = [
+                        re.sub(r"tcp/127.0.0.1:7447|tls/robot.example:7447", endpoint, one)
+                        for one in command
+                    ]
+                    printed = _run(there, tmp_path, where)
 
 
 def _steps(block: Block) -> list[list[str]]:
-    """What a block runs: one Python program, or a shell for each line."""
-    text = block.text
+    """What a block runs: one Python program, one shell, or a shell a line where one starts a server."""
+    if block.language == "python":
+        program = f"{PRELUDES.get(block.page, '')}\n{block.text}\n{CHECKS.get(block.page, '')}"
+        return [[sys.executable, "-c", program]]
+    if block.language != "sh":
+        return []
+    lines = block.text.replace("\\\n", " ").splitlines()
+    text = "".join(f"{line}\n" for line in lines if not line.startswith(NEVER) and not _again(block, line))
     for long, short in SMALLER.items():
         text = text.replace(long, short)
-    if block.language == "python":
-        return [[sys.executable, "-c", text]]
-    lines = text.splitlines() if block.language == "sh" else []
-    return [["bash", "-ec", line] for line in lines if not line.startswith(NEVER)]
+    return [["bash", "-ec", one] for one in (text.splitlines() if "taxel serve" in text else [text])]
 
 
-def _repository(serve: str, folder: Path) -> Path:
-    named = re.search(r"--repository (\S+)", serve)
-    return folder / named[1] if named else shipped_repository()
+def _again(block: Block, line: str) -> bool:
+    """Whether the loop, which takes longest, runs in the same words where the first page is followed."""
+    first = "docs/start.md"
+    return line.startswith("taxel loop") and block.page != first and line in (ROOT / first).read_text()
+
+
+def _serve(line: str, folder: Path, servers: ExitStack) -> str | None:
+    """Start what a page starts, on a free port. None for a server of the shipped models, which is there."""
+    words = shlex.split(line)[2:]
+    options = list(zip(words[::2], words[1::2], strict=True))
+    repository = folder / dict(options).get("--repository", "repository")
+    if not repository.exists():
+        return None
+    others = [one for one in options if one[0] not in ("--repository", "--listen")]
+    arguments = [
+        str(folder / word) if (folder / word).is_file() else word for pair in others for word in pair
+    ]
+    endpoint = f"{'tls/localhost' if '--tls-key' in arguments else 'tcp/127.0.0.1'}:{free_port()}"
+    process = start_server(repository, endpoint, *arguments)
+    servers.callback(process.communicate)
+    servers.callback(process.terminate)
+    return endpoint
 
 
 def _compare(printed: str, shown: str, where: str) -> None:

@@ -1,5 +1,6 @@
 """zenoh's endpoints: what both ends say of one that is malformed, or that cannot be had."""
 
+from ipaddress import ip_address
 from typing import Any, Final
 
 from taxel.errors import InvalidArgument
@@ -43,6 +44,14 @@ def host_and_port_of(endpoint: str) -> tuple[str, int] | None:
         return None
     host, port = _parts(address)
     return host.strip("[]"), int(port)
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a host's name or address is this machine's own, as far as its text tells."""
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
 
 
 def _parts(address: str) -> tuple[str, str]:

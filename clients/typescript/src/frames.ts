@@ -46,8 +46,8 @@ export interface Reply {
 const padded = (bytes: number): number => Math.ceil(bytes / 4) * 4;
 
 /** Raises INVALID_ARGUMENT for windows of unequal length, and for what no frame can hold. */
-export function encodeRequest(request: Request): Buffer {
-  const path = Buffer.from(request.path, "utf8");
+export function encodeRequest(request: Request): Uint8Array<ArrayBuffer> {
+  const path = new TextEncoder().encode(request.path);
   if (path.length > PATH_LIMIT)
     throw new TaxelError("INVALID_ARGUMENT", `the path has ${path.length} bytes; at most ${PATH_LIMIT} are allowed`);
   const numbers = request.windows[0]?.length ?? 0;
@@ -55,17 +55,18 @@ export function encodeRequest(request: Request): Buffer {
   const size = start + 4 * request.windows.length * numbers;
   if (size > UINT32_LIMIT)
     throw new TaxelError("INVALID_ARGUMENT", `the request has ${size} bytes; at most ${UINT32_LIMIT} fit a frame`);
-  const frame = Buffer.alloc(size);
-  frame.writeUInt32BE(MAGIC, 0);
-  frame.writeUInt32LE(size, 4);
-  frame.writeUInt8(REQUEST, 8);
-  frame.writeUInt8(request.spread ? 1 : 0, 9);
-  frame.writeUInt16LE(path.length, 10);
-  frame.writeUInt32LE(request.id, 12);
-  frame.writeUInt32LE(request.windows.length, 16);
-  frame.writeUInt32LE(numbers, 20);
-  frame.writeDoubleLE(request.timeoutMs, 24);
-  path.copy(frame, HEAD_BYTES);
+  const frame = new Uint8Array(size);
+  const view = new DataView(frame.buffer);
+  view.setUint32(0, MAGIC);
+  view.setUint32(4, size, true);
+  view.setUint8(8, REQUEST);
+  view.setUint8(9, request.spread ? 1 : 0);
+  view.setUint16(10, path.length, true);
+  view.setUint32(12, request.id, true);
+  view.setUint32(16, request.windows.length, true);
+  view.setUint32(20, numbers, true);
+  view.setFloat64(24, request.timeoutMs, true);
+  frame.set(path, HEAD_BYTES);
   let at = start;
   request.windows.forEach((window, row) => {
     if (window.length !== numbers)
@@ -73,48 +74,51 @@ export function encodeRequest(request: Request): Buffer {
         "INVALID_ARGUMENT",
         `window ${row} has ${window.length} numbers, and window 0 has ${numbers}; all windows have the same length`,
       );
-    // Not writeFloatLE: it is checked at each call, and a request may hold a million numbers.
-    const view = new DataView(frame.buffer, frame.byteOffset + at, 4 * numbers);
-    for (let i = 0; i < numbers; i++) view.setFloat32(4 * i, window[i] as number, true);
+    for (let i = 0; i < numbers; i++) view.setFloat32(at + 4 * i, window[i] as number, true);
     at += 4 * numbers;
   });
   return frame;
 }
 
+const viewOf = (bytes: Uint8Array): DataView => new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+
 /** The bytes of the whole frame that starts with `head`, of 32 bytes. Raises INTERNAL if it is no reply. */
-export function replyBytes(head: Buffer): number {
-  const kind = head.readUInt8(8);
-  const size = head.readUInt32LE(4);
-  if (head.readUInt32BE(0) !== MAGIC || (kind !== PREDICTIONS && kind !== ERROR))
+export function replyBytes(head: Uint8Array): number {
+  const view = viewOf(head);
+  const kind = view.getUint8(8);
+  const size = view.getUint32(4, true);
+  if (view.getUint32(0) !== MAGIC || (kind !== PREDICTIONS && kind !== ERROR))
     throw new TaxelError("INTERNAL", "what came from the server is no reply of the lane");
-  const rows = head.readUInt32LE(16);
-  const spread = head.readUInt8(9);
+  const rows = view.getUint32(16, true);
+  const spread = view.getUint8(9);
   const right =
     kind === ERROR
       ? size > HEAD_BYTES && size <= HEAD_BYTES + ERROR_LIMIT
-      : size === HEAD_BYTES + 4 * CHANNELS * rows * (1 + spread) && spread <= 1 && head.readUInt16LE(10) === CHANNELS;
+      : size === HEAD_BYTES + 4 * CHANNELS * rows * (1 + spread) && spread <= 1 && view.getUint16(10, true) === CHANNELS;
   if (!right) throw new TaxelError("INTERNAL", `the server's reply of ${size} bytes contradicts its head`);
   return size;
 }
 
 /** `frame` is one whole frame, whose head `replyBytes` has accepted. */
-export function decodeReply(frame: Buffer): Reply {
-  const id = frame.readUInt32LE(12);
-  if (frame.readUInt8(8) === ERROR) {
+export function decodeReply(frame: Uint8Array): Reply {
+  const view = viewOf(frame);
+  const id = view.getUint32(12, true);
+  if (view.getUint8(8) === ERROR) {
     const message = decodeTextMap(frame.subarray(HEAD_BYTES));
     return { id, content: serverError(message.get("code") ?? "INTERNAL", message.get("error") ?? "no text") };
   }
-  const rows = frame.readUInt32LE(16);
-  const channels = decodeRows(frame, HEAD_BYTES, rows);
-  const spread = frame.readUInt8(9) === 1 ? decodeRows(frame, HEAD_BYTES + 4 * CHANNELS * rows, rows) : undefined;
-  const batchRows = frame.readUInt32LE(20);
-  const [queueUs, computeUs] = [frame.readUInt32LE(24), frame.readUInt32LE(28)];
+  const rows = view.getUint32(16, true);
+  const channels = decodeRows(view, HEAD_BYTES, rows);
+  const spread = view.getUint8(9) === 1 ? decodeRows(view, HEAD_BYTES + 4 * CHANNELS * rows, rows) : undefined;
+  const batchRows = view.getUint32(20, true);
+  const [queueUs, computeUs] = [view.getUint32(24, true), view.getUint32(28, true)];
   return { id, content: { channels, spread, queueUs, computeUs, batchRows } };
 }
 
-function decodeRows(frame: Buffer, start: number, rows: number): Float32Array[] {
-  const view = new DataView(frame.buffer, frame.byteOffset + start, 4 * CHANNELS * rows);
+function decodeRows(view: DataView, start: number, rows: number): Float32Array[] {
   return Array.from({ length: rows }, (_, row) =>
-    Float32Array.from({ length: CHANNELS }, (_, channel) => view.getFloat32(4 * (row * CHANNELS + channel), true)),
+    Float32Array.from({ length: CHANNELS }, (_, channel) =>
+      view.getFloat32(start + 4 * (row * CHANNELS + channel), true),
+    ),
   );
 }

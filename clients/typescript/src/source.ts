@@ -1,10 +1,9 @@
-/** The client: asks a server's lane for predictions. */
+/** The client, in a browser as in Node: asks a server's lane for predictions. */
 
-import { Connection } from "./connection.js";
 import { ServerLost, TaxelError } from "./errors.js";
 import { encodeRequest, type Predictions, type Reply } from "./frames.js";
 
-const LARGEST_TIMEOUT_MS = 2 ** 31 - 1; // the most that a timer of Node holds
+const LARGEST_TIMEOUT_MS = 2 ** 31 - 1; // the most that a timer holds
 const LARGEST_ID = 2 ** 32 - 1;
 
 export interface SourceOptions {
@@ -21,20 +20,36 @@ export interface InferOptions {
   readonly timeoutMs?: number;
 }
 
+/** What carries frames. It is given up when it ends; the next request opens another one. */
+export interface Connection {
+  /** The most bytes of a frame. */
+  readonly longest: number;
+  /** What is sent before the connection is there waits. */
+  send(frame: Uint8Array<ArrayBuffer>): void;
+  end(error: TaxelError): void;
+}
+
+/** Opens a connection to an address. `onLost` is called once, however it ends. */
+export type Opening = (
+  address: string,
+  onReply: (reply: Reply) => void,
+  onLost: (error: TaxelError) => void,
+) => Connection;
+
 interface InFlight {
   readonly resolve: (predictions: Predictions) => void;
   readonly reject: (error: TaxelError) => void;
-  readonly timer: NodeJS.Timeout;
+  readonly timer: ReturnType<typeof setTimeout>;
   readonly rows: number;
 }
 
 /**
- * A server at its lane's address: `unix:PATH` or `tcp:HOST:PORT`.
+ * A server at an address that `open` understands.
  *
  * It connects at the first request, and again at the first after a connection was lost. Any number of requests may be in
  * flight. An open connection keeps the process alive; `close` ends it.
  */
-export class Source {
+export class SourceBy {
   private connection: Connection | undefined;
   private readonly inFlight = new Map<number, InFlight>();
   private lastId = 0;
@@ -42,6 +57,7 @@ export class Source {
   private readonly timeoutMs: number;
 
   constructor(
+    private readonly open: Opening,
     readonly address: string,
     options: SourceOptions = {},
   ) {
@@ -57,6 +73,11 @@ export class Source {
     const id = this.nextId();
     const frame = encodeRequest({ id, path, windows, spread: options.spread ?? false, timeoutMs });
     const connection = this.connected();
+    if (frame.length > connection.longest)
+      throw new TaxelError(
+        "RESOURCE_EXHAUSTED",
+        `the request has ${frame.length} bytes; at most ${connection.longest} are taken here`,
+      );
     return new Promise((resolve, reject) => {
       const late = (): void => this.finish(id, new TaxelError("DEADLINE_EXCEEDED", `no answer within ${timeoutMs} ms`));
       this.inFlight.set(id, { resolve, reject, timer: setTimeout(late, timeoutMs), rows: windows.length });
@@ -71,7 +92,7 @@ export class Source {
   }
 
   private connected(): Connection {
-    this.connection ??= new Connection(
+    this.connection ??= this.open(
       this.address,
       (reply) => this.onReply(reply),
       (error) => this.onLost(error),

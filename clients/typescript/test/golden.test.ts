@@ -24,11 +24,11 @@ function predictions(name: string): Predictions {
 }
 
 test("a request is written byte for byte", () => {
-  assert.deepEqual(encodeRequest(REQUEST), golden("lane_request.bin"));
+  assert.deepEqual(Buffer.from(encodeRequest(REQUEST)), golden("lane_request.bin"));
 });
 
 test("the flag of the spread is byte 9, and the path is padded to 4 bytes", () => {
-  const frame = encodeRequest({ ...REQUEST, path: "v2/models/skins/infer", spread: true });
+  const frame = Buffer.from(encodeRequest({ ...REQUEST, path: "v2/models/skins/infer", spread: true }));
   const expected = golden("lane_request.bin");
   assert.equal(frame.length, expected.length + 4);
   assert.equal(frame[9], 1);

@@ -1,4 +1,4 @@
-/** Against a real server, over both kinds of lane. */
+/** Against a real server, over both kinds of lane, and over a WebSocket to the server of the second. */
 
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
@@ -15,7 +15,16 @@ const folder = mkdtempSync(join(tmpdir(), "taxel-"));
 const repository = makeRepository(folder);
 const unix = `unix:${join(folder, "lane.sock")}`;
 const tcp = `tcp:127.0.0.1:${await freePort()}`;
-const sources = { unix: new Source(unix, { timeoutMs: 60_000 }), tcp: new Source(tcp, { timeoutMs: 60_000 }) };
+const webSocket = `127.0.0.1:${await freePort()}`;
+const patient = { timeoutMs: 60_000 };
+const sources = {
+  unix: new Source(unix, patient),
+  tcp: new Source(tcp, patient),
+  ws: new Source(`ws://${webSocket}/`, patient),
+};
+/** The lane of the server that a source asks. */
+const laneOf = (source: Source): string => (source === sources.unix ? unix : tcp);
+const start = (lane: string): Promise<Server> => startServer(repository, lane, lane === tcp ? ["--websocket", webSocket] : []);
 const running = new Map<string, Server>();
 
 /** The same numbers each time: contacts of some millimetres and newtons. */
@@ -25,7 +34,7 @@ const windows = Array.from({ length: 200 }, (_, row) =>
 const first = windows.slice(0, 1);
 
 before(async () => {
-  for (const lane of [unix, tcp]) running.set(lane, await startServer(repository, lane));
+  for (const lane of [unix, tcp]) running.set(lane, await start(lane));
 });
 
 after(async () => {
@@ -48,7 +57,7 @@ test("the README's example prints what it shows", () => {
 
 for (const [kind, source] of Object.entries(sources)) {
   test(`${kind}: 64 requests in flight get the Python client's numbers, bit for bit`, async () => {
-    const expected = askPython(running.get(source.address)!.endpoint, windows);
+    const expected = askPython(running.get(laneOf(source))!.endpoint, windows);
     // Of 1 to 4 windows each, so that an answer in another one's place is seen.
     const starts = Array.from({ length: 64 }, (_, i) => 3 * i);
     const parts = starts.map((start, i) => windows.slice(start, start + 1 + (i % 4)));
@@ -73,19 +82,21 @@ for (const [kind, source] of Object.entries(sources)) {
     await rejects(source.infer("xgb", [[1, 2, 3]]), "INVALID_ARGUMENT", /\[1, 3\].* \[n, 12\]/);
     await rejects(source.infer("xgb", [bad]), "INVALID_ARGUMENT", /nan/);
     await rejects(source.infer("xgb", first, { spread: true }), "INVALID_ARGUMENT", /spread/);
-    await rejects(source.infer("xgb", Array(65_537).fill(first[0])), "RESOURCE_EXHAUSTED", /65537/);
+    if (kind !== "ws") await rejects(source.infer("xgb", Array(65_537).fill(first[0])), "RESOURCE_EXHAUSTED", /65537/);
+    else await rejects(source.infer("xgb", Array(21_900).fill(first[0])), "RESOURCE_EXHAUSTED", /at most 1048576/);
     await rejects(source.infer("xgb", first, { timeoutMs: 1e-6 }), "DEADLINE_EXCEEDED", /./);
     assert.equal((await source.infer("xgb", first)).channels.length, 1);
   });
 
   test(`${kind}: what is in flight when a server is killed fails as ServerLost, and a later call connects again`, async () => {
-    await pause(running.get(source.address)!); // So that the request cannot be answered before.
+    const lane = laneOf(source);
+    await pause(running.get(lane)!); // So that the request cannot be answered before.
     const lost = Array.from({ length: 3 }, () => source.infer("xgb", first));
     const rejected = lost.map((call) => assert.rejects(call, { name: "ServerLost", code: "UNAVAILABLE" }));
-    await stop(running.get(source.address)!, "SIGKILL");
+    await stop(running.get(lane)!, "SIGKILL");
     await Promise.all(rejected);
     await assert.rejects(source.infer("xgb", first), { name: "ServerLost", code: "UNAVAILABLE" });
-    running.set(source.address, await startServer(repository, source.address));
+    running.set(lane, await start(lane));
     assert.equal((await source.infer("xgb", first)).channels.length, 1);
   });
 }

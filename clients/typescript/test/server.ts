@@ -34,9 +34,9 @@ export interface Server {
 }
 
 /** Resolves when the server is ready: it prints one JSON object then. */
-export async function startServer(repository: string, lane: string): Promise<Server> {
+export async function startServer(repository: string, lane: string, more: readonly string[] = []): Promise<Server> {
   const endpoint = `tcp/127.0.0.1:${await freePort()}`;
-  const options = ["--repository", repository, "--listen", endpoint, "--lane", lane, "--json"];
+  const options = ["--repository", repository, "--listen", endpoint, "--lane", lane, "--json", ...more];
   const server = spawn(PYTHON, ["-m", "taxel", "serve", ...options], { stdio: ["ignore", "pipe", "inherit"] });
   await Promise.race([
     once(server.stdout, "data"),

@@ -6,11 +6,10 @@ can neither declare keys, nor publish, nor ask beyond its rights, be it on a net
 
 import logging
 from collections.abc import Mapping
-from ipaddress import ip_address
 from pathlib import Path
 from typing import Any, Final
 
-from taxel.endpoints import host_and_port_of
+from taxel.endpoints import host_and_port_of, is_loopback
 from taxel.errors import SettingsError
 from taxel.protocol import REPLICAS
 from taxel_server.options import RIGHTS, ServerOptions
@@ -89,10 +88,7 @@ def _is_loopback(endpoint: str) -> bool:
     address = host_and_port_of(endpoint)
     if address is None:
         return endpoint.startswith("unixsock-stream/")
-    try:
-        return ip_address(address[0]).is_loopback
-    except ValueError:
-        return address[0] == "localhost"
+    return is_loopback(address[0])
 
 
 def _readable(option: str, path: Path | None) -> str:

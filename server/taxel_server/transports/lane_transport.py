@@ -61,6 +61,7 @@ class LaneTransport:
         self._accepts_again_at = 0.0
         self._stop_at: float | None = None
         self._socket: LaneSocket | None = None
+        self._thread: Thread | None = None
 
     def listen(self) -> LaneOffer | None:
         """Open the socket, and say how clients find it. None if there is no lane.
@@ -99,9 +100,10 @@ class LaneTransport:
         """Give clients a moment to read their replies, and close; call it after the core was drained."""
         if self._socket is None:
             return
-        self._stop_at = time.monotonic() + _FAREWELL_S
-        self._wake()
-        self._thread.join()
+        if self._thread is not None:
+            self._stop_at = time.monotonic() + _FAREWELL_S
+            self._wake()
+            self._thread.join()
         self._socket.close()
 
     def _run(self) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from taxel.channels import CHANNELS
 from taxel.errors import SettingsError
@@ -21,6 +22,7 @@ from taxel_models.loop.inference.contact_offset import ContactOffset
 from taxel_models.loop.inference.forms import prepared
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.pipeline import LoopResult, LoopSettings, run_loop
+from taxel_models.loop.report import confounded_picture
 from taxel_models.loop.report.confounded_picture import draw_confounded
 from taxel_models.loop.report.contents import Told, contents
 from taxel_models.loop.report.document import Picture
@@ -154,6 +156,16 @@ def test_effects_that_cannot_be_told_apart_are_a_graph(result: LoopResult, tmp_p
     told = text.split("\n## What cannot be told apart\n")[1].split("\n## ")[0]
     assert "drift cannot be told apart here from temperature and gain" in told
     assert "](graph.png)" in told
+
+
+def test_lines_of_the_graph_go_around_what_they_do_not_join() -> None:
+    axes = Figure().subplots()
+    confounded_picture._join(axes, 0.0, 2.0, 0.0)
+    (curve,) = axes.patches
+    assert curve.get_path().interpolated(9).vertices[:, 0].min() < -0.4
+    pairs = [("creep", "rate"), ("offset", "gain"), ("offset", "rate")]
+    rows = {"offset": 0.0, "creep": 1.0}
+    assert list(confounded_picture._places({"rate", "gain"}, pairs, rows)) == ["gain", "rate"]
 
 
 def test_html_stands_alone(folder: Path) -> None:

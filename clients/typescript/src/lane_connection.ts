@@ -1,10 +1,11 @@
-/** One connection to a lane: frames out, frames in. */
+/** A connection to a lane by a socket of Node: frames out, frames in. */
 
 import { statSync } from "node:fs";
 import { createConnection, type Socket } from "node:net";
 
 import { ServerLost, TaxelError } from "./errors.js";
 import { decodeReply, HEAD_BYTES, replyBytes, type Reply } from "./frames.js";
+import type { Connection } from "./source.js";
 
 /**
  * A socket that connects to `unix:PATH` or `tcp:HOST:PORT`. Raises INVALID_ARGUMENT for another address, and
@@ -19,7 +20,7 @@ function openSocket(address: string): Socket {
   const colon = place.lastIndexOf(":");
   const port = Number(place.slice(colon + 1));
   if (scheme === undefined || colon < 1 || !Number.isInteger(port) || port < 1 || port > 65535)
-    throw new TaxelError("INVALID_ARGUMENT", `no lane's address: '${address}'; expected unix:PATH or tcp:HOST:PORT`);
+    throw new TaxelError("INVALID_ARGUMENT", `no lane's address: '${address}'; expected unix:PATH, tcp:HOST:PORT or ws://HOST:PORT/`);
   return createConnection(port, place.slice(0, colon).replace(/^\[(.*)\]$/, "$1")).setNoDelay(true);
 }
 
@@ -35,7 +36,8 @@ function refuseOthersFile(path: string): void {
     throw new TaxelError("PERMISSION_DENIED", `${path} belongs to user ${owner}; a lane is the same user's or root's`);
 }
 
-export class Connection {
+export class LaneConnection implements Connection {
+  readonly longest = Infinity;
   private readonly socket: Socket;
   private chunks: Buffer[] = [];
   private held = 0;
@@ -55,7 +57,7 @@ export class Connection {
   }
 
   /** What is sent before the connection is there waits in the socket. */
-  send(frame: Buffer): void {
+  send(frame: Uint8Array): void {
     this.socket.write(frame);
   }
 
