@@ -6,6 +6,7 @@ Keys, below a prefix (`taxel` unless configured):
     <prefix>/v2/health/live, /v2/health/ready        is it up; is it ready to predict
     <prefix>/v2/models/<name>[/versions/<v>]         model metadata
     …/ready, …/infer, …/stats                        of one model
+    <prefix>/v2/cancel                               a request is given up
     <prefix>/v2/repository/index                     every model and its state
     <prefix>/@replica/<id>                           a liveliness token: this server is there
 
@@ -29,6 +30,12 @@ REPLICAS: Final = "@replica"
 
 MAX_ROWS: Final = 65_536
 """The most windows in one request; a server may allow fewer."""
+
+CANCEL: Final = "cancel"
+"""What servers call it, where they tell what they can, that a request can be given up."""
+
+CANCEL_PATH: Final = "v2/cancel"
+"""The path of a query that gives a request up; it has the `source_info` of that request."""
 
 _MAX_PARTS: Final = 64
 """The most lists and maps in one request, and the most entries in each."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Set
 from threading import Lock
 from typing import Any, Final
 
-from taxel.errors import RequestError
+from taxel.errors import Cancelled, RequestError
 from taxel.protocol import InferResponse
 from taxel_server.core.jobs import Job
 from taxel_server.core.refusals import Refusals
@@ -35,6 +35,11 @@ class Answers:
 
     def give(self, job: Job, result: InferResponse | RequestError) -> None:
         """Count an answer and give it; the job must not be open any more."""
+        if isinstance(result, Cancelled):
+            with self._lock:
+                self._statistics[job.model].add_cancelled(job.left)
+            tell(job, result)
+            return
         with self._lock:
             if isinstance(result, RequestError):
                 self._statistics[job.model].add_error(result.code)

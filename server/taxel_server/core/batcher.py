@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
-from taxel.errors import Internal, RequestError, ResourceExhausted, Unavailable
+from taxel.errors import Cancelled, Internal, RequestError, ResourceExhausted, Unavailable
 from taxel.protocol import InferResponse
 from taxel.windows.checks import check_finite
 from taxel_server.core.answers import Answers, tell
@@ -218,7 +218,15 @@ class Batcher:
         """Drop the requests of a connection or a session that is no longer there to be answered."""
         with self._lock:
             dropped = self._policy.gone(source)
-        self._answers.give_all(dropped, Unavailable("the client has gone"))
+        self._answers.give_all(dropped, Cancelled("the client has gone"))
+
+    def cancel(self, name: Hashable) -> bool:
+        """Drop the request of this name: its client has given it up. False if there is none open."""
+        with self._lock:
+            dropped = self._policy.cancel(name)
+        if dropped is not None:
+            self._answers.give(dropped, Cancelled("the client has given it up"))
+        return dropped is not None
 
     def stop(self, drain_seconds: float) -> None:
         """Take no more jobs; returns at once.
@@ -298,7 +306,7 @@ class Batcher:
         return [job for job in self._policy if self._policy.drop(job)]
 
     def _decoded(self, job: Job) -> Work | None:
-        """The checked request. None if it was refused, or is too late; then it has its answer."""
+        """The checked request. None if it was refused, is too late or given up; then it has its answer."""
         try:
             job.work = work = Work(job)
         except RequestError as error:
@@ -310,8 +318,10 @@ class Batcher:
             job.deadline = work.deadline
             if (now := time.monotonic()) <= job.deadline:
                 with self._lock:
-                    self._policy.shorten(job, work.rows)
-                return work
+                    if self._policy.shorten(job, work.rows):
+                        return work
+                job.work = None
+                return None
             self._settle(job, too_late(job, now))
         return None
 

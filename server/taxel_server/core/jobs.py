@@ -39,6 +39,7 @@ class Job(Ticket, ABC):
         size: its bytes.
         client: who asks. Clients that cannot be told from each other are one client.
         source: the connection that it came by; the client if none.
+        name: what the client calls it if it gives it up.
 
     Attributes:
         caller: what the client is called in logs, as far as the transport knows.
@@ -54,9 +55,15 @@ class Job(Ticket, ABC):
     seen: "Callable[[Job, InferResponse | RequestError], None] | None" = None
 
     def __init__(
-        self, model: LoadedModel, rows: int, size: int = 0, client: Hashable = None, source: Hashable = None
+        self,
+        model: LoadedModel,
+        rows: int,
+        size: int = 0,
+        client: Hashable = None,
+        source: Hashable = None,
+        name: Hashable = None,
     ) -> None:
-        super().__init__(client, model, rows, size, source=source)
+        super().__init__(client, model, rows, size, source=source, name=name)
         self.arrived = time.monotonic()
         self.work: Work | None = None
 

@@ -17,15 +17,19 @@ from numpy.typing import NDArray
 
 from taxel.errors import Internal, InvalidArgument, NotFound, RequestError, ResourceExhausted
 from taxel.lane.frames import (
+    CANCELLATION,
     HEAD_BYTES,
     ID_AT,
     ID_END,
+    KIND_AT,
     RequestHead,
     pack_predictions,
     pack_reply,
+    read_cancel,
     read_request_head,
 )
 from taxel.lane.offer import name_of, process_of
+from taxel.protocol import CANCEL
 from taxel_server.core.core import Core
 from taxel_server.core.jobs import check_shape
 from taxel_server.core.policy import Ticket
@@ -34,6 +38,9 @@ from taxel_server.transports.lane_requests import Arriving, Budget, LaneJob, Rep
 from taxel_server.transports.poller import READ
 
 _LOG: Final = logging.getLogger(__name__)
+
+EXTENSIONS: Final = (CANCEL,)
+"""What a client may send beyond requests."""
 
 RECEIVE_BYTES: Final = 65_536
 """The most that is received at once."""
@@ -239,6 +246,10 @@ class ClientConnection:
         """Pass on the requests in `data`, which starts with the head of one."""
         at, end = 0, len(data)
         while end - at >= HEAD_BYTES:
+            if data[at + KIND_AT] == CANCELLATION:
+                self._core.cancel((self, read_cancel(data, at)))
+                at += HEAD_BYTES
+                continue
             head = read_request_head(data, at)
             start, stop = at + head.data_at, at + head.size
             if start > end:

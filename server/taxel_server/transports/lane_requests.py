@@ -48,7 +48,7 @@ class LaneJob(Job):
         client: Hashable,
         source: Hashable,
     ) -> None:
-        super().__init__(model, head.rows, head.size, client, source)
+        super().__init__(model, head.rows, head.size, client, source, name=(source, head.id))
         self._send = send
         self._head = head
         self.request_id: int = head.id

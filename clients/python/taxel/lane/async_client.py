@@ -19,11 +19,13 @@ from taxel.lane.frames import (
     ID_AT,
     PREDICTIONS,
     ReplyHead,
+    pack_cancel,
     pack_request_head,
     read_counts,
     read_reply_head,
 )
 from taxel.lane.offer import UNIX, of_this_user, parse_address
+from taxel.protocol import CANCEL
 
 _CONNECT_S: Final = 1.0
 _KEPT_HEADS: Final = 64
@@ -39,8 +41,10 @@ class AsyncLane(asyncio.BufferedProtocol):
     Replies come in any order, and find their calls by the request's id. One whose call is over is skipped.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, extensions: tuple[str, ...] = ()) -> None:
         self.address = address
+        self.extensions = extensions
+        self._cancels = CANCEL in extensions
         self._loop = asyncio.get_running_loop()
         self._calls: dict[int, tuple[int, float, _Reply]] = {}
         """How many windows a call in flight sent, when it ends, and what it waits for, by its id."""
@@ -63,11 +67,12 @@ class AsyncLane(asyncio.BufferedProtocol):
         self._lost: str | None = None
 
     @classmethod
-    async def open(cls, address: str) -> Self:
+    async def open(cls, address: str, extensions: tuple[str, ...] = ()) -> Self:
         """Connect.
 
         Args:
             address: `unix:PATH` or `tcp:HOST:PORT`.
+            extensions: what the server understands beyond requests, as it tells.
 
         Raises:
             ValueError: that is no address of a lane.
@@ -88,7 +93,7 @@ class AsyncLane(asyncio.BufferedProtocol):
                 await loop.sock_connect(connection, place if isinstance(place, tuple) else str(place))
             if not isinstance(place, tuple) and not of_this_user(connection):
                 raise PermissionError(f"{address}: another user listens there")
-            _, lane = await loop.create_connection(lambda: cls(address), sock=connection)
+            _, lane = await loop.create_connection(lambda: cls(address, extensions), sock=connection)
         except BaseException:
             connection.close()
             raise
@@ -104,7 +109,7 @@ class AsyncLane(asyncio.BufferedProtocol):
     ) -> tuple[ReplyHead, list[NDArray[np.float32]]]:
         """Ask for predictions; arguments, result and errors are those of `Lane.infer`.
 
-        A call that is cancelled is forgotten at once.
+        A call that is cancelled is forgotten at once, and the server is told, so that it drops the request.
         """
         ends = time.monotonic() + wait_s
         if not self._may_write.is_set():
@@ -121,11 +126,19 @@ class AsyncLane(asyncio.BufferedProtocol):
         self._calls[number] = len(windows), ends, reply
         try:
             head, content = await reply
+        except asyncio.CancelledError:
+            self._give_up(number)
+            raise
         except TimeoutError:
+            self._give_up(number)
             raise DeadlineExceeded(f"{self.address}: no answer within {wait_s:g} s") from None
         finally:
             del self._calls[number]
         return head, read_counts(content, head)
+
+    def _give_up(self, number: int) -> None:
+        if self._cancels and self._lost is None:
+            self._transport.write(pack_cancel(number))
 
     def close(self) -> None:
         """Close the connection; calls in flight end with `ConnectionLost`."""

@@ -109,6 +109,7 @@ class Lane:
     Args:
         address: `unix:PATH` or `tcp:HOST:PORT`.
         spin_us: microseconds that a reply is asked for again and again before the thread sleeps.
+        extensions: what the server understands beyond requests.
 
     Attributes:
         idle: connections that no call uses now.
@@ -118,8 +119,9 @@ class Lane:
         OSError: nobody listens there.
     """
 
-    def __init__(self, address: str, spin_us: int = 0) -> None:
+    def __init__(self, address: str, spin_us: int = 0, extensions: tuple[str, ...] = ()) -> None:
         self.address = address
+        self.extensions = extensions
         self.spin_us = spin_us
         self.idle = [LaneConnection(address, spin_us)]
         self._closed = False

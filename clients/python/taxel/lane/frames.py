@@ -31,6 +31,10 @@ MAX_ERROR_BYTES: Final = 65_536
 REQUEST: Final = 1
 PREDICTIONS: Final = 2
 ERROR: Final = 3
+CANCELLATION: Final = 4
+
+KIND_AT: Final = 8
+"""Where the kind stands in a head."""
 
 _SPREAD: Final = 1
 """The flag of a request for the spread, and of a reply that has it."""
@@ -122,6 +126,24 @@ def read_request_head(data: bytes, at: int) -> RequestHead:
             f"for a path of {path_bytes} bytes and shape [{rows}, {columns}]"
         )
     return RequestHead(size, flags == _SPREAD, path_bytes, request_id, rows, columns, timeout_ms, data_at)
+
+
+def pack_cancel(request_id: int) -> bytes:
+    """The frame by which a client gives a request up; it has no reply of its own."""
+    return _REQUEST.pack(MAGIC, HEAD_BYTES, CANCELLATION, 0, 0, request_id, 0, 0, 0.0)
+
+
+def read_cancel(data: bytes, at: int) -> int:
+    """The id of the request that is given up by the frame at a place of `data`; 32 bytes must be there.
+
+    Raises:
+        InvalidArgument: another number is in the frame than the id, so that it means something else.
+    """
+    frame = data[at : at + HEAD_BYTES]
+    request_id = int.from_bytes(frame[ID_AT:ID_END], "little")
+    if frame != pack_cancel(request_id):
+        raise InvalidArgument(f"frame: it is {frame!r}: expected a cancellation, with nothing but an id")
+    return request_id
 
 
 def pack_reply(request_id: int, result: InferResponse | RequestError) -> bytes:

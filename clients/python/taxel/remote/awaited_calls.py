@@ -30,7 +30,12 @@ class AwaitedCalls(Waiting[AsyncLane]):
 
     @override
     async def ask(
-        self, transport: QueryTransport, key: str, payload: bytes | None, timeout: float
+        self,
+        transport: QueryTransport,
+        key: str,
+        payload: bytes | None,
+        timeout: float,
+        cancel_key: str | None = None,
     ) -> bytes:
         answer: Future[bytes] = self._loop.create_future()
 
@@ -50,16 +55,25 @@ class AwaitedCalls(Waiting[AsyncLane]):
         def late() -> None:
             settle(DeadlineExceeded(f"{transport.endpoint}: no answer to {key} within {timeout:g} s"))
 
-        transport.send(key, payload, timeout, done)
+        ends = self._loop.time() + timeout
+        give_up = transport.send(key, payload, timeout, done, cancel_key)
         timer = self._loop.call_later(timeout + _PATIENCE_S, late)
         try:
             return await answer
+        except asyncio.CancelledError:
+            give_up()
+            raise
+        except DeadlineExceeded:
+            # The server's own comes earlier.
+            if self._loop.time() >= ends:
+                give_up()
+            raise
         finally:
             timer.cancel()
 
     @override
-    async def open_lane(self, address: str) -> AsyncLane:
-        return await AsyncLane.open(address)
+    async def open_lane(self, address: str, extensions: tuple[str, ...]) -> AsyncLane:
+        return await AsyncLane.open(address, extensions)
 
     @override
     async def ask_lane(

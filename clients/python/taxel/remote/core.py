@@ -26,7 +26,6 @@ from taxel.errors import (
 from taxel.lane.client import ConnectionLost
 from taxel.lane.lookup import LaneLookup, LaneT
 from taxel.lane.offer import LaneOffer, machine_identity
-from taxel.manifest import Manifest
 from taxel.predictor import ModelInfo
 from taxel.protocol import InferResponse, model_key, unpack_infer_response, unpackb
 from taxel.remote.failover import Failover
@@ -150,11 +149,10 @@ class RemoteCore(Generic[LaneT]):
         """
         if not is_name(name) or not (version is None or is_version(version)):
             raise NotFound(f"no model can be called {name!r}, version {version!r}")
-        manifest = await self._read(
+        model = await self._read(
             model_key(self.prefix, name, version),
-            lambda described: Manifest.model_validate(described["parameters"]["manifest"]),
+            lambda described: RemoteModel.read(described["parameters"], self.prefix),
         )
-        model = RemoteModel(manifest, self.prefix)
         self.transport.prepare(model.key, self.timeout + GRACE_S)
         return model
 
@@ -208,13 +206,13 @@ class RemoteCore(Generic[LaneT]):
         # What was prepared has the whole timeout; only a lost lane takes a notable part of it.
         left = wait if left > wait - GRACE_S else max(left, 1e-3)
         try:
-            return await self._ask(model.key, payload, left + GRACE_S)
+            return await self._ask(model.key, payload, left + GRACE_S, model.cancel_key)
         except ServerLost:
             if not await self._connected_again(min(ends - time.monotonic(), _RECONNECT_S)):
                 raise
         self._repeated += 1
         left = max(ends - time.monotonic(), 1e-3)
-        return await self._ask(model.key, payload, left + GRACE_S)
+        return await self._ask(model.key, payload, left + GRACE_S, model.cancel_key)
 
     async def _over_lane(
         self,
@@ -277,7 +275,7 @@ class RemoteCore(Generic[LaneT]):
                 offer = LaneOffer.read(unpackb(told))
                 there_is_none = True
                 if offer is not None and offer.machine == machine_identity():
-                    lane = await self._waiting.open_lane(offer.address)
+                    lane = await self._waiting.open_lane(offer.address, offer.extensions)
                     there_is_none = False
             except (RequestError, OSError, ValueError):
                 # Whatever is wrong with the lane, zenoh remains.
@@ -296,7 +294,7 @@ class RemoteCore(Generic[LaneT]):
         lane = None
         try:
             if again:
-                lane = await self._waiting.open_lane(lost.address)
+                lane = await self._waiting.open_lane(lost.address, lost.extensions)
         except OSError:
             pass
         finally:
@@ -309,16 +307,18 @@ class RemoteCore(Generic[LaneT]):
             await self._waiting.sleep(_LOOK_AGAIN_S)
         return lanes.lane
 
-    async def _ask(self, key: str, payload: bytes | None, timeout: float) -> bytes:
+    async def _ask(
+        self, key: str, payload: bytes | None, timeout: float, cancel_key: str | None = None
+    ) -> bytes:
         if self._failover is not None:
-            return await self._failover.ask(self._waiting, key, payload, timeout)
+            return await self._failover.ask(self._waiting, key, payload, timeout, cancel_key)
         try:
-            return await self._waiting.ask(self.transport, key, payload, timeout)
+            return await self._waiting.ask(self.transport, key, payload, timeout, cancel_key)
         except PermissionDenied:
             # A new server's keys become known one after the other, and one that ends is known for a moment
             # longer. So the answer counts that comes a little later.
             await self._waiting.sleep(_DECLARED_S)
-            return await self._waiting.ask(self.transport, key, payload, timeout)
+            return await self._waiting.ask(self.transport, key, payload, timeout, cancel_key)
 
     async def _connected_again(self, within: float) -> bool:
         """Wait until the transport has connected again after `ServerLost`; whether it has."""
