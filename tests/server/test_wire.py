@@ -40,6 +40,7 @@ def lane_request() -> bytes:
 
 WRITTEN: dict[str, Callable[[], bytes]] = {
     "lane_request.bin": lane_request,
+    "lane_cancel.bin": lambda: frames.pack_cancel(7),
     "lane_predictions.bin": lambda: frames.pack_reply(7, RESPONSE),
     "lane_predictions_spread.bin": lambda: frames.pack_reply(7, WITH_SPREAD),
     "lane_error.bin": lambda: frames.pack_reply(7, ERROR),
@@ -89,6 +90,12 @@ def test_a_server_reads_the_requests() -> None:
         request = RequestReader(10).read(golden(name))
         np.testing.assert_array_equal(request.windows, WINDOWS)
         assert request[1:] == (None, 5000.0, spread)
+
+
+def test_a_server_reads_the_cancellation() -> None:
+    frame = golden("lane_cancel.bin")
+    assert (len(frame), frame[frames.KIND_AT]) == (frames.HEAD_BYTES, frames.CANCELLATION)
+    assert frames.read_cancel(b"1234" + frame + frame, 4) == 7
 
 
 def test_a_server_reads_the_order() -> None:

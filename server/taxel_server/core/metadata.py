@@ -13,6 +13,8 @@ from taxel_server.core.traffic import Traffic
 from taxel_server.engine import Engine, LoadedModel
 
 EXTENSIONS: Final = ("repository_index", "model_repository", "model_stats", "server_stats", CANCEL)
+MODEL_EXTENSIONS: Final = (CANCEL,)
+"""What a client may do beyond plain requests: told with each model, which every client asks for."""
 
 
 class ServerMetadata:
@@ -114,6 +116,6 @@ class ServerMetadata:
             "parameters": {
                 "manifest": described,
                 "evaluators": described_model.evaluators,
-                "extensions": [CANCEL],
+                "extensions": list(MODEL_EXTENSIONS),
             },
         }

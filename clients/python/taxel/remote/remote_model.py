@@ -18,7 +18,7 @@ class RemoteModel:
         cancels: whether a request can be given up.
     """
 
-    def __init__(self, manifest: Manifest, prefix: str, *, cancels: bool) -> None:
+    def __init__(self, manifest: Manifest, prefix: str, *, cancels: bool = False) -> None:
         self.manifest = manifest
         self.path = model_path(manifest.name, manifest.version, "infer")
         self.key = model_key(prefix, manifest.name, manifest.version, "infer")
