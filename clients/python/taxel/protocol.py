@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS
 from taxel.errors import Internal, InvalidArgument, RequestError, ResourceExhausted, from_code
 from taxel.manifest import INPUT_NAME, OUTPUT_NAME, SPREAD_NAME
+from taxel.trace_context import is_traceparent
 
 PREFIX: Final = "taxel"
 REPLICAS: Final = "@replica"
@@ -55,12 +56,13 @@ def model_key(prefix: str, name: str, version: str | None, action: str = "") -> 
 
 
 class InferRequest(NamedTuple):
-    """A decoded request: windows (n, f) float32, and whether it asks for the spread."""
+    """A decoded request: windows (n, f) float32, whether it asks for the spread, the W3C's traceparent."""
 
     windows: NDArray[np.float32]
     id: str | None = None
     timeout_ms: float | None = None
     spread: bool = False
+    traceparent: str | None = None
 
 
 class InferResponse(NamedTuple):
@@ -85,6 +87,7 @@ def pack_infer_request(
     request_id: str | None = None,
     timeout_ms: float | None = None,
     spread: bool = False,
+    traceparent: str | None = None,
 ) -> bytes:
     """Encode windows, (n, f) float32 C-contiguous, as an infer request."""
     data = windows.astype(_FLOAT, copy=False).data
@@ -94,8 +97,9 @@ def pack_infer_request(
         request["outputs"] = [{"name": OUTPUT_NAME}, {"name": SPREAD_NAME}]
     if request_id is not None:
         request["id"] = request_id
-    if timeout_ms is not None:
-        request["parameters"] = {"timeout_ms": timeout_ms}
+    parameters = {"timeout_ms": timeout_ms, "traceparent": traceparent}
+    if given := {name: value for name, value in parameters.items() if value is not None}:
+        request["parameters"] = given
     return packb(request)
 
 
@@ -116,8 +120,15 @@ def unpack_infer_request(payload: bytes, max_rows: int = MAX_ROWS) -> InferReque
     if not isinstance(inputs, list) or len(inputs) != 1:
         raise InvalidArgument(f"inputs: {_kind(inputs)}: expected a list of one tensor, {INPUT_NAME!r}")
     windows = _tensor(_mapping(inputs[0], "inputs[0]"), "inputs[0]", INPUT_NAME, max_rows)
+    parameters = request.get("parameters")
+    given = {} if parameters is None else _mapping(parameters, "parameters")
+    timeout, traceparent = given.get("timeout_ms"), given.get("traceparent")
     return InferRequest(
-        windows, request_id, _timeout(request.get("parameters")), _asks_for_spread(request.get("outputs"))
+        windows,
+        request_id,
+        None if timeout is None else checked_timeout_ms(timeout),
+        _asks_for_spread(request.get("outputs")),
+        traceparent if is_traceparent(traceparent) else None,
     )
 
 
@@ -134,15 +145,6 @@ def _asks_for_spread(outputs: object) -> bool:
 
 def _are_maps(values: object) -> TypeGuard[list[dict[str, Any]]]:
     return isinstance(values, list) and all(isinstance(value, dict) for value in values)
-
-
-def _timeout(parameters: object) -> float | None:
-    if parameters is None:
-        return None
-    timeout = _mapping(parameters, "parameters").get("timeout_ms")
-    if timeout is None:
-        return None
-    return checked_timeout_ms(timeout)
 
 
 def checked_timeout_ms(timeout: object) -> float:

@@ -8,8 +8,10 @@ from typing import Any, Final
 
 from taxel.errors import Cancelled, RequestError
 from taxel.protocol import InferResponse
+from taxel.trace_context import trace_id_of
 from taxel_server.core.jobs import Job
 from taxel_server.core.refusals import Refusals
+from taxel_server.core.spans import Spans
 from taxel_server.core.statistics import ModelStatistics
 from taxel_server.engine import LoadedModel
 
@@ -28,6 +30,7 @@ class Answers:
 
     def __init__(self, refusals: Refusals) -> None:
         self._refusals = refusals
+        self._spans = Spans.available()
         self._lock = Lock()
         self._statistics: defaultdict[LoadedModel, ModelStatistics] = defaultdict(ModelStatistics)
         self._alone: deque[tuple[LoadedModel, int, int]] = deque()
@@ -35,19 +38,24 @@ class Answers:
 
     def give(self, job: Job, result: InferResponse | RequestError) -> None:
         """Count an answer and give it; the job must not be open any more."""
-        if isinstance(result, Cancelled):
-            with self._lock:
-                self._statistics[job.model].add_cancelled(job.left)
-            tell(job, result)
-            return
         with self._lock:
-            if isinstance(result, RequestError):
+            if isinstance(result, Cancelled):
+                self._statistics[job.model].add_cancelled(job.left)
+            elif isinstance(result, RequestError):
                 self._statistics[job.model].add_error(result.code)
             else:
                 self._statistics[job.model].add_response(result)
-        if isinstance(result, RequestError):
-            self._refusals.add(result, client=job.caller, model=job.model.label, request_id=job.request_id)
+        if isinstance(result, RequestError) and not isinstance(result, Cancelled):
+            self._refusals.add(
+                result,
+                client=job.caller,
+                model=job.model.label,
+                request_id=job.request_id,
+                trace_id=trace_id_of(job.traceparent),
+            )
         tell(job, result)
+        if job.traceparent is not None and self._spans is not None:
+            self._spans.add(job, job.traceparent, result)
 
     def give_all(self, jobs: Iterable[Job], error: RequestError) -> None:
         """Give the same error to many."""
@@ -114,4 +122,4 @@ def tell(job: Job, result: InferResponse | RequestError) -> None:
             job.seen(job, result)
     except Exception:
         # Whoever answers must survive a caller that has gone.
-        _LOG.exception("%s: an answer could not be given", job.model.label)
+        _LOG.exception("%s: an answer could not be given", job.model.label, extra=job.log_fields)

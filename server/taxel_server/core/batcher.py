@@ -111,7 +111,9 @@ class Batcher:
             return False  # The way of a batch knows what to say of each failure.
         waited_ms = (time.monotonic() - job.arrived) * 1e3
         late = request.timeout_ms is not None and waited_ms > request.timeout_ms
-        done = None if late or request.spread else self.evaluate_if_idle(job.model, request.windows)
+        # Spans are made where answers of the queue are given.
+        elsewhere = late or request.spread or request.traceparent is not None
+        done = None if elsewhere else self.evaluate_if_idle(job.model, request.windows)
         if done is None:
             return False
         name, version, counts = job.model.manifest.name, job.model.manifest.version, done.counts
@@ -312,7 +314,7 @@ class Batcher:
         except RequestError as error:
             self._settle(job, error)
         except Exception:
-            _LOG.exception("%s: a request could not be decoded", job.model.label)
+            _LOG.exception("%s: a request could not be decoded", job.model.label, extra=job.log_fields)
             self._settle(job, Internal("the request could not be decoded: the server's log says more"))
         else:
             job.deadline = work.deadline
@@ -339,8 +341,9 @@ class Batcher:
                 for piece in pieces:
                     self._evaluate(model, [piece])
                 return
-            _LOG.exception("%s: evaluation failed", model.label)
-            self._settle(pieces[0][0].job, Internal(f"{model.label} failed: the server's log says more"))
+            job = pieces[0][0].job
+            _LOG.exception("%s: evaluation failed", model.label, extra=job.log_fields)
+            self._settle(job, Internal(f"{model.label} failed: the server's log says more"))
             return
         ended = time.monotonic()
         self._answers.count_batch(model, len(joined))

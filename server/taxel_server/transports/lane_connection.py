@@ -30,6 +30,7 @@ from taxel.lane.frames import (
 )
 from taxel.lane.offer import name_of, process_of
 from taxel.protocol import CANCEL
+from taxel.trace_context import TRACE_CONTEXT, trace_id_of
 from taxel_server.core.core import Core
 from taxel_server.core.jobs import check_shape
 from taxel_server.core.policy import Ticket
@@ -39,7 +40,7 @@ from taxel_server.transports.poller import READ
 
 _LOG: Final = logging.getLogger(__name__)
 
-EXTENSIONS: Final = (CANCEL,)
+EXTENSIONS: Final = (CANCEL, TRACE_CONTEXT)
 """What a client may send beyond requests."""
 
 RECEIVE_BYTES: Final = 65_536
@@ -261,7 +262,7 @@ class ClientConnection:
                 if stop > end:
                     self._await_rest(head, model, memoryview(data)[start:])
             except RequestError as error:
-                self._core.refusals.add(error, client=self._name, request_id=head.id)
+                self._refused(error, head)
                 self.send(pack_reply(head.id, error))
                 self._to_skip = max(stop - end, 0)
             else:
@@ -311,8 +312,17 @@ class ClientConnection:
             job.caller = self._name
             self._core.submit(job)
         except RequestError as error:
-            self._core.refusals.add(error, client=self._name, model=model.label, request_id=head.id)
+            self._refused(error, head, model.label)
             self.send(pack_reply(head.id, error))
         except Exception:
             _LOG.exception("a request could not be handed on")
             self.send(pack_reply(head.id, Internal("the request failed: the server's log says more")))
+
+    def _refused(self, error: RequestError, head: RequestHead, model: str = "") -> None:
+        self._core.refusals.add(
+            error,
+            client=self._name,
+            model=model,
+            request_id=head.id,
+            trace_id=trace_id_of(head.traceparent),
+        )

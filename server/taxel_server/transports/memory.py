@@ -55,7 +55,9 @@ class MemoryJob(Job):
 
     @override
     def decode(self) -> InferRequest:
-        return self._reader.read(self._payload)
+        request = self._reader.read(self._payload)
+        self.traceparent = request.traceparent
+        return request
 
     @override
     def answer(self, result: InferResponse | RequestError) -> None:

@@ -73,6 +73,7 @@ class QueryJob(Job):
         request = self._reader.read(self._payload.to_bytes())
         if request.id is not None:
             self.request_id = request.id
+        self.traceparent = request.traceparent
         return request
 
     @override

@@ -105,7 +105,14 @@ class AsyncLane(asyncio.BufferedProtocol):
         return len(self._calls)
 
     async def infer(
-        self, path: str, windows: NDArray[np.float32], timeout_s: float, wait_s: float, *, spread: bool
+        self,
+        path: str,
+        windows: NDArray[np.float32],
+        timeout_s: float,
+        wait_s: float,
+        *,
+        spread: bool,
+        traceparent: str | None = None,
     ) -> tuple[ReplyHead, list[NDArray[np.float32]]]:
         """Ask for predictions; arguments, result and errors are those of `Lane.infer`.
 
@@ -117,7 +124,7 @@ class AsyncLane(asyncio.BufferedProtocol):
         if self._lost is not None:
             raise self._connection_lost(self._lost)
         self._last_id = number = self._last_id % 0xFFFFFFFF + 1
-        before, after = self._head(path, windows.shape, timeout_s, spread)
+        before, after = self._head(path, windows.shape, timeout_s, spread, traceparent)
         data = windows.data if sys.byteorder == "little" else windows.astype("<f4").data
         self._transport.write(b"".join((before, number.to_bytes(4, "little"), after, data)))
         if ends < self._timer_at:
@@ -215,15 +222,22 @@ class AsyncLane(asyncio.BufferedProtocol):
             call[2].set_result((head, content))
 
     def _head(
-        self, path: str, shape: tuple[int, ...], timeout_s: float, spread: bool
+        self,
+        path: str,
+        shape: tuple[int, ...],
+        timeout_s: float,
+        spread: bool,
+        traceparent: str | None,
     ) -> tuple[bytes, bytes]:
         """The bytes before and after the id."""
         what = (path, shape, timeout_s, spread)
-        known = self._heads.get(what)
+        known = self._heads.get(what) if traceparent is None else None
         if known is None:
-            head = pack_request_head(path, 0, shape, timeout_s * 1e3, spread=spread)
+            head = pack_request_head(
+                path, 0, shape, timeout_s * 1e3, spread=spread, traceparent=traceparent
+            )
             known = head[:ID_AT], head[ID_AT + 4 :]
-            if len(self._heads) < _KEPT_HEADS:
+            if len(self._heads) < _KEPT_HEADS and traceparent is None:
                 self._heads[what] = known
         return known
 

@@ -127,7 +127,14 @@ class Lane:
         self._closed = False
 
     def infer(
-        self, path: str, windows: NDArray[np.float32], timeout_s: float, wait_s: float, *, spread: bool
+        self,
+        path: str,
+        windows: NDArray[np.float32],
+        timeout_s: float,
+        wait_s: float,
+        *,
+        spread: bool,
+        traceparent: str | None = None,
     ) -> tuple[ReplyHead, list[NDArray[np.float32]]]:
         """Ask for predictions.
 
@@ -137,6 +144,7 @@ class Lane:
             timeout_s: the deadline that the server is told.
             wait_s: how long an answer is waited for.
             spread: ask for the spread, too.
+            traceparent: of the W3C, for a server that takes it.
 
         Returns:
             The head of the reply, and the counts (n, 21), followed by the spread if it was asked for.
@@ -148,7 +156,7 @@ class Lane:
         """
         connection = self._taken()
         try:
-            connection.send(path, windows, timeout_s, wait_s, spread=spread)
+            connection.send(path, windows, timeout_s, wait_s, spread=spread, traceparent=traceparent)
             head, content = connection.receive(wait_s)
         except BaseException as error:
             raise _closed(connection, error) from None
@@ -205,7 +213,14 @@ class LaneConnection:
         """What came behind the last reply."""
 
     def send(
-        self, path: str, windows: NDArray[np.float32], timeout_s: float, wait_s: float, *, spread: bool
+        self,
+        path: str,
+        windows: NDArray[np.float32],
+        timeout_s: float,
+        wait_s: float,
+        *,
+        spread: bool,
+        traceparent: str | None = None,
     ) -> int:
         """Send a request; the arguments are those of `Lane.infer`. The reply repeats the id returned.
 
@@ -214,7 +229,7 @@ class LaneConnection:
             ConnectionLost: it has gone.
         """
         self._last_id = number = self._last_id % 0xFFFFFFFF + 1
-        before, after = self._head(path, windows.shape, timeout_s, spread)
+        before, after = self._head(path, windows.shape, timeout_s, spread, traceparent)
         if sys.byteorder == "big":
             windows = windows.astype("<f4")
         if wait_s != self._wait_s:
@@ -286,15 +301,22 @@ class LaneConnection:
         self.socket.close()
 
     def _head(
-        self, path: str, shape: tuple[int, ...], timeout_s: float, spread: bool
+        self,
+        path: str,
+        shape: tuple[int, ...],
+        timeout_s: float,
+        spread: bool,
+        traceparent: str | None,
     ) -> tuple[bytes, bytes]:
         """The bytes before and after the id: a control loop sends the same ones each time."""
         what = (path, shape, timeout_s, spread)
-        known = self._heads.get(what)
+        known = self._heads.get(what) if traceparent is None else None
         if known is None:
-            head = pack_request_head(path, 0, shape, timeout_s * 1e3, spread=spread)
+            head = pack_request_head(
+                path, 0, shape, timeout_s * 1e3, spread=spread, traceparent=traceparent
+            )
             known = head[:ID_AT], head[ID_AT + 4 :]
-            if len(self._heads) < _KEPT_HEADS:
+            if len(self._heads) < _KEPT_HEADS and traceparent is None:
                 self._heads[what] = known
         return known
 

@@ -163,19 +163,36 @@ class AsyncPredictor(BasePredictor):
 
     @overload
     async def predict(
-        self, windows: NDArray[Any], *, timeout: float | None = None, timing: Literal[False] = False
+        self,
+        windows: NDArray[Any],
+        *,
+        timeout: float | None = None,
+        timing: Literal[False] = False,
+        traceparent: str | None = None,
     ) -> NDArray[np.float32]: ...
 
     @overload
     async def predict(
-        self, windows: NDArray[Any], *, timeout: float | None = None, timing: Literal[True]
+        self,
+        windows: NDArray[Any],
+        *,
+        timeout: float | None = None,
+        timing: Literal[True],
+        traceparent: str | None = None,
     ) -> tuple[NDArray[np.float32], Timing]: ...
 
     async def predict(
-        self, windows: NDArray[Any], *, timeout: float | None = None, timing: bool = False
+        self,
+        windows: NDArray[Any],
+        *,
+        timeout: float | None = None,
+        timing: bool = False,
+        traceparent: str | None = None,
     ) -> NDArray[np.float32] | tuple[NDArray[np.float32], Timing]:
         """As `RemotePredictor.predict`."""
-        reply = await self._source.core.infer(self._model, self.checked(windows), timeout, False)
+        reply = await self._source.core.infer(
+            self._model, self.checked(windows), timeout, False, traceparent=traceparent
+        )
         return (reply.outputs, timing_of(reply)) if checked_flag("timing", timing) else reply.outputs
 
     async def predict_base(
@@ -194,12 +211,19 @@ class AsyncPredictor(BasePredictor):
         return reply.outputs, reply.spread
 
     async def infer(
-        self, windows: NDArray[Any], *, timeout: float | None = None, spread: bool = False
+        self,
+        windows: NDArray[Any],
+        *,
+        timeout: float | None = None,
+        spread: bool = False,
+        traceparent: str | None = None,
     ) -> InferResponse:
         """As `RemotePredictor.infer`."""
         if spread:
             self.check_gives_spread()
-        return await self._source.core.infer(self._model, self.checked(windows), timeout, spread)
+        return await self._source.core.infer(
+            self._model, self.checked(windows), timeout, spread, traceparent=traceparent
+        )
 
 
 def connect_async(

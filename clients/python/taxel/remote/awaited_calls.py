@@ -84,8 +84,9 @@ class AwaitedCalls(Waiting[AsyncLane]):
         timeout: float,
         wait: float,
         spread: bool,
+        traceparent: str | None,
     ) -> Reply:
-        return await lane.infer(path, windows, timeout, wait, spread=spread)
+        return await lane.infer(path, windows, timeout, wait, spread=spread, traceparent=traceparent)
 
     @override
     async def sleep(self, seconds: float) -> None:

@@ -33,6 +33,7 @@ from taxel.remote.query_transport import QueryTransport
 from taxel.remote.remote_model import RemoteModel
 from taxel.remote.replicas import Replicas
 from taxel.remote.waiting import Waiting
+from taxel.trace_context import TRACE_CONTEXT, checked_traceparent
 from taxel.zenoh_process import AFTER_FORK
 
 T = TypeVar("T")
@@ -170,6 +171,7 @@ class RemoteCore(Generic[LaneT]):
         timeout: float | None,
         spread: bool,
         *,
+        traceparent: str | None = None,
         failed: tuple[Exception, float] | None = None,
     ) -> InferResponse:
         """The server's whole reply to windows that were checked.
@@ -179,29 +181,30 @@ class RemoteCore(Generic[LaneT]):
             rows: the windows.
             timeout: as in `Predictor.predict`.
             spread: whether the spread is asked for.
+            traceparent: the W3C's, of the trace that the call belongs to.
             failed: how the lane failed at these windows, and when it was asked.
         """
         self.check_usable()
         checked_flag("spread", spread)
+        if traceparent is not None:
+            checked_traceparent(traceparent)
         wait = self.timeout if timeout is None else checked_timeout(timeout)
         error, began = failed or (None, time.monotonic())
         ends = began + wait
         reply = None
         if self.lanes is not None:
-            reply = await self._over_lane(self.lanes, model, rows, ends, wait, spread, error)
+            reply = await self._over_lane(self.lanes, model, rows, ends, wait, spread, traceparent, error)
         if reply is None:
-            reply = unpack_infer_response(await self._over_transport(model, rows, ends, wait, spread))
+            payload = model.writer.write(rows, wait * 1e3, spread=spread, traceparent=traceparent)
+            reply = unpack_infer_response(await self._over_transport(model, payload, ends, wait))
         if len(reply.outputs) != len(rows):
             raise Internal(f"the server answered {len(reply.outputs)} rows to {len(rows)} windows")
         if spread and reply.spread is None:
             raise Internal("the server answered without the spread that was asked for")
         return reply
 
-    async def _over_transport(
-        self, model: RemoteModel, rows: NDArray[np.float32], ends: float, wait: float, spread: bool
-    ) -> bytes:
+    async def _over_transport(self, model: RemoteModel, payload: bytes, ends: float, wait: float) -> bytes:
         """The reply. After a lost connection the request is sent once more within its time."""
-        payload = model.writer.write(rows, wait * 1e3, spread=spread)
         left = ends - time.monotonic()
         # What was prepared has the whole timeout; only a lost lane takes a notable part of it.
         left = wait if left > wait - GRACE_S else max(left, 1e-3)
@@ -222,6 +225,7 @@ class RemoteCore(Generic[LaneT]):
         ends: float,
         wait: float,
         spread: bool,
+        traceparent: str | None,
         failed: Exception | None,
     ) -> InferResponse | None:
         """The reply over the lane; None if there is no lane, so that the transport is to be asked.
@@ -234,8 +238,9 @@ class RemoteCore(Generic[LaneT]):
             try:
                 if failed is not None:
                     raise failed
+                told = traceparent if TRACE_CONTEXT in lane.extensions else None
                 head, counts = await self._waiting.ask_lane(
-                    lane, model.path, rows, left, left + GRACE_S, spread
+                    lane, model.path, rows, left, left + GRACE_S, spread, told
                 )
             except (ConnectionLost, OSError) as error:
                 failed = None

@@ -132,30 +132,54 @@ class RemotePredictor(Predictor):
 
     @overload
     def predict(
-        self, windows: NDArray[Any], *, timeout: float | None = None, timing: Literal[False] = False
+        self,
+        windows: NDArray[Any],
+        *,
+        timeout: float | None = None,
+        timing: Literal[False] = False,
+        traceparent: str | None = None,
     ) -> NDArray[np.float32]: ...
 
     @overload
     def predict(
-        self, windows: NDArray[Any], *, timeout: float | None = None, timing: Literal[True]
+        self,
+        windows: NDArray[Any],
+        *,
+        timeout: float | None = None,
+        timing: Literal[True],
+        traceparent: str | None = None,
     ) -> tuple[NDArray[np.float32], Timing]: ...
 
     @override
     def predict(
-        self, windows: NDArray[Any], *, timeout: float | None = None, timing: bool = False
+        self,
+        windows: NDArray[Any],
+        *,
+        timeout: float | None = None,
+        timing: bool = False,
+        traceparent: str | None = None,
     ) -> NDArray[np.float32] | tuple[NDArray[np.float32], Timing]:
         """As `Predictor.predict`; with `timing`, also how long the server took.
+
+        Args:
+            windows: as for `Predictor.predict`.
+            timeout: as for `Predictor.predict`.
+            timing: whether to tell how long the server took.
+            traceparent: the W3C's, of the trace that this call belongs to; the server's log and its spans
+                name it.
 
         Returns:
             (n, 21) float32, counts; with `timing`, a pair of these and the `Timing`.
         """
         lanes = self._core.lanes
         lane = lanes.lane if lanes is not None else None
-        if lane is not None and timeout is None and timing is False:
+        if lane is not None and timeout is None and timing is False and traceparent is None:
             repeated = self._repeated.get(getattr(windows, "shape", ()))
             if repeated is not None and repeated.takes(windows):
                 return self._repeat(lane, repeated, windows)
-        reply = finished(self._core.infer(self._model, self.checked(windows), timeout, False))
+        reply = finished(
+            self._core.infer(self._model, self.checked(windows), timeout, False, traceparent=traceparent)
+        )
         if lane is not None and timeout is None and len(reply.outputs) <= _REPEATED_ROWS:
             shape, wait = (len(reply.outputs), len(self._features)), self._core.timeout
             self._repeated[shape] = RepeatedRequest(self._model.path, shape, wait, wait + GRACE_S)
@@ -187,7 +211,12 @@ class RemotePredictor(Predictor):
         return reply.outputs, reply.spread
 
     def infer(
-        self, windows: NDArray[Any], *, timeout: float | None = None, spread: bool = False
+        self,
+        windows: NDArray[Any],
+        *,
+        timeout: float | None = None,
+        spread: bool = False,
+        traceparent: str | None = None,
     ) -> InferResponse:
         """Predict, and return the server's whole reply: predictions, and how long they took.
 
@@ -195,6 +224,7 @@ class RemotePredictor(Predictor):
             windows: as for `predict`.
             timeout: as for `predict`.
             spread: ask for an ensemble's spread, too.
+            traceparent: as for `predict`.
 
         Raises:
             InvalidArgument: as `predict`; or the model is no ensemble and a spread is asked for.
@@ -202,7 +232,9 @@ class RemotePredictor(Predictor):
         """
         if spread:
             self.check_gives_spread()
-        return finished(self._core.infer(self._model, self.checked(windows), timeout, spread))
+        return finished(
+            self._core.infer(self._model, self.checked(windows), timeout, spread, traceparent=traceparent)
+        )
 
 
 def connect(

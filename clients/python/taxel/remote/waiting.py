@@ -51,6 +51,7 @@ class Waiting(ABC, Generic[LaneT]):
         timeout: float,
         wait: float,
         spread: bool,
+        traceparent: str | None,
     ) -> Reply:
         """The reply on a lane; arguments and errors as in `Lane.infer`."""
 
@@ -97,9 +98,16 @@ class BlockingCalls(Waiting[Lane]):
 
     @override
     async def ask_lane(
-        self, lane: Lane, path: str, windows: NDArray[np.float32], timeout: float, wait: float, spread: bool
+        self,
+        lane: Lane,
+        path: str,
+        windows: NDArray[np.float32],
+        timeout: float,
+        wait: float,
+        spread: bool,
+        traceparent: str | None,
     ) -> Reply:
-        return lane.infer(path, windows, timeout, wait, spread=spread)
+        return lane.infer(path, windows, timeout, wait, spread=spread, traceparent=traceparent)
 
     @override
     async def sleep(self, seconds: float) -> None:
