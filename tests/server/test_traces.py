@@ -1,4 +1,4 @@
-"""The W3C's trace context: carried by both transports, told by the log, and parent of the server's spans."""
+"""The trace context of the W3C: carried, told by the log, and the parent of the server's spans."""
 
 import asyncio
 import logging
