@@ -1,7 +1,7 @@
 """How the asynchronous face waits: in its event loop, with no thread for a call."""
 
 import asyncio
-from asyncio import AbstractEventLoop, Future
+from asyncio import AbstractEventLoop
 from contextlib import suppress
 from typing import Final
 
@@ -11,6 +11,7 @@ from typing_extensions import override
 
 from taxel.errors import DeadlineExceeded, RequestError
 from taxel.lane.async_client import AsyncLane
+from taxel.lane.prompt_future import PromptFuture
 from taxel.remote.query_transport import QueryTransport
 from taxel.remote.waiting import Reply, Waiting
 
@@ -37,15 +38,15 @@ class AwaitedCalls(Waiting[AsyncLane]):
         timeout: float,
         cancel_key: str | None = None,
     ) -> bytes:
-        answer: Future[bytes] = self._loop.create_future()
+        answer: PromptFuture[bytes] = PromptFuture(loop=self._loop)
 
         def settle(outcome: bytes | RequestError) -> None:
             # A call that was cancelled or is late does not wait any more.
-            if not answer.done():
-                if isinstance(outcome, RequestError):
+            if isinstance(outcome, RequestError):
+                if not answer.done():
                     answer.set_exception(outcome)
-                else:
-                    answer.set_result(outcome)
+            else:
+                answer.settle(outcome)
 
         def done(outcome: bytes | RequestError) -> None:
             # The loop may be closed by now.

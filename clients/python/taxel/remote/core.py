@@ -49,6 +49,9 @@ NO_LANE: Final = (
 GRACE_S: Final = 0.25
 """How much longer a client waits than the server's deadline: time for the server's refusal."""
 
+REPEATED_ROWS: Final = 64
+"""The most windows in a request whose other bytes are kept."""
+
 _LOOKUP_S: Final = 1.0
 """The longest that the server's metadata are waited for, to find its lane."""
 

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from typing import Any, Final, Literal, overload
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +13,12 @@ from taxel.errors import Unavailable
 from taxel.lane.client import ConnectionLost, Lane, RepeatedRequest
 from taxel.predictor import DEFAULT_MODEL, ModelInfo, Predictor, PredictorSource, Timing
 from taxel.protocol import PREFIX, InferResponse
-from taxel.remote.core import GRACE_S, NO_LANE, RemoteCore, TransportName
+from taxel.remote.core import GRACE_S, NO_LANE, REPEATED_ROWS, RemoteCore, TransportName
 from taxel.remote.credentials import Credentials
 from taxel.remote.options import ConnectOptions, Transport, lane_of, open_transport
 from taxel.remote.query_transport import QueryTransport
 from taxel.remote.remote_model import RemoteModel, timing_of
 from taxel.remote.waiting import BlockingCalls, finished
-
-_REPEATED_ROWS: Final = 64
-"""The most windows in a request whose other bytes are kept."""
 
 
 class RemoteSource(PredictorSource):
@@ -180,7 +177,7 @@ class RemotePredictor(Predictor):
         reply = finished(
             self._core.infer(self._model, self.checked(windows), timeout, False, traceparent=traceparent)
         )
-        if lane is not None and timeout is None and len(reply.outputs) <= _REPEATED_ROWS:
+        if lane is not None and timeout is None and len(reply.outputs) <= REPEATED_ROWS:
             shape, wait = (len(reply.outputs), len(self._features)), self._core.timeout
             self._repeated[shape] = RepeatedRequest(self._model.path, shape, wait, wait + GRACE_S)
         return (reply.outputs, timing_of(reply)) if checked_flag("timing", timing) else reply.outputs
