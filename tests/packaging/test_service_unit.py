@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -32,3 +33,21 @@ def test_the_unit_and_the_image_name_options_that_exist() -> None:
     assert used <= known
     fields = {f"TAXEL_{option[2:].replace('-', '_').upper()}" for option in known}
     assert set(re.findall(r"TAXEL_[A-Z_]+", (UNIT.parent / "Containerfile").read_text())) <= fields
+
+
+def test_the_image_is_built_from_files_and_an_extra_that_exist() -> None:
+    text = (UNIT.parent / "Containerfile").read_text()
+    root = UNIT.parents[1]
+    copied = [
+        source
+        for line in re.findall(r"^COPY (?!--)(.*)$", text, re.MULTILINE)
+        for source in line.split()[:-1]
+    ]
+    assert all((root / source).exists() for source in copied), copied
+    project = tomllib.loads((root / "pyproject.toml").read_text())
+    wheel = project["tool"]["hatch"]["build"]["targets"]["wheel"]
+    needed = [*wheel["packages"], *wheel["force-include"], "README.md", "LICENSE", "pyproject.toml"]
+    for path in needed:
+        assert any(Path(path).is_relative_to(source) for source in copied), f"{path} is not copied"
+    (extras,) = re.findall(r"'\.\[([a-z,]+)\]'", text)
+    assert set(extras.split(",")) <= set(project["project"]["optional-dependencies"])

@@ -3,7 +3,7 @@
 import asyncio
 import socket
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -19,6 +19,7 @@ from taxel.errors import DeadlineExceeded, InvalidArgument, Unavailable
 from taxel.lane.async_client import AsyncLane
 from taxel.lane.client import ConnectionLost
 from taxel.lane.frames import pack_reply
+from taxel.lane.prompt_future import PromptFuture
 from taxel.protocol import InferResponse
 from taxel.remote.async_source import AsyncSource
 from taxel_server.engine import Engine
@@ -210,8 +211,7 @@ def test_replies_in_any_order_and_in_any_pieces_find_their_calls(
     sizes: list[int], abandoned: set[int], seed: int, cuts: list[float]
 ) -> None:
     async def main() -> None:
-        lane = AsyncLane("unix:/x")
-        await asyncio.get_running_loop().create_connection(lambda: lane, sock=ends[0])
+        lane = AsyncLane("unix:/x", (), ends[0])
         calls = [
             asyncio.create_task(lane.infer(PATH, np.zeros((rows, 6), np.float32), 9, 9, spread=False))
             for rows in sizes
@@ -232,11 +232,9 @@ def test_replies_in_any_order_and_in_any_pieces_find_their_calls(
         at = 0
         for stop in sorted([*(round(cut * len(stream)) for cut in cuts), len(stream)]):
             while at < stop:
-                place = lane.get_buffer(-1)
-                count = min(len(place), stop - at)
-                place[:count] = stream[at : at + count]
-                lane.buffer_updated(count)
-                at += count
+                with suppress(BlockingIOError):
+                    at += ends[1].send(stream[at:stop])
+                await asyncio.sleep(0)
         for number, (rows, call) in enumerate(zip(sizes, calls, strict=True)):
             if number in abandoned:
                 assert call.cancelled()
@@ -249,5 +247,70 @@ def test_replies_in_any_order_and_in_any_pieces_find_their_calls(
         await asyncio.sleep(0)
 
     ends = socket.socketpair()
+    for end in ends:
+        end.setblocking(False)
     with ends[1]:
         asyncio.run(main())
+
+
+def test_a_future_goes_on_with_its_task_at_once_where_none_runs() -> None:
+    order: list[object] = []
+
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+
+        async def waits(future: PromptFuture[str]) -> None:
+            order.append(await future)
+
+        def callback(future: PromptFuture[str]) -> None:
+            future.settle("at once")
+            future.settle("again")
+            order.append("after the callback")
+
+        prompt, later, cancelled = (PromptFuture[str](loop=loop) for _ in range(3))
+        tasks = [asyncio.create_task(waits(future)) for future in (prompt, later, cancelled)]
+        await asyncio.sleep(0)
+        loop.call_soon(callback, prompt)
+        await tasks[0]
+        later.settle("in its turn")
+        order.append("after this task's step")
+        await tasks[1]
+        tasks[2].cancel()
+        cancelled.settle("too late")
+        with pytest.raises(asyncio.CancelledError):
+            await tasks[2]
+        done = PromptFuture[str](loop=loop)
+        done.settle("nobody waited yet")
+        assert await done == "nobody waited yet"
+
+    asyncio.run(main())
+    assert order == ["at once", "after the callback", "after this task's step", "in its turn"]
+
+
+def test_a_control_loop_may_close_stop_waiting_and_go_on(
+    connect: Callable[[], AsyncSource], engine: Engine, make_windows: WindowMaker
+) -> None:
+    """Its calls are repeated ones, whose tasks go on inside of the loop's callbacks."""
+    evaluate = engine.model("skin").evaluate
+
+    async def main() -> None:
+        source = await connect()
+        predictor = await source.predictor("skin")
+        for number in range(60):
+            windows = make_windows(1 + number % 3, seed=number)
+            np.testing.assert_array_equal(await predictor.predict(windows), evaluate(windows))
+        windows = make_windows(2)
+        windows[0, 0] = np.nan
+        with pytest.raises(InvalidArgument, match="is nan"):
+            await predictor.predict(windows)
+        both = await asyncio.gather(*(predictor.predict(make_windows(2, seed=seed)) for seed in (1, 2)))
+        np.testing.assert_array_equal(both, [evaluate(make_windows(2, seed=seed)) for seed in (1, 2)])
+        with suppress(TimeoutError):
+            async with asyncio.timeout(0):
+                await predictor.predict(make_windows(2))
+        await predictor.predict(make_windows(2))
+        await source.close()
+        with pytest.raises(Unavailable, match="closed"):
+            await predictor.predict(make_windows(2))
+
+    asyncio.run(main())

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from taxel.errors import (
+    Cancelled,
     DeadlineExceeded,
     Internal,
     InvalidArgument,
@@ -58,8 +59,9 @@ class MemoryJob(Job):
         windows: NDArray[np.float32],
         timeout_ms: float | None = None,
         client: str = "somebody",
+        name: int | None = None,
     ) -> None:
-        super().__init__(model, len(windows), windows.nbytes, client)
+        super().__init__(model, len(windows), windows.nbytes, client, name=name)
         self.request = InferRequest(windows, timeout_ms=timeout_ms)
         self.answers: list[InferResponse | RequestError] = []
         self.answered = Event()
@@ -385,6 +387,93 @@ def test_abandoned_jobs_are_answered_at_once_and_only_once(model: LoadedModel, r
             assert batcher.queued_rows == 0
         batcher.join()
         assert [len(job.answers) for job in (running, *jobs)] == [1] * 6
+
+
+def test_what_is_given_up_is_not_evaluated(
+    model: LoadedModel, runtime: Recorder, caplog: pytest.LogCaptureFixture
+) -> None:
+    with batching(max_batch_rows=4) as batcher:
+        with busy(batcher, model, runtime):
+            jobs = [MemoryJob(model, windows_of(value, value), name=value + 1) for value in range(4)]
+            for job in jobs:
+                batcher.submit(job)
+            assert batcher.cancel(2)
+            assert not batcher.cancel(2)
+            assert not batcher.cancel(99)
+            assert isinstance(jobs[1].result(), Cancelled)
+            assert batcher.queued_rows == 7
+        assert [values_of(jobs[index]) for index in (0, 2, 3)] == [[0, 0], [2, 2], [3, 3]]
+        counted = batcher.statistics(model)
+    assert counted["cancelled"] == {"requests": 1, "rows": 2}
+    assert (counted["requests"], counted["rows"], counted["errors"]) == (5, 7, {})
+    assert sum(runtime.batches) == 7
+    assert not caplog.records, "to give up is no fault"
+
+
+def test_a_large_request_that_is_given_up_leaves_in_the_middle(
+    model: LoadedModel, runtime: Recorder
+) -> None:
+    with batching(max_batch_rows=8) as batcher:
+        runtime.may_go_on.clear()
+        large = MemoryJob(model, windows_of(*range(80)), name=1)
+        batcher.submit(large)
+        assert runtime.entered.wait(10)
+        assert batcher.cancel(1)
+        assert isinstance(large.result(), Cancelled)
+        runtime.may_go_on.set()
+        after = MemoryJob(model, windows_of(5))
+        batcher.submit(after)
+        assert values_of(after) == [5]
+        assert batcher.statistics(model)["cancelled"] == {"requests": 1, "rows": 72}
+    assert runtime.batches == [8, 1]
+    assert len(large.answers) == 1
+
+
+def test_what_is_given_up_while_it_is_decoded_is_not_evaluated(
+    model: LoadedModel, runtime: Recorder
+) -> None:
+    with batching(max_batch_rows=8) as batcher:
+
+        class GivenUp(MemoryJob):
+            def decode(self) -> InferRequest:
+                assert batcher.cancel(self.name)
+                return self.request
+
+        given_up = GivenUp(model, windows_of(*range(20)), name=1)
+        given_up.rows = given_up.left = 21
+        batcher.submit(given_up)
+        assert isinstance(given_up.result(), Cancelled)
+        after = MemoryJob(model, windows_of(5))
+        batcher.submit(after)
+        assert values_of(after) == [5]
+    assert runtime.batches == [1]
+
+
+@given(st.lists(st.tuples(st.integers(1, 30), st.booleans()), min_size=1, max_size=20))
+def test_every_job_is_answered_or_given_up_once(engine: Engine, asked: list[tuple[int, bool]]) -> None:
+    runtime = Recorder()
+    model = LoadedModel(engine.model("skin").manifest, runtime)
+    with batching(max_batch_rows=12) as batcher:
+        jobs = []
+        for number, (rows, gives_up) in enumerate(asked):
+            jobs.append(MemoryJob(model, windows_of(*range(rows)), name=number))
+            batcher.submit(jobs[-1])
+            if gives_up:
+                # The worker is at it meanwhile: it may be too late, and then the answer comes.
+                batcher.cancel(number // 2)
+        given_up = 0
+        for job in jobs:
+            if isinstance(job.result(), Cancelled):
+                given_up += 1
+            else:
+                assert values_of(job) == list(range(len(job.request.windows)))
+        batcher.stop(10)
+        batcher.join()
+        counted = batcher.statistics(model)
+        assert batcher.queued_rows == batcher.open_requests == 0
+    assert [len(job.answers) for job in jobs] == [1] * len(jobs)
+    assert (counted["requests"], counted["cancelled"]["requests"]) == (len(jobs), given_up)
+    assert sum(runtime.batches) + counted["cancelled"]["rows"] == sum(rows for rows, _ in asked)
 
 
 def test_statistics_add_up(model: LoadedModel, runtime: Recorder) -> None:

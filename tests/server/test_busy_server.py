@@ -1,5 +1,6 @@
 """A server that computes: still answers, refuses, keeps deadlines, and stops without losing a query."""
 
+import asyncio
 import json
 import time
 from collections.abc import Callable, Iterator
@@ -18,11 +19,15 @@ from taxel.errors import DeadlineExceeded, RequestError, ResourceExhausted, Unav
 from taxel.lane.client import LaneConnection
 from taxel.protocol import unpackb
 from taxel.remote import Transport
+from taxel.remote.async_source import AsyncSource
 from taxel_server import engine as engine_module
+from taxel_server.core import metadata
 from taxel_server.engine import Engine
 from taxel_server.options import ServerOptions
 from taxel_server.runtimes import EvaluatorInfo, Runtime
 from taxel_server.service import Service
+from taxel_server.transports import lane_transport
+from taxel_server.transports.memory import MemoryServer
 from taxel_server.transports.zenoh_clients import ANONYMOUS, ZenohClients
 from taxel_server.transports.zenoh_session import open_session
 
@@ -105,10 +110,10 @@ def test_it_answers_refuses_and_keeps_deadlines(
         gate.opened.set()
         np.testing.assert_array_equal(running.result(), engine.model("skin").evaluate(make_windows(4)))
         assert predictor.predict(make_windows(8)).shape == (8, 21)
-        errors = unpackb(client.get("taxel/v2/models/skin/stats"))["errors"]
-    # Over the lane, a client that waits no longer closes its connection: the server drops what it asked.
-    late = "DEADLINE_EXCEEDED" if transport == "zenoh" else "UNAVAILABLE"
-    assert errors == {"RESOURCE_EXHAUSTED": 1, late: 1}
+        counted = unpackb(client.get("taxel/v2/models/skin/stats"))
+    # A client that waits no longer says so, or closes its connection: the server drops what it asked.
+    assert counted["errors"] == {"RESOURCE_EXHAUSTED": 1}
+    assert counted["cancelled"] == {"requests": 1, "rows": 3}
 
 
 @pytest.mark.parametrize("transport", ["zenoh", "lane"])
@@ -195,20 +200,21 @@ def test_who_is_not_known_shares_with_others_like_that(endpoint: str) -> None:
             assert time.monotonic() < ends
             time.sleep(0.01)
         stranger = zenoh.SourceInfo(server.id, 0)
-        for source in (zenoh.SourceInfo(client.id, 0), stranger, None):
+        for source in (zenoh.SourceInfo(client.id, 0), stranger, None, zenoh.SourceInfo(client.id, 7)):
             client.get("t", source_info=source)
-        names = []
-        for _ in range(3):
+        askers = []
+        for _ in range(4):
             with queryable.recv() as query:
-                names.append(clients.client_of(query))
-        assert names == [str(client.info.zid()), ANONYMOUS, ANONYMOUS]
+                askers.append(clients.asker_of(query))
+        session = str(client.info.zid())
+        assert askers == [(session, None), (ANONYMOUS, None), (ANONYMOUS, None), (session, (session, 7))]
         client.close()
         ends = time.monotonic() + 10
         while not told:
             assert time.monotonic() < ends
             time.sleep(0.01)
         clients.close()
-    assert told == names[:1]
+    assert told == [session]
 
 
 def test_requests_of_a_client_that_has_gone_are_not_evaluated(
@@ -239,6 +245,115 @@ def test_requests_of_a_client_that_has_gone_are_not_evaluated(
         assert held.result().shape == (2, 21)
         assert all(isinstance(answer.exception(), RequestError) for answer in lost)
         counted = unpackb(staying.get("taxel/v2/models/skin/stats"))
-    assert counted["errors"] == {"UNAVAILABLE": 6}
+    assert (counted["errors"], counted["cancelled"]) == ({}, {"requests": 6, "rows": 18})
     assert counted["rows"] == 2
+    assert service.close()
+
+
+@pytest.mark.parametrize("transport", ["zenoh", "lane", "memory", "replicas"])
+def test_a_cancelled_call_is_dropped_by_the_server(
+    gated: tuple[Engine, Gate], endpoint: str, make_windows: WindowMaker, transport: str
+) -> None:
+    engine, gate = gated
+    gate.shut()
+
+    async def main(source: AsyncSource, server: Service | MemoryServer) -> None:
+        predictor = await source.predictor("skin")
+        held = asyncio.create_task(predictor.predict(make_windows(2)))
+        assert await asyncio.to_thread(gate.entered.wait, 10)
+        calls = [asyncio.create_task(predictor.predict(make_windows(3))) for _ in range(4)]
+        while server.queued_rows < 14:
+            await asyncio.sleep(0.001)
+        for call in calls[1:]:
+            call.cancel()
+        await asyncio.gather(*calls[1:], return_exceptions=True)
+        async with asyncio.timeout(10):
+            while server.queued_rows > 5:
+                await asyncio.sleep(0.001)
+        gate.opened.set()
+        for call, rows in ((held, 2), (calls[0], 3)):
+            np.testing.assert_array_equal(await call, engine.model("skin").evaluate(make_windows(rows)))
+        counted = unpackb(await source.get("taxel/v2/models/skin/stats"))
+        assert (counted["requests"], counted["rows"], counted["errors"]) == (5, 5, {})
+        assert counted["cancelled"] == {"requests": 3, "rows": 9}
+
+    async def connected(server: Service | MemoryServer) -> None:
+        if isinstance(server, MemoryServer):
+            source = taxel.connect_async(transport=server)
+        elif transport == "replicas":
+            source = taxel.connect_async([endpoint, "tcp/127.0.0.1:1"])
+        else:
+            source = taxel.connect_async(endpoint, transport=transport)
+        async with source:
+            await main(source, server)
+
+    if transport == "memory":
+        with MemoryServer(engine) as memory:
+            asyncio.run(connected(memory))
+    else:
+        service = Service(engine, ServerOptions(listen=(endpoint,))).start()
+        asyncio.run(connected(service))
+        assert service.close()
+
+
+def test_a_client_that_turns_to_another_server_gives_up_at_the_silent_one(
+    gated: tuple[Engine, Gate],
+    engine: Engine,
+    endpoint: str,
+    start: ServerStarter,
+    make_windows: WindowMaker,
+) -> None:
+    stuck, gate = gated
+    silent = Service(stuck, ServerOptions(listen=(endpoint,))).start()
+    places = [start(engine), endpoint]
+    gate.shut()
+    with taxel.connect(places[1], transport="zenoh") as holding, ThreadPoolExecutor(1) as pool:
+        held = pool.submit(holding.predictor("skin").predict, make_windows(2))
+        assert gate.entered.wait(10)
+        with taxel.connect(places) as source:
+            predictor = source.predictor("skin")
+            while not source.retries:
+                predictor.predict(make_windows(3))
+            ends = time.monotonic() + 10
+            while silent.queued_rows > 2:
+                assert time.monotonic() < ends
+                time.sleep(0.001)
+            assert silent.is_live
+        gate.opened.set()
+        assert held.result().shape == (2, 21)
+        counted = unpackb(holding.get("taxel/v2/models/skin/stats"))
+        assert counted["cancelled"]["requests"] >= 1
+    assert silent.close()
+
+
+def test_an_older_server_is_not_told(
+    gated: tuple[Engine, Gate], endpoint: str, make_windows: WindowMaker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It would close the lane at a frame that it does not know, and log a key that it does not have."""
+    engine, gate = gated
+    monkeypatch.setattr(lane_transport, "EXTENSIONS", ())
+    monkeypatch.setattr(metadata, "MODEL_EXTENSIONS", ())
+    gate.shut()
+    service = Service(engine, ServerOptions(listen=(endpoint,))).start()
+
+    async def main(transport: Transport) -> None:
+        async with taxel.connect_async(endpoint, transport=transport) as source:
+            predictor = await source.predictor("skin")
+            call = asyncio.create_task(predictor.predict(make_windows(2)))
+            while not service.queued_rows:
+                await asyncio.sleep(0.001)
+            call.cancel()
+            await asyncio.gather(call, return_exceptions=True)
+            gate.opened.set()
+            assert (await predictor.predict(make_windows(3))).shape == (3, 21)
+            assert source.retries == 0
+            gate.shut()
+
+    for transport in ("lane", "zenoh"):
+        asyncio.run(main(transport))
+    gate.opened.set()
+    with taxel.connect(endpoint, transport="zenoh") as source:
+        told = unpackb(source.get("taxel/v2/stats"))
+    (counted,) = [each for each in told["models"] if (each["name"], each["version"]) == ("skin", "10")]
+    assert (counted["cancelled"]["requests"], counted["rows"], told["refusals"]) == (0, 10, [])
     assert service.close()

@@ -24,7 +24,7 @@ from taxel.errors import (
     ResourceExhausted,
 )
 from taxel.lane.client import ConnectionLost, LaneConnection
-from taxel.lane.frames import ERROR, pack_request_head, read_counts, read_error
+from taxel.lane.frames import ERROR, pack_cancel, pack_request_head, read_counts, read_error
 from taxel.lane.offer import LaneOffer
 from taxel.protocol import unpackb
 from taxel_server.engine import Engine
@@ -349,3 +349,26 @@ def test_what_came_before_no_frame_is_answered_first(lane: str, make_windows: Wi
     with pytest.raises(ConnectionLost):
         breaking.receive(10)
     breaking.close()
+
+
+def test_a_cancellation_of_nothing_does_nothing_and_another_frame_of_its_kind_is_none(
+    lane: str, engine: Engine, make_windows: WindowMaker
+) -> None:
+    windows = make_windows(3)
+    request = pack_request_head(SKIN, 7, windows.shape, 10_000, spread=False) + windows.tobytes()
+    connection = LaneConnection(lane)
+    connection.socket.sendall(pack_cancel(7) + request[:50])
+    connection.socket.sendall(request[50:] + pack_cancel(8)[:31])
+    assert connection.receive(10)[0].id == 7
+    connection.socket.sendall(pack_cancel(8)[31:] + 2 * pack_cancel(7) + request)
+    answered, counts = answer(connection)
+    assert answered == 7
+    np.testing.assert_array_equal(counts, engine.model("skin").evaluate(windows))
+    connection.socket.sendall(pack_cancel(7)[:-1] + b"x")
+    head, content = connection.receive(10)
+    assert head.id == 0
+    with pytest.raises(InvalidArgument, match="expected a cancellation"):
+        read_counts(content, head)
+    with pytest.raises(ConnectionLost):
+        connection.receive(10)
+    connection.close()

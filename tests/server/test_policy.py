@@ -15,6 +15,7 @@ LIMITS = Amounts(requests=12, rows=2000, bytes=60_000, seconds=0.1)
 MAX_SLICE_ROWS = 256
 CLIENTS = ["ann", "ben", "cleo"]
 AMPLE = Amounts(10**6, 10**7, 10**9, 1e3)
+NUMBERS = range(1, 5)
 SECONDS_A_ROW = {"fast": 1e-5, "slow": 4e-4}
 
 
@@ -27,6 +28,9 @@ class Events(RuleBasedStateMachine):
         self.now = 0.0
         self.open: dict[Ticket, int] = {}
         """Accepted and not ended, with the rows that were taken."""
+        self.newest: dict[object, Ticket] = {}
+        """The request that had a name last."""
+        self.ended: list[Ticket] = []
         self.running: Slice[Ticket] | None = None
 
     def has_open(self, client: str) -> bool:
@@ -38,13 +42,19 @@ class Events(RuleBasedStateMachine):
         rows=st.one_of(st.integers(1, 70), st.integers(1, 2500)),
         size=st.integers(0, 50_000),
         patience=st.one_of(st.just(inf), st.floats(0, 0.05)),
+        number=st.sampled_from([None, *NUMBERS]),
     )
-    def arrive(self, client: str, model: str, rows: int, size: int, patience: float) -> None:
-        ticket = Ticket(client, model, rows, size, self.now + patience)
+    def arrive(
+        self, client: str, model: str, rows: int, size: int, patience: float, number: int | None
+    ) -> None:
+        name = None if number is None else (client, number)
+        ticket = Ticket(client, model, rows, size, self.now + patience, name=name)
         before = self.policy.shares.taken
         refusal = self.policy.arrive(ticket)
         if refusal is None:
             self.open[ticket] = 0
+            if name is not None:
+                self.newest[name] = ticket
             assert ticket.priority == (Priority.BULK if rows > SMALL_ROWS else Priority.CONTROL)
         else:
             assert self.policy.shares.taken == before
@@ -100,12 +110,33 @@ class Events(RuleBasedStateMachine):
         assert not self.policy.drop(ticket)
         del self.open[ticket]
 
+    @rule(client=st.sampled_from(CLIENTS), number=st.sampled_from(NUMBERS))
+    def give_up(self, client: str, number: int) -> None:
+        """A request that is given up ends, wherever it is; a name that nothing open has ends nothing."""
+        newest = self.newest.get((client, number))
+        expected = newest if newest in self.open else None
+        assert self.policy.cancel((client, number)) is expected
+        assert self.policy.cancel((client, number)) is None
+        if expected is not None:
+            del self.open[expected]
+            self.ended.append(expected)
+
+    @precondition(lambda self: self.ended)
+    @rule(data=st.data(), rows=st.integers(1, 50))
+    def decode_too_late(self, data: st.DataObject, rows: int) -> None:
+        """What has ended while it was decoded is not evaluated, and changes nothing."""
+        ticket = data.draw(st.sampled_from(self.ended))
+        taken = self.policy.shares.taken
+        assert not self.policy.shorten(ticket, rows)
+        assert self.policy.shares.taken == taken
+
     @rule(client=st.sampled_from(CLIENTS))
     def leave(self, client: str) -> None:
         gone = self.policy.gone(client)
         assert gone == [ticket for ticket in self.open if ticket.client == client]
         for ticket in gone:
             del self.open[ticket]
+            self.ended.append(ticket)
 
     @rule(seconds=st.floats(0, 0.1))
     def wait(self, seconds: float) -> None:

@@ -10,22 +10,25 @@ import pytest
 import taxel
 from taxel.administration import Order, pack_version
 from taxel.envelopes import RequestReader, RequestWriter
-from taxel.errors import NotFound
+from taxel.errors import InvalidArgument, NotFound
 from taxel.lane import frames
 from taxel.lane.client import LaneConnection
 from taxel.lane.offer import LaneOffer
 from taxel.protocol import (
     InferResponse,
     pack_error,
+    pack_infer_request,
     pack_infer_response,
     unpack_error,
     unpack_infer_response,
     unpackb,
 )
+from taxel.trace_context import checked_traceparent
 from taxel_server.engine import Engine
 
 GOLDEN = Path(__file__).resolve().parents[2] / "docs" / "wire"
 PATH = "v2/models/skin/infer"
+TRACEPARENT = "00-4bf92f3577b34da6a3ce929d0e0e4736-00f067aa0ba902b7-01"
 WINDOWS = np.arange(12, dtype="<f4").reshape(2, 6) / 8
 COUNTS = np.arange(42, dtype="<f4").reshape(2, 21) + 2000
 RESPONSE = InferResponse(COUNTS, "skin", "10", None, 12, 34, 2)
@@ -40,11 +43,17 @@ def lane_request() -> bytes:
 
 WRITTEN: dict[str, Callable[[], bytes]] = {
     "lane_request.bin": lane_request,
+    "lane_request_traced.bin": lambda: (
+        frames.pack_request_head(PATH, 7, (2, 6), 5000.0, spread=False, traceparent=TRACEPARENT)
+        + WINDOWS.tobytes()
+    ),
+    "lane_cancel.bin": lambda: frames.pack_cancel(7),
     "lane_predictions.bin": lambda: frames.pack_reply(7, RESPONSE),
     "lane_predictions_spread.bin": lambda: frames.pack_reply(7, WITH_SPREAD),
     "lane_error.bin": lambda: frames.pack_reply(7, ERROR),
     "zenoh_request.msgpack": lambda: RequestWriter().write(WINDOWS, 5000.0),
     "zenoh_request_spread.msgpack": lambda: RequestWriter().write(WINDOWS, 5000.0, spread=True),
+    "zenoh_request_traced.msgpack": lambda: RequestWriter().write(WINDOWS, 5000.0, traceparent=TRACEPARENT),
     "zenoh_predictions.msgpack": lambda: pack_infer_response(RESPONSE),
     "zenoh_predictions_spread.msgpack": lambda: pack_infer_response(WITH_SPREAD),
     "zenoh_error.msgpack": lambda: pack_error(ERROR),
@@ -83,12 +92,52 @@ def test_its_writer_writes_it(name: str) -> None:
 
 def test_a_server_reads_the_requests() -> None:
     head = frames.read_request_head(golden("lane_request.bin"), 0)
-    assert head == (len(golden("lane_request.bin")), False, len(PATH), 7, 2, 6, 5000.0, 52)
+    assert head == (len(golden("lane_request.bin")), False, len(PATH), 7, 2, 6, 5000.0, 52, None)
     assert golden("lane_request.bin")[head.data_at :] == WINDOWS.tobytes()
     for name, spread in (("zenoh_request.msgpack", False), ("zenoh_request_spread.msgpack", True)):
         request = RequestReader(10).read(golden(name))
         np.testing.assert_array_equal(request.windows, WINDOWS)
-        assert request[1:] == (None, 5000.0, spread)
+        assert request[1:] == (None, 5000.0, spread, None)
+
+
+def test_a_server_reads_the_trace_context() -> None:
+    frame = golden("lane_request_traced.bin")
+    head = frames.read_request_head(frame, 0)
+    assert head == (len(frame), False, len(PATH), 7, 2, 6, 5000.0, 52 + 56, TRACEPARENT)
+    assert frame[head.data_at :] == WINDOWS.tobytes()
+    reader = RequestReader(10)
+    for _ in range(2):
+        request = reader.read(golden("zenoh_request_traced.msgpack"))
+        np.testing.assert_array_equal(request.windows, WINDOWS)
+        assert request[1:] == (None, 5000.0, False, TRACEPARENT)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        "",
+        TRACEPARENT.upper(),
+        TRACEPARENT[:-1],
+        TRACEPARENT + "0",
+        "ff" + TRACEPARENT[2:],
+        TRACEPARENT.replace("00f067aa0ba902b7", "0" * 16),
+        TRACEPARENT.replace("4bf92f3577b34da6a3ce929d0e0e4736", "0" * 32),
+    ],
+)
+def test_what_is_no_trace_context_is_ignored_by_servers_and_refused_by_clients(wrong: str) -> None:
+    with pytest.raises(InvalidArgument, match="expected a W3C traceparent"):
+        checked_traceparent(wrong)
+    told = pack_infer_request(WINDOWS, traceparent=wrong)
+    assert RequestReader(10).read(told).traceparent is None
+    frame = bytearray(golden("lane_request_traced.bin"))
+    frame[52 : 52 + 56] = wrong.encode()[:56].ljust(56, b"\0")
+    assert frames.read_request_head(bytes(frame), 0).traceparent is None
+
+
+def test_a_server_reads_the_cancellation() -> None:
+    frame = golden("lane_cancel.bin")
+    assert (len(frame), frame[frames.KIND_AT]) == (frames.HEAD_BYTES, frames.CANCELLATION)
+    assert frames.read_cancel(b"1234" + frame + frame, 4) == 7
 
 
 def test_a_server_reads_the_order() -> None:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from taxel.channels import CHANNELS, COUNTS_MAX, ELECTRODES
     from taxel.errors import (
         ArtifactError,
+        Cancelled,
         DeadlineExceeded,
         Internal,
         InvalidArgument,
@@ -49,6 +50,7 @@ _HOMES: Final = {
     "channels": ("CHANNELS", "COUNTS_MAX", "ELECTRODES"),
     "errors": (
         "ArtifactError",
+        "Cancelled",
         "DeadlineExceeded",
         "Internal",
         "InvalidArgument",
@@ -87,6 +89,7 @@ __all__ = [
     "COUNTS_MAX",
     "ELECTRODES",
     "ArtifactError",
+    "Cancelled",
     "Credentials",
     "DeadlineExceeded",
     "Internal",

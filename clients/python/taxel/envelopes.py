@@ -42,10 +42,20 @@ class RequestWriter:
         self._known: dict[tuple[tuple[int, ...], float, bool], tuple[bytes, bytes]] = {}
         """The bytes before and after the numbers, by shape, timeout and spread."""
 
-    def write(self, windows: NDArray[np.float32], timeout_ms: float, *, spread: bool = False) -> bytes:
+    def write(
+        self,
+        windows: NDArray[np.float32],
+        timeout_ms: float,
+        *,
+        spread: bool = False,
+        traceparent: str | None = None,
+    ) -> bytes:
         """The same bytes as `taxel.protocol.pack_infer_request` gives."""
-        if not 0 < windows.nbytes <= _SMALL:
-            return pack_infer_request(windows, timeout_ms=timeout_ms, spread=spread)
+        # A trace context is another one each time.
+        if traceparent is not None or not 0 < windows.nbytes <= _SMALL:
+            return pack_infer_request(
+                windows, timeout_ms=timeout_ms, spread=spread, traceparent=traceparent
+            )
         what = (windows.shape, timeout_ms, spread)
         known = self._known.get(what)
         if known is None:
@@ -103,7 +113,8 @@ class RequestReader:
                 windows = np.frombuffer(payload, "<f4", (stop - start) // _FLOAT_BYTES, start)
                 return InferRequest(windows.reshape(known.shape), None, known.timeout_ms, known.spread)
         request = unpack_infer_request(payload, self._max_rows)
-        if request.id is None and request.windows.nbytes <= _SMALL and len(self._known) < _MOST_KNOWN:
+        is_alike = request.id is None and request.traceparent is None
+        if is_alike and request.windows.nbytes <= _SMALL and len(self._known) < _MOST_KNOWN:
             self._remember(payload, request)
         return request
 

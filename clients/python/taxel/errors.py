@@ -6,6 +6,7 @@
     │   ├── NotFound            no such model, version or key
     │   ├── ResourceExhausted   the server's queue is full, or the request is too large
     │   ├── DeadlineExceeded    the answer would have come too late
+    │   ├── Cancelled           its client has given it up, or has gone: nobody waits for it
     │   ├── PermissionDenied    a server is there, but does not let this client ask
     │   ├── Unavailable         nobody answers, or the server is stopping
     │   │   └── ServerLost      the connection was lost before the answer was there
@@ -29,6 +30,7 @@ Code = Literal[
     "NOT_FOUND",
     "RESOURCE_EXHAUSTED",
     "DEADLINE_EXCEEDED",
+    "CANCELLED",
     "PERMISSION_DENIED",
     "UNAVAILABLE",
     "INTERNAL",
@@ -67,6 +69,12 @@ class DeadlineExceeded(RequestError):
     """No answer within the time that the caller allowed."""
 
     code = "DEADLINE_EXCEEDED"
+
+
+class Cancelled(RequestError):
+    """The client has given the request up, or has gone; so the server dropped it."""
+
+    code = "CANCELLED"
 
 
 class PermissionDenied(RequestError):
@@ -127,6 +135,7 @@ _BY_CODE: Final[dict[str, type[RequestError]]] = {
         NotFound,
         ResourceExhausted,
         DeadlineExceeded,
+        Cancelled,
         PermissionDenied,
         Unavailable,
         Internal,

@@ -6,6 +6,7 @@ Keys, below a prefix (`taxel` unless configured):
     <prefix>/v2/health/live, /v2/health/ready        is it up; is it ready to predict
     <prefix>/v2/models/<name>[/versions/<v>]         model metadata
     …/ready, …/infer, …/stats                        of one model
+    <prefix>/v2/cancel                               a request is given up
     <prefix>/v2/repository/index                     every model and its state
     <prefix>/@replica/<id>                           a liveliness token: this server is there
 
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS
 from taxel.errors import Internal, InvalidArgument, RequestError, ResourceExhausted, from_code
 from taxel.manifest import INPUT_NAME, OUTPUT_NAME, SPREAD_NAME
+from taxel.trace_context import is_traceparent
 
 PREFIX: Final = "taxel"
 REPLICAS: Final = "@replica"
@@ -29,6 +31,12 @@ REPLICAS: Final = "@replica"
 
 MAX_ROWS: Final = 65_536
 """The most windows in one request; a server may allow fewer."""
+
+CANCEL: Final = "cancel"
+"""What servers call it, where they tell what they can, that a request can be given up."""
+
+CANCEL_PATH: Final = "v2/cancel"
+"""The path of a query that gives a request up; it has the `source_info` of that request."""
 
 _MAX_PARTS: Final = 64
 """The most lists and maps in one request, and the most entries in each."""
@@ -48,12 +56,13 @@ def model_key(prefix: str, name: str, version: str | None, action: str = "") -> 
 
 
 class InferRequest(NamedTuple):
-    """A decoded request: windows (n, f) float32, and whether it asks for the spread."""
+    """A decoded request: windows (n, f) float32, whether it asks for the spread, the W3C's traceparent."""
 
     windows: NDArray[np.float32]
     id: str | None = None
     timeout_ms: float | None = None
     spread: bool = False
+    traceparent: str | None = None
 
 
 class InferResponse(NamedTuple):
@@ -78,6 +87,7 @@ def pack_infer_request(
     request_id: str | None = None,
     timeout_ms: float | None = None,
     spread: bool = False,
+    traceparent: str | None = None,
 ) -> bytes:
     """Encode windows, (n, f) float32 C-contiguous, as an infer request."""
     data = windows.astype(_FLOAT, copy=False).data
@@ -87,8 +97,9 @@ def pack_infer_request(
         request["outputs"] = [{"name": OUTPUT_NAME}, {"name": SPREAD_NAME}]
     if request_id is not None:
         request["id"] = request_id
-    if timeout_ms is not None:
-        request["parameters"] = {"timeout_ms": timeout_ms}
+    parameters = {"timeout_ms": timeout_ms, "traceparent": traceparent}
+    if given := {name: value for name, value in parameters.items() if value is not None}:
+        request["parameters"] = given
     return packb(request)
 
 
@@ -109,8 +120,15 @@ def unpack_infer_request(payload: bytes, max_rows: int = MAX_ROWS) -> InferReque
     if not isinstance(inputs, list) or len(inputs) != 1:
         raise InvalidArgument(f"inputs: {_kind(inputs)}: expected a list of one tensor, {INPUT_NAME!r}")
     windows = _tensor(_mapping(inputs[0], "inputs[0]"), "inputs[0]", INPUT_NAME, max_rows)
+    parameters = request.get("parameters")
+    given = {} if parameters is None else _mapping(parameters, "parameters")
+    timeout, traceparent = given.get("timeout_ms"), given.get("traceparent")
     return InferRequest(
-        windows, request_id, _timeout(request.get("parameters")), _asks_for_spread(request.get("outputs"))
+        windows,
+        request_id,
+        None if timeout is None else checked_timeout_ms(timeout),
+        _asks_for_spread(request.get("outputs")),
+        traceparent if is_traceparent(traceparent) else None,
     )
 
 
@@ -127,15 +145,6 @@ def _asks_for_spread(outputs: object) -> bool:
 
 def _are_maps(values: object) -> TypeGuard[list[dict[str, Any]]]:
     return isinstance(values, list) and all(isinstance(value, dict) for value in values)
-
-
-def _timeout(parameters: object) -> float | None:
-    if parameters is None:
-        return None
-    timeout = _mapping(parameters, "parameters").get("timeout_ms")
-    if timeout is None:
-        return None
-    return checked_timeout_ms(timeout)
 
 
 def checked_timeout_ms(timeout: object) -> float:

@@ -6,7 +6,6 @@ evaluated slice by slice, between those of others.
 
 import logging
 import time
-from collections import defaultdict, deque
 from collections.abc import Hashable, Iterable, Sequence
 from math import inf
 from queue import Empty, SimpleQueue
@@ -17,15 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
-from taxel.errors import Internal, RequestError, ResourceExhausted, Unavailable
+from taxel.errors import Cancelled, Internal, RequestError, ResourceExhausted, Unavailable
 from taxel.protocol import InferResponse
 from taxel.windows.checks import check_finite
+from taxel_server.core.answers import Answers, tell
 from taxel_server.core.jobs import Job, Work, too_late
 from taxel_server.core.policy import Policy, Slice, Ticket
 from taxel_server.core.refusals import Refusals
 from taxel_server.core.shadows import Shadows
 from taxel_server.core.shares import Amounts
-from taxel_server.core.statistics import ModelStatistics
 from taxel_server.engine import LoadedModel
 from taxel_server.memory import FreeMemory
 
@@ -37,9 +36,6 @@ _CHANNELS: Final = len(CHANNELS)
 
 _AT_ONCE_ROWS: Final = 16
 """The most windows that are evaluated by the thread that receives them, if nothing else is open."""
-
-_MOST_UNCOUNTED: Final = 256
-"""Requests whose statistics wait to be counted together: this takes less time for each."""
 
 Piece = tuple[Work, int]
 """A request and how many of its next windows are evaluated."""
@@ -74,7 +70,7 @@ class Batcher:
         max_queue_seconds: float,
         refusals: Refusals | None = None,
     ) -> None:
-        self._refusals = refusals or Refusals()
+        self._answers = Answers(refusals or Refusals())
         limits = Amounts(max_queue_requests, max_queue_rows, max_queue_bytes, max_queue_seconds)
         self._policy: Policy[Job] = Policy(limits, max_batch_rows)
         self._lock = Lock()
@@ -85,9 +81,6 @@ class Batcher:
         self.shadows: Final = Shadows()
         self._stopping = False
         self._give_up_at = inf
-        self._statistics: defaultdict[LoadedModel, ModelStatistics] = defaultdict(ModelStatistics)
-        self._alone: deque[tuple[LoadedModel, int, int]] = deque()
-        """Evaluated at once and not counted yet: model, rows, time in µs."""
         self._worker = Thread(target=self._run, name="taxel-batcher", daemon=True)
 
     def start(self) -> None:
@@ -118,11 +111,13 @@ class Batcher:
             return False  # The way of a batch knows what to say of each failure.
         waited_ms = (time.monotonic() - job.arrived) * 1e3
         late = request.timeout_ms is not None and waited_ms > request.timeout_ms
-        done = None if late or request.spread else self.evaluate_if_idle(job.model, request.windows)
+        # Spans are made where answers of the queue are given.
+        elsewhere = late or request.spread or request.traceparent is not None
+        done = None if elsewhere else self.evaluate_if_idle(job.model, request.windows)
         if done is None:
             return False
         name, version, counts = job.model.manifest.name, job.model.manifest.version, done.counts
-        _give(job, InferResponse(counts, name, version, request.id, 0, done.compute_us, len(counts)))
+        tell(job, InferResponse(counts, name, version, request.id, 0, done.compute_us, len(counts)))
         return True
 
     def evaluate_if_idle(self, model: LoadedModel, windows: NDArray[np.float32]) -> AtOnce | None:
@@ -151,17 +146,8 @@ class Batcher:
         compute_us = round((time.monotonic() - started) * 1e6)
         if self.shadows.shadowed:
             self.shadows.offer(model, windows, outputs)
-        self._alone.append((model, rows, compute_us))
-        if len(self._alone) >= _MOST_UNCOUNTED:
-            with self._lock:
-                self._count_alone()
+        self._answers.count_alone(model, rows, compute_us)
         return AtOnce(outputs, compute_us)
-
-    def _count_alone(self) -> None:
-        """Count what was evaluated at once; call it under the lock."""
-        while self._alone:
-            model, rows, compute_us = self._alone.popleft()
-            self._statistics[model].add_alone(rows, compute_us)
 
     def _queue(self, job: Job) -> None:
         """Give a job to the policy, if there is room; call it under the lock."""
@@ -183,7 +169,7 @@ class Batcher:
     def _refuse(self, ticket: Ticket, refusal: str | None) -> None:
         if refusal is not None:
             error = ResourceExhausted(f"{refusal}; try again later")
-            self._statistics[ticket.model].add_error(error.code)
+            self._answers.count_error(ticket.model, error)
             raise error
 
     def _wake(self) -> None:
@@ -209,30 +195,22 @@ class Batcher:
     @property
     def answered(self) -> int:
         """Jobs that got an answer or a refusal since the start; it rises as long as there is progress."""
-        with self._lock:
-            self._count_alone()
-            return sum(statistics.requests for statistics in self._statistics.values())
+        return self._answers.given
 
     def statistics(self, model: LoadedModel) -> dict[str, Any]:
         """The statistics of a model."""
-        with self._lock:
-            self._count_alone()
-            return self._statistics[model].as_dict()
+        return self._answers.of(model)
 
     def succeed(self, old: LoadedModel, new: LoadedModel) -> None:
         """Count the requests of a version that was loaded again together with those from before."""
-        with self._lock:
-            self._count_alone()
-            self._statistics[new] = self._statistics[old]
+        self._answers.succeed(old, new)
 
     def keep(self, models: Iterable[LoadedModel]) -> bool:
         """Forget all other models, which get no more requests; False if some still have open ones."""
         kept = set(models)
         with self._lock:
-            self._count_alone()
             busy = {job.model for job in self._policy} - kept
-            for model in self._statistics.keys() - kept - busy:
-                del self._statistics[model]
+            self._answers.keep(kept | busy)
             self._policy.keep(kept | busy)
             self._memory.note(FreeMemory.MUCH_BYTES)
             self._wake()
@@ -242,7 +220,15 @@ class Batcher:
         """Drop the requests of a connection or a session that is no longer there to be answered."""
         with self._lock:
             dropped = self._policy.gone(source)
-        self._answer_all(dropped, Unavailable("the client has gone"))
+        self._answers.give_all(dropped, Cancelled("the client has gone"))
+
+    def cancel(self, name: Hashable) -> bool:
+        """Drop the request of this name: its client has given it up. False if there is none open."""
+        with self._lock:
+            dropped = self._policy.cancel(name)
+        if dropped is not None:
+            self._answers.give(dropped, Cancelled("the client has given it up"))
+        return dropped is not None
 
     def stop(self, drain_seconds: float) -> None:
         """Take no more jobs; returns at once.
@@ -259,7 +245,7 @@ class Batcher:
         """Answer every open job with `Unavailable` at once."""
         with self._lock:
             dropped = self._drop_all()
-        self._answer_all(dropped, Unavailable(_STOPPING))
+        self._answers.give_all(dropped, Unavailable(_STOPPING))
 
     def join(self) -> None:
         """Return when every queued job has its answer, after `stop`."""
@@ -277,7 +263,7 @@ class Batcher:
             return False
         started = time.monotonic()
         for job in chosen.late:
-            self._answer(job, too_late(job, started))
+            self._answers.give(job, too_late(job, started))
         # A request may have a window more than was estimated: its last piece takes what is left.
         pieces = [
             (work, rows if job.left else work.left)
@@ -291,7 +277,7 @@ class Batcher:
                 finished = self._policy.done(chosen, time.monotonic() - started)
             for job in finished:
                 assert job.work is not None
-                self._answer(job, job.work.response())
+                self._answers.give(job, job.work.response())
         return True
 
     def _next(self) -> Slice[Job] | None:
@@ -307,7 +293,7 @@ class Batcher:
             if chosen is not None:
                 return chosen
             if dropped:
-                self._answer_all(dropped, Unavailable(_STOPPING))
+                self._answers.give_all(dropped, Unavailable(_STOPPING))
             else:
                 self._rest()
 
@@ -322,20 +308,22 @@ class Batcher:
         return [job for job in self._policy if self._policy.drop(job)]
 
     def _decoded(self, job: Job) -> Work | None:
-        """The checked request. None if it was refused, or is too late; then it has its answer."""
+        """The checked request. None if it was refused, is too late or given up; then it has its answer."""
         try:
             job.work = work = Work(job)
         except RequestError as error:
             self._settle(job, error)
         except Exception:
-            _LOG.exception("%s: a request could not be decoded", job.model.label)
+            _LOG.exception("%s: a request could not be decoded", job.model.label, extra=job.log_fields)
             self._settle(job, Internal("the request could not be decoded: the server's log says more"))
         else:
             job.deadline = work.deadline
             if (now := time.monotonic()) <= job.deadline:
                 with self._lock:
-                    self._policy.shorten(job, work.rows)
-                return work
+                    if self._policy.shorten(job, work.rows):
+                        return work
+                job.work = None
+                return None
             self._settle(job, too_late(job, now))
         return None
 
@@ -353,12 +341,12 @@ class Batcher:
                 for piece in pieces:
                     self._evaluate(model, [piece])
                 return
-            _LOG.exception("%s: evaluation failed", model.label)
-            self._settle(pieces[0][0].job, Internal(f"{model.label} failed: the server's log says more"))
+            job = pieces[0][0].job
+            _LOG.exception("%s: evaluation failed", model.label, extra=job.log_fields)
+            self._settle(job, Internal(f"{model.label} failed: the server's log says more"))
             return
         ended = time.monotonic()
-        with self._lock:
-            self._statistics[model].add_batch(len(joined))
+        self._answers.count_batch(model, len(joined))
         if self.shadows.shadowed:
             self.shadows.offer(model, joined, outputs)
         first = 0
@@ -372,35 +360,4 @@ class Batcher:
         with self._lock:
             if not self._policy.drop(job):
                 return
-        self._answer(job, result)
-
-    def _answer_all(self, jobs: Iterable[Job], error: RequestError) -> None:
-        for job in jobs:
-            self._answer(job, error)
-
-    def _answer(self, job: Job, result: InferResponse | RequestError) -> None:
-        """Answer a job that is not open any more."""
-        with self._lock:
-            self._count(job, result)
-        if isinstance(result, RequestError):
-            self._refusals.add(result, client=job.caller, model=job.model.label, request_id=job.request_id)
-        _give(job, result)
-
-    def _count(self, job: Job, result: InferResponse | RequestError) -> None:
-        """Add an answer to the statistics; call it under the lock."""
-        if isinstance(result, RequestError):
-            self._statistics[job.model].add_error(result.code)
-        else:
-            self._statistics[job.model].add_response(result)
-
-
-def _give(job: Job, result: InferResponse | RequestError) -> None:
-    # The two refer to each other: their numbers would stay until the next garbage collection.
-    job.work = None
-    try:
-        job.answer(result)
-        if job.seen is not None:
-            job.seen(job, result)
-    except Exception:
-        # Whoever answers must survive a caller that has gone.
-        _LOG.exception("%s: an answer could not be given", job.model.label)
+        self._answers.give(job, result)

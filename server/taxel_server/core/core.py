@@ -64,6 +64,8 @@ class Core:
         self.evaluate_if_idle = self._batcher.evaluate_if_idle
         self.gone: Callable[[Hashable], None] = self._batcher.gone
         """Drops the requests of a connection or a session that has ended."""
+        self.cancel: Callable[[Hashable], bool] = self._batcher.cancel
+        """Drops the request of a name, which its client has given up; False if there is none open."""
         self.take_order: Callable[[str, bytes, Answer], bool] = lambda *_: False
         """Carries out an operator's order, and answers it once; False if the path is none."""
         self.check_room: Callable[[Ticket], None] = self._batcher.check_room

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS
 from taxel.errors import DeadlineExceeded, InvalidArgument, RequestError
 from taxel.protocol import InferRequest, InferResponse
+from taxel.trace_context import trace_id_of
 from taxel.windows.checks import check_finite
 from taxel_server.core.policy import Ticket
 from taxel_server.engine import LoadedModel
@@ -39,10 +40,12 @@ class Job(Ticket, ABC):
         size: its bytes.
         client: who asks. Clients that cannot be told from each other are one client.
         source: the connection that it came by; the client if none.
+        name: what the client calls it if it gives it up.
 
     Attributes:
         caller: what the client is called in logs, as far as the transport knows.
         request_id: the client's own id, once it is known.
+        traceparent: the W3C's, of the trace that it belongs to, once it is known.
         seen: told the answer once it is given, if somebody watches.
         arrived: when, on the clock `time.monotonic`.
         work: the decoded request, once its evaluation has begun.
@@ -51,14 +54,31 @@ class Job(Ticket, ABC):
     model: LoadedModel
     caller: str = ""
     request_id: str | int | None = None
+    traceparent: str | None = None
     seen: "Callable[[Job, InferResponse | RequestError], None] | None" = None
 
     def __init__(
-        self, model: LoadedModel, rows: int, size: int = 0, client: Hashable = None, source: Hashable = None
+        self,
+        model: LoadedModel,
+        rows: int,
+        size: int = 0,
+        client: Hashable = None,
+        source: Hashable = None,
+        name: Hashable = None,
     ) -> None:
-        super().__init__(client, model, rows, size, source=source)
+        super().__init__(client, model, rows, size, source=source, name=name)
         self.arrived = time.monotonic()
         self.work: Work | None = None
+
+    @property
+    def log_fields(self) -> dict[str, dict[str, object]]:
+        """What a line of the log tells of it."""
+        told = {
+            "client": self.caller,
+            "request_id": self.request_id,
+            "trace_id": trace_id_of(self.traceparent),
+        }
+        return {"fields": {name: value for name, value in told.items() if value not in (None, "")}}
 
     @abstractmethod
     def decode(self) -> InferRequest:

@@ -7,11 +7,14 @@ from typing import Any, Final
 from taxel import __version__
 from taxel.errors import NotFound, PermissionDenied, Unavailable
 from taxel.lane.offer import LaneOffer
+from taxel.protocol import CANCEL
 from taxel_server.core.server_statistics import ServerStatistics
 from taxel_server.core.traffic import Traffic
 from taxel_server.engine import Engine, LoadedModel
 
-EXTENSIONS: Final = ("repository_index", "model_repository", "model_stats", "server_stats")
+EXTENSIONS: Final = ("repository_index", "model_repository", "model_stats", "server_stats", CANCEL)
+MODEL_EXTENSIONS: Final = (CANCEL,)
+"""What a client may do beyond plain requests: told with each model, which every client asks for."""
 
 
 class ServerMetadata:
@@ -110,5 +113,9 @@ class ServerMetadata:
             "platform": manifest.platform,
             "inputs": described["inputs"],
             "outputs": described["outputs"],
-            "parameters": {"manifest": described, "evaluators": described_model.evaluators},
+            "parameters": {
+                "manifest": described,
+                "evaluators": described_model.evaluators,
+                "extensions": list(MODEL_EXTENSIONS),
+            },
         }

@@ -1,7 +1,7 @@
 """What is accepted, refused, and evaluated next: a state machine without threads and without a clock.
 
-Its events: a request arrives; the evaluator asks for the next slice, and says when it is done; a request
-or a client is no longer there. Times are seconds on whichever clock the caller takes.
+Its events: a request arrives; the evaluator asks for the next slice, and says when it is done; a client
+gives a request up, or is no longer there. Times are seconds on whichever clock the caller takes.
 """
 
 from collections.abc import Hashable, Iterator, Set
@@ -46,6 +46,7 @@ class Ticket:
         deadline: after it, nobody waits for the answer any more.
         priority: if none, control for a small request, and bulk for others.
         source: what may be gone before the answer, such as a connection; the client if none.
+        name: what the client calls it when it gives it up; None if it cannot. It must tell the client, too.
 
     Attributes:
         left: windows not taken yet.
@@ -63,8 +64,10 @@ class Ticket:
         deadline: float = inf,
         priority: Priority | None = None,
         source: Hashable = None,
+        name: Hashable = None,
     ) -> None:
         self.client = client
+        self.name = name
         self.source = client if source is None else source
         self.model = model
         self.rows = rows
@@ -109,6 +112,8 @@ class Policy(Generic[T]):
         self._max_slice_rows = max_slice_rows
         self._small_rows = min(SMALL_ROWS, max_slice_rows)
         self._open: dict[T, None] = {}
+        self._named: dict[Hashable, T] = {}
+        """Open requests that have a name. If a client uses one twice, it is the newer request's."""
         self._turns: dict[Priority, ModelTurns[T]] = {each: ModelTurns(SLICE_S) for each in Priority}
         self._control_s = 0.0
         """Evaluation of control requests while bulk requests waited."""
@@ -137,6 +142,8 @@ class Policy(Generic[T]):
                 ticket.priority = Priority.CONTROL if ticket.rows <= self._small_rows else Priority.BULK
             self.shares.take(ticket)
             self._open[ticket] = None
+            if ticket.name is not None:
+                self._named[ticket.name] = ticket
             self._turns[ticket.priority].add(ticket.model, ticket)
         return refusal
 
@@ -163,13 +170,20 @@ class Policy(Generic[T]):
                 return Slice(model, priority, list(pieces.items()), late)
         return Slice(None, Priority.BULK, [], late) if late else None
 
-    def shorten(self, ticket: T, rows: int) -> None:
-        """Note that a request has fewer windows than it had told, once its first slice was taken."""
+    def shorten(self, ticket: T, rows: int) -> bool:
+        """Note how many windows a request has, once its first slice was taken; it may have told more.
+
+        Returns:
+            Whether it is still open.
+        """
+        if ticket not in self._open:
+            return False
         surplus = ticket.rows - rows
         if surplus > 0 and ticket.left:
             ticket.left = max(ticket.left - surplus, 0)
             if not ticket.left:
                 self._leave_queue(ticket)
+        return True
 
     def done(self, evaluated: Slice[T], seconds: float) -> list[T]:
         """Count an evaluation; returns the requests that it completes, which are not open any more."""
@@ -190,6 +204,13 @@ class Policy(Generic[T]):
             self._leave_queue(ticket)
         return self._end(ticket)
 
+    def cancel(self, name: Hashable) -> T | None:
+        """End the request of this name, wherever it is; returns it, or None if there is none open."""
+        ticket = self._named.get(name)
+        if ticket is not None:
+            self.drop(ticket)
+        return ticket
+
     def gone(self, source: Hashable) -> list[T]:
         """End all requests of a source; returns them."""
         theirs = [ticket for ticket in self._open if ticket.source == source]
@@ -206,6 +227,8 @@ class Policy(Generic[T]):
         if ticket not in self._open:
             return False
         del self._open[ticket]
+        if ticket.name is not None and self._named.get(ticket.name) is ticket:
+            del self._named[ticket.name]
         self.shares.give(ticket)
         return True
 

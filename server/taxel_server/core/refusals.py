@@ -41,7 +41,13 @@ class Refusals:
         self._logged: OrderedDict[tuple[str, str, str], _Logged] = OrderedDict()
 
     def add(
-        self, error: RequestError, *, client: str, model: str = "", request_id: str | int | None = None
+        self,
+        error: RequestError,
+        *,
+        client: str,
+        model: str = "",
+        request_id: str | int | None = None,
+        trace_id: str | None = None,
     ) -> None:
         """Count a refusal; log it unless its kind was logged a short while ago for the same client.
 
@@ -50,6 +56,7 @@ class Refusals:
             client: who asked, as far as its transport knows.
             model: name and version.
             request_id: the request's own id, where it is known.
+            trace_id: of the trace that it belongs to, if the client told one.
         """
         now = self._clock()
         with self._lock:
@@ -66,7 +73,13 @@ class Refusals:
             self._logged.move_to_end(kind)
             if len(self._logged) > _MOST_CLIENTS:
                 self._logged.popitem(last=False)
-        fields = {"code": error.code, "client": client, "model": model, "request_id": request_id}
+        fields: dict[str, str | int | None] = {
+            "code": error.code,
+            "client": client,
+            "model": model,
+            "request_id": request_id,
+            "trace_id": trace_id,
+        }
         if before is not None and before.suppressed:
             fields["suppressed"] = before.suppressed
         _LOG.warning(

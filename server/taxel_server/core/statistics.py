@@ -34,13 +34,15 @@ class ModelStatistics:
     """Counters of one model. Written under the batcher's lock; read at any time.
 
     Attributes:
-        requests: answered and failed ones.
+        requests: answered, failed and cancelled ones.
     """
 
     def __init__(self) -> None:
         self.requests = 0
         self._rows = 0
         self._errors: Counter[str] = Counter()
+        self._cancelled = 0
+        self._cancelled_rows = 0
         self._batch_rows = Histogram()
         self._queue_us = Histogram()
         self._compute_us = Histogram()
@@ -65,16 +67,23 @@ class ModelStatistics:
         self.requests += 1
         self._errors[code] += 1
 
+    def add_cancelled(self, rows: int) -> None:
+        """Count a request that was dropped because nobody waits for it, with windows not evaluated."""
+        self.requests += 1
+        self._cancelled += 1
+        self._cancelled_rows += rows
+
     def add_batch(self, rows: int) -> None:
         """Count one evaluation."""
         self._batch_rows.add(rows)
 
     def as_dict(self) -> dict[str, Any]:
-        """As on the wire; `requests` counts answered and failed requests."""
+        """As on the wire; `requests` counts answered, failed and cancelled requests."""
         return {
             "requests": self.requests,
             "rows": self._rows,
             "errors": dict(self._errors),
+            "cancelled": {"requests": self._cancelled, "rows": self._cancelled_rows},
             "batch_rows": self._batch_rows.as_dict(),
             "queue_us": self._queue_us.as_dict(),
             "compute_us": self._compute_us.as_dict(),

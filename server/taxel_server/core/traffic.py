@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
-from taxel.errors import RequestError
+from taxel.errors import Cancelled, RequestError
 from taxel.protocol import InferResponse
 from taxel.skin import PAD
 from taxel_server.core.jobs import Job
@@ -81,7 +81,9 @@ class Traffic:
         return {"clients": [self._told(name, model, noted, now) for name, model, noted in seen]}
 
     def see(self, job: Job, result: InferResponse | RequestError) -> None:
-        """Note a job that has its answer."""
+        """Note a job that has its answer; not one that its client has given up."""
+        if isinstance(result, Cancelled):
+            return
         # All clients of zenoh have one name in logs; here, each has its session's.
         name = f"{job.caller} {job.client[:8]}" if isinstance(job.client, str) else job.caller
         noted = self._due(name or "this process", job.model)

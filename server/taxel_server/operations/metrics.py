@@ -94,18 +94,28 @@ def _gauge(name: str, text: str, value: float) -> Metric:
 
 
 def _of_models(models: list[Mapping[str, Any]]) -> Iterator[Metric]:
-    requests = CounterMetricFamily("taxel_requests", "Requests, answered or refused.", labels=_MODEL)
+    requests = CounterMetricFamily(
+        "taxel_requests", "Requests, answered, refused or cancelled.", labels=_MODEL
+    )
     rows = CounterMetricFamily("taxel_rows", "Windows that were answered.", labels=_MODEL)
     errors = CounterMetricFamily(
         "taxel_model_errors", "Requests that got an error, by its code.", labels=[*_MODEL, "code"]
     )
+    cancelled = CounterMetricFamily(
+        "taxel_cancelled_requests", "Requests that were dropped: nobody waited for them.", labels=_MODEL
+    )
+    cancelled_rows = CounterMetricFamily(
+        "taxel_cancelled_rows", "Windows of these that were not evaluated.", labels=_MODEL
+    )
     for model in models:
         place = [model["name"], model["version"]]
+        cancelled.add_metric(place, model["cancelled"]["requests"])
+        cancelled_rows.add_metric(place, model["cancelled"]["rows"])
         requests.add_metric(place, model["requests"])
         rows.add_metric(place, model["rows"])
         for code, count in sorted(model["errors"].items()):
             errors.add_metric([*place, code], count)
-    yield from (requests, rows, errors)
+    yield from (requests, rows, errors, cancelled, cancelled_rows)
     yield from _of_shadows([model for model in models if "shadow" in model])
     for name, field, powers, unit, text in _HISTOGRAMS:
         family = HistogramMetricFamily(f"taxel_{name}", text, labels=_MODEL)

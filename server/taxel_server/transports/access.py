@@ -18,7 +18,7 @@ _LOG: Final = logging.getLogger(__name__)
 
 _KEYS: Final[Mapping[str, tuple[str, ...]]] = {
     "metadata": ("", "/*", "/v2/*", "/v2/health/*", "/v2/repository/*", "/v2/models/**"),
-    "infer": ("/v2/models/*/infer", "/v2/models/*/versions/*/infer"),
+    "infer": ("/v2/models/*/infer", "/v2/models/*/versions/*/infer", "/v2/cancel"),
     "administration": ("/v2/repository/models/**",),
 }
 """What each right opens, behind the prefix. Other keys are closed, so a new one has to be opened here."""

@@ -17,15 +17,20 @@ from numpy.typing import NDArray
 
 from taxel.errors import Internal, InvalidArgument, NotFound, RequestError, ResourceExhausted
 from taxel.lane.frames import (
+    CANCELLATION,
     HEAD_BYTES,
     ID_AT,
     ID_END,
+    KIND_AT,
     RequestHead,
     pack_predictions,
     pack_reply,
+    read_cancel,
     read_request_head,
 )
 from taxel.lane.offer import name_of, process_of
+from taxel.protocol import CANCEL
+from taxel.trace_context import TRACE_CONTEXT, trace_id_of
 from taxel_server.core.core import Core
 from taxel_server.core.jobs import check_shape
 from taxel_server.core.policy import Ticket
@@ -34,6 +39,9 @@ from taxel_server.transports.lane_requests import Arriving, Budget, LaneJob, Rep
 from taxel_server.transports.poller import READ
 
 _LOG: Final = logging.getLogger(__name__)
+
+EXTENSIONS: Final = (CANCEL, TRACE_CONTEXT)
+"""What a client may send beyond requests."""
 
 RECEIVE_BYTES: Final = 65_536
 """The most that is received at once."""
@@ -239,6 +247,10 @@ class ClientConnection:
         """Pass on the requests in `data`, which starts with the head of one."""
         at, end = 0, len(data)
         while end - at >= HEAD_BYTES:
+            if data[at + KIND_AT] == CANCELLATION:
+                self._core.cancel((self, read_cancel(data, at)))
+                at += HEAD_BYTES
+                continue
             head = read_request_head(data, at)
             start, stop = at + head.data_at, at + head.size
             if start > end:
@@ -250,7 +262,7 @@ class ClientConnection:
                 if stop > end:
                     self._await_rest(head, model, memoryview(data)[start:])
             except RequestError as error:
-                self._core.refusals.add(error, client=self._name, request_id=head.id)
+                self._refused(error, head)
                 self.send(pack_reply(head.id, error))
                 self._to_skip = max(stop - end, 0)
             else:
@@ -300,8 +312,17 @@ class ClientConnection:
             job.caller = self._name
             self._core.submit(job)
         except RequestError as error:
-            self._core.refusals.add(error, client=self._name, model=model.label, request_id=head.id)
+            self._refused(error, head, model.label)
             self.send(pack_reply(head.id, error))
         except Exception:
             _LOG.exception("a request could not be handed on")
             self.send(pack_reply(head.id, Internal("the request failed: the server's log says more")))
+
+    def _refused(self, error: RequestError, head: RequestHead, model: str = "") -> None:
+        self._core.refusals.add(
+            error,
+            client=self._name,
+            model=model,
+            request_id=head.id,
+            trace_id=trace_id_of(head.traceparent),
+        )

@@ -48,10 +48,11 @@ class LaneJob(Job):
         client: Hashable,
         source: Hashable,
     ) -> None:
-        super().__init__(model, head.rows, head.size, client, source)
+        super().__init__(model, head.rows, head.size, client, source, name=(source, head.id))
         self._send = send
         self._head = head
         self.request_id: int = head.id
+        self.traceparent = head.traceparent
         self._windows = windows
 
     @override
@@ -81,7 +82,7 @@ class Arriving:
 
 def may_be_repeated(head: RequestHead) -> bool:
     """Whether the next request that differs only in its id and its windows needs no other checks."""
-    return not head.spread and 0 <= head.timeout_ms < inf
+    return not head.spread and head.traceparent is None and 0 <= head.timeout_ms < inf
 
 
 class Repeated:

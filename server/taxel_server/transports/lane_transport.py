@@ -17,7 +17,7 @@ from taxel.errors import TaxelError
 from taxel.lane.offer import LaneOffer, machine_identity, of_this_user
 from taxel_server.core.core import Core
 from taxel_server.options import ServerOptions
-from taxel_server.transports.lane_connection import RECEIVE_BYTES, ClientConnection
+from taxel_server.transports.lane_connection import EXTENSIONS, RECEIVE_BYTES, ClientConnection
 from taxel_server.transports.lane_requests import Budget
 from taxel_server.transports.lane_socket import LaneSocket, automatic_address
 from taxel_server.transports.poller import READ, WRITE, open_poller
@@ -79,7 +79,7 @@ class LaneTransport:
                 return None
         else:
             self._socket = LaneSocket(self._options.lane)
-        return LaneOffer(self._socket.address, machine_identity())
+        return LaneOffer(self._socket.address, machine_identity(), EXTENSIONS)
 
     def start(self) -> None:
         """Take requests, if there is a lane."""

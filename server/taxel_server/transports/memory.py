@@ -40,16 +40,24 @@ class MemoryJob(Job):
     """An inference query of this process."""
 
     def __init__(
-        self, payload: bytes, model: LoadedModel, rows: int, reader: RequestReader, done: Done
+        self,
+        payload: bytes,
+        model: LoadedModel,
+        rows: int,
+        reader: RequestReader,
+        done: Done,
+        name: object,
     ) -> None:
-        super().__init__(model, rows, len(payload))
+        super().__init__(model, rows, len(payload), name=name)
         self._payload = payload
         self._reader = reader
         self._done = done
 
     @override
     def decode(self) -> InferRequest:
-        return self._reader.read(self._payload)
+        request = self._reader.read(self._payload)
+        self.traceparent = request.traceparent
+        return request
 
     @override
     def answer(self, result: InferResponse | RequestError) -> None:
@@ -109,14 +117,17 @@ class MemoryServer(QueryTransport):
         return self
 
     @override
-    def start(self, key: str, payload: bytes | None, timeout: float) -> Callable[[], bytes]:
+    def start(
+        self, key: str, payload: bytes | None, timeout: float, cancel_key: str | None = None
+    ) -> Callable[[], bytes]:
         arrived: SimpleQueue[bytes | RequestError] = SimpleQueue()
-        self._take(key, payload, arrived.put, self._core.run)
+        self._take(key, payload, arrived.put, self._core.run, arrived)
 
         def answer() -> bytes:
             try:
                 outcome = arrived.get(timeout=timeout)
             except Empty:
+                self._core.cancel(arrived)
                 raise DeadlineExceeded(f"memory: no answer to {key} within {timeout:g} s") from None
             if isinstance(outcome, RequestError):
                 raise outcome
@@ -125,9 +136,17 @@ class MemoryServer(QueryTransport):
         return answer
 
     @override
-    def send(self, key: str, payload: bytes | None, timeout: float, done: Done) -> None:
+    def send(
+        self, key: str, payload: bytes | None, timeout: float, done: Done, cancel_key: str | None = None
+    ) -> Callable[[], None]:
         # An event loop must not wait for an evaluation: the batcher's worker does it.
-        self._take(key, payload, done, self._core.submit)
+        name = object()
+        self._take(key, payload, done, self._core.submit, name)
+
+        def give_up() -> None:
+            self._core.cancel(name)
+
+        return give_up
 
     @override
     def silence(self, key: str) -> RequestError:
@@ -151,7 +170,9 @@ class MemoryServer(QueryTransport):
     ) -> None:
         self.close()
 
-    def _take(self, key: str, payload: bytes | None, done: Done, infer: Callable[[Job], None]) -> None:
+    def _take(
+        self, key: str, payload: bytes | None, done: Done, infer: Callable[[Job], None], name: object
+    ) -> None:
         if not (self._open and self._process == os.getpid() and key.startswith(self._prefix)):
             done(self.silence(key))
             return
@@ -163,7 +184,7 @@ class MemoryServer(QueryTransport):
                 return
             payload = payload or b""
             rows = self._reader.rows_in(len(payload), len(model.manifest.window.features))
-            infer(MemoryJob(payload, model, rows, self._reader, done))
+            infer(MemoryJob(payload, model, rows, self._reader, done, name))
         except RequestError as error:
             done(_as_received(error))
 

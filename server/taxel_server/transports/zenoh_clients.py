@@ -1,12 +1,24 @@
 """Who asks over zenoh: a client tells its session in each query, and zenoh tells which there are."""
 
 from collections.abc import Callable, Hashable
-from typing import Final
+from typing import Final, NamedTuple
 
 import zenoh
 
 ANONYMOUS: Final = "anonymous"
 """Everybody who tells no session, or one that is not connected to this server."""
+
+
+class Asker(NamedTuple):
+    """Who asks, and how they call their query.
+
+    Attributes:
+        client: who has a share.
+        name: of the query, if it is given up; None if it cannot be. Nobody else knows the session's id.
+    """
+
+    client: str
+    name: tuple[str, int] | None
 
 
 class ZenohClients:
@@ -31,13 +43,13 @@ class ZenohClients:
         """Hear of nothing more."""
         self._listener.undeclare()  # type: ignore[no-untyped-call]
 
-    def client_of(self, query: zenoh.Query) -> str:
+    def asker_of(self, query: zenoh.Query) -> Asker:
         """Whose query this is. A session that is not connected has no share: it could be invented."""
         source = query.source_info
         if source is None:
-            return ANONYMOUS
-        told = str(source.source_id.zid)
-        return told if told in self.connected else ANONYMOUS
+            return Asker(ANONYMOUS, None)
+        told, number = str(source.source_id.zid), source.source_sn
+        return Asker(told if told in self.connected else ANONYMOUS, (told, number) if number else None)
 
     def _note(self, event: zenoh.TransportEvent) -> None:
         session = str(event.transport.zid)

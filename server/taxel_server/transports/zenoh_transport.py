@@ -9,7 +9,7 @@ receiver of their own.
 """
 
 import logging
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from threading import Thread
 from typing import Final
 
@@ -19,14 +19,14 @@ from zenoh.handlers import FifoChannel, Handler
 
 from taxel.envelopes import RequestReader
 from taxel.errors import Internal, RequestError
-from taxel.protocol import REPLICAS, InferRequest, InferResponse, pack_infer_response
+from taxel.protocol import CANCEL_PATH, REPLICAS, InferRequest, InferResponse, pack_infer_response, packb
 from taxel_server.core.core import Core
 from taxel_server.core.jobs import Job
 from taxel_server.engine import LoadedModel
 from taxel_server.options import ServerOptions
 from taxel_server.transports.access import security_settings
 from taxel_server.transports.metadata_thread import MetadataThread, reply
-from taxel_server.transports.zenoh_clients import ZenohClients
+from taxel_server.transports.zenoh_clients import Asker, ZenohClients
 from taxel_server.transports.zenoh_session import open_session
 
 _LOG: Final = logging.getLogger(__name__)
@@ -61,9 +61,9 @@ class QueryJob(Job):
         model: LoadedModel,
         rows: int,
         reader: RequestReader,
-        client: Hashable = None,
+        asker: Asker,
     ) -> None:
-        super().__init__(model, rows, len(payload), client)
+        super().__init__(model, rows, len(payload), asker.client, name=asker.name)
         self._query = query
         self._payload = payload
         self._reader = reader
@@ -73,6 +73,7 @@ class QueryJob(Job):
         request = self._reader.read(self._payload.to_bytes())
         if request.id is not None:
             self.request_id = request.id
+        self.traceparent = request.traceparent
         return request
 
     @override
@@ -191,14 +192,20 @@ class ZenohTransport:
         return key[self._below_prefix :]
 
     def _route(self, query: zenoh.Query, infer: Callable[[Job], None]) -> None:
-        model = self._core.model_at(self._path(str(query.key_expr)))
+        path = self._path(str(query.key_expr))
+        model = self._core.model_at(path)
         if model is None:
-            self._metadata_thread.take(query)
+            # Here: it must not overtake the request that it gives up.
+            if path == CANCEL_PATH:
+                name = self._clients.asker_of(query).name
+                reply(query, packb({"cancelled": name is not None and self._core.cancel(name)}))
+            else:
+                self._metadata_thread.take(query)
             return
         payload = query.payload or _NOTHING
         try:
             rows = self._reader.rows_in(len(payload), len(model.manifest.window.features))
-            infer(QueryJob(query, payload, model, rows, self._reader, self._clients.client_of(query)))
+            infer(QueryJob(query, payload, model, rows, self._reader, self._clients.asker_of(query)))
         except RequestError as error:
             # Here and now: in a queue of refusals, a flood would grow in another place.
             self._core.refusals.add(error, client=CLIENT, model=model.label)

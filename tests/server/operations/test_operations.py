@@ -168,7 +168,7 @@ def test_histograms_agree_with_their_definition() -> None:
 
 
 def test_top_shows_what_happened_between_two_looks() -> None:
-    def looked(requests: int, times: list[int]) -> dict[str, Any]:
+    def looked(requests: int, times: list[int], **more: Any) -> dict[str, Any]:
         histogram = Histogram()
         for value in times:
             histogram.add(value)
@@ -176,11 +176,12 @@ def test_top_shows_what_happened_between_two_looks() -> None:
         model = {"name": "skin", "version": "1", "requests": requests, "rows": 2 * requests, "errors": {}}
         return {
             **dict.fromkeys(("uptime_s", "queue", "connections", "refusals", "loads", "resident_bytes"), 0),
-            "models": [model | {"queue_us": told, "compute_us": told, "batch_rows": told}],
+            "models": [model | more | {"queue_us": told, "compute_us": told, "batch_rows": told}],
         }
 
-    (shown,) = compared(looked(10, [900] * 10), looked(30, [900] * 10 + [30] * 19 + [60]), 2.0)["models"]
-    assert (shown["requests_per_s"], shown["rows_per_s"]) == (10, 20)
+    after = looked(30, [900] * 10 + [30] * 19 + [60], cancelled={"requests": 6, "rows": 90})
+    (shown,) = compared(looked(10, [900] * 10), after, 2.0)["models"]
+    assert (shown["requests_per_s"], shown["rows_per_s"], shown["cancelled_per_s"]) == (10, 20, 3)
     assert (shown["queue_us_p50"], shown["queue_us_p99"]) == (32, 64)
 
 

@@ -75,6 +75,7 @@ def compared(before: Mapping[str, Any], now: Mapping[str, Any], seconds: float) 
                 "rows_per_s": (model["rows"] - was.get("rows", 0)) / seconds,
                 "errors_per_s": (sum(model["errors"].values()) - sum(was.get("errors", {}).values()))
                 / seconds,
+                "cancelled_per_s": (_cancelled(model) - _cancelled(was)) / seconds,
                 **{
                     f"{field}_{name}": _percentile(was.get(field, {}), model[field], share)
                     for field in ("queue_us", "compute_us")
@@ -90,6 +91,12 @@ def compared(before: Mapping[str, Any], now: Mapping[str, Any], seconds: float) 
     ]
     kept = ("uptime_s", "queue", "connections", "refusals", "loads", "resident_bytes")
     return {"seconds": seconds, **{name: now[name] for name in kept}, "models": models, "shadows": shadows}
+
+
+def _cancelled(model: Mapping[str, Any]) -> int:
+    """Requests that were dropped because nobody waited for them; older servers do not tell."""
+    count: int = model.get("cancelled", {}).get("requests", 0)
+    return count
 
 
 def _percentile(before: Mapping[str, Any], now: Mapping[str, Any], share: float) -> int | None:
@@ -112,10 +119,11 @@ def _drawn(endpoint: str, told: Mapping[str, Any]) -> Group:
         f"{told['queue']['rows']} rows"
     )
     table = Table(
-        caption="wait, eval: µs in the queue and in the evaluation; batch: rows evaluated together"
+        caption="cncl: given up by clients; wait, eval: µs in the queue and in the evaluation; "
+        "batch: rows evaluated together"
     )
     table.add_column("model", no_wrap=True)
-    for heading in ("req/s", "rows/s", "err/s", "wait p50", "p99", "eval p50", "p99", "batch"):
+    for heading in ("req/s", "rows/s", "err/s", "cncl/s", "wait p50", "p99", "eval p50", "p99", "batch"):
         table.add_column(heading, justify="right")
     for model in told["models"]:
         name, *values = model.values()

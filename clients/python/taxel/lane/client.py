@@ -17,6 +17,7 @@ from taxel.errors import DeadlineExceeded, Internal
 from taxel.lane.frames import (
     HEAD_BYTES,
     ID_AT,
+    ID_END,
     ReplyHead,
     pack_predictions,
     pack_request_head,
@@ -82,12 +83,16 @@ class RepeatedRequest:
         head: the bytes before the windows.
         reply_head: the first bytes of a reply with counts, up to what differs.
         reply_size: bytes of such a reply.
+        before, after: `head` before and after the id, for connections that several calls share.
     """
 
     def __init__(self, path: str, shape: tuple[int, ...], timeout_s: float, wait_s: float) -> None:
         self.head = pack_request_head(path, 1, shape, timeout_s * 1e3, spread=False)
         reply = pack_predictions(1, np.zeros((shape[0], len(CHANNELS)), np.float32), 0, 0, 0)
+        self.shape = shape
+        self.before, self.after = self.head[:ID_AT], self.head[ID_END:]
         self.reply_head = reply[:_SAME_BYTES]
+        self._reply_before, self._reply_after = reply[:ID_AT], reply[ID_END:_SAME_BYTES]
         self.reply_size = len(reply)
         self.wait_s = wait_s
         self._counts_shape = shape[0], len(CHANNELS)
@@ -95,6 +100,16 @@ class RepeatedRequest:
     def takes(self, windows: NDArray[Any]) -> bool:
         """Whether windows of its shape can be sent as they are. The server checks that they are finite."""
         return type(windows) is np.ndarray and windows.dtype is _FLOAT
+
+    def counts_for(self, reply: bytes) -> NDArray[np.float32] | None:
+        """As `counts_in`, whatever the id of the request was."""
+        if (
+            len(reply) == self.reply_size
+            and reply.startswith(self._reply_before)
+            and reply.startswith(self._reply_after, ID_END)
+        ):
+            return np.ndarray(self._counts_shape, _WIRE_FLOAT, reply, HEAD_BYTES)
+        return None
 
     def counts_in(self, reply: bytes) -> NDArray[np.float32] | None:
         """The counts (n, 21) of a reply; None if it is another one, or not all of it."""
@@ -109,6 +124,7 @@ class Lane:
     Args:
         address: `unix:PATH` or `tcp:HOST:PORT`.
         spin_us: microseconds that a reply is asked for again and again before the thread sleeps.
+        extensions: what the server understands beyond requests.
 
     Attributes:
         idle: connections that no call uses now.
@@ -118,14 +134,22 @@ class Lane:
         OSError: nobody listens there.
     """
 
-    def __init__(self, address: str, spin_us: int = 0) -> None:
+    def __init__(self, address: str, spin_us: int = 0, extensions: tuple[str, ...] = ()) -> None:
         self.address = address
+        self.extensions = extensions
         self.spin_us = spin_us
         self.idle = [LaneConnection(address, spin_us)]
         self._closed = False
 
     def infer(
-        self, path: str, windows: NDArray[np.float32], timeout_s: float, wait_s: float, *, spread: bool
+        self,
+        path: str,
+        windows: NDArray[np.float32],
+        timeout_s: float,
+        wait_s: float,
+        *,
+        spread: bool,
+        traceparent: str | None = None,
     ) -> tuple[ReplyHead, list[NDArray[np.float32]]]:
         """Ask for predictions.
 
@@ -135,6 +159,7 @@ class Lane:
             timeout_s: the deadline that the server is told.
             wait_s: how long an answer is waited for.
             spread: ask for the spread, too.
+            traceparent: of the W3C, for a server that takes it.
 
         Returns:
             The head of the reply, and the counts (n, 21), followed by the spread if it was asked for.
@@ -146,7 +171,7 @@ class Lane:
         """
         connection = self._taken()
         try:
-            connection.send(path, windows, timeout_s, wait_s, spread=spread)
+            connection.send(path, windows, timeout_s, wait_s, spread=spread, traceparent=traceparent)
             head, content = connection.receive(wait_s)
         except BaseException as error:
             raise _closed(connection, error) from None
@@ -203,7 +228,14 @@ class LaneConnection:
         """What came behind the last reply."""
 
     def send(
-        self, path: str, windows: NDArray[np.float32], timeout_s: float, wait_s: float, *, spread: bool
+        self,
+        path: str,
+        windows: NDArray[np.float32],
+        timeout_s: float,
+        wait_s: float,
+        *,
+        spread: bool,
+        traceparent: str | None = None,
     ) -> int:
         """Send a request; the arguments are those of `Lane.infer`. The reply repeats the id returned.
 
@@ -212,7 +244,7 @@ class LaneConnection:
             ConnectionLost: it has gone.
         """
         self._last_id = number = self._last_id % 0xFFFFFFFF + 1
-        before, after = self._head(path, windows.shape, timeout_s, spread)
+        before, after = self._head(path, windows.shape, timeout_s, spread, traceparent)
         if sys.byteorder == "big":
             windows = windows.astype("<f4")
         if wait_s != self._wait_s:
@@ -284,15 +316,22 @@ class LaneConnection:
         self.socket.close()
 
     def _head(
-        self, path: str, shape: tuple[int, ...], timeout_s: float, spread: bool
+        self,
+        path: str,
+        shape: tuple[int, ...],
+        timeout_s: float,
+        spread: bool,
+        traceparent: str | None,
     ) -> tuple[bytes, bytes]:
         """The bytes before and after the id: a control loop sends the same ones each time."""
         what = (path, shape, timeout_s, spread)
-        known = self._heads.get(what)
+        known = self._heads.get(what) if traceparent is None else None
         if known is None:
-            head = pack_request_head(path, 0, shape, timeout_s * 1e3, spread=spread)
+            head = pack_request_head(
+                path, 0, shape, timeout_s * 1e3, spread=spread, traceparent=traceparent
+            )
             known = head[:ID_AT], head[ID_AT + 4 :]
-            if len(self._heads) < _KEPT_HEADS:
+            if len(self._heads) < _KEPT_HEADS and traceparent is None:
                 self._heads[what] = known
         return known
 

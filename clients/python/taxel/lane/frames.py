@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS
 from taxel.errors import Internal, InvalidArgument, RequestError
 from taxel.protocol import InferResponse, pack_error, unpack_error
+from taxel.trace_context import is_traceparent
 
 MAGIC: Final = b"TXL1"
 """The first bytes of each frame: Taxel's lane, version 1."""
@@ -31,9 +32,19 @@ MAX_ERROR_BYTES: Final = 65_536
 REQUEST: Final = 1
 PREDICTIONS: Final = 2
 ERROR: Final = 3
+CANCELLATION: Final = 4
+
+KIND_AT: Final = 8
+"""Where the kind stands in a head."""
 
 _SPREAD: Final = 1
 """The flag of a request for the spread, and of a reply that has it."""
+
+_TRACED: Final = 2
+"""The flag of a request with a traceparent behind its path."""
+
+_TRACE_BYTES: Final = 56
+"""Its 55 characters, and a zero byte."""
 
 _REQUEST: Final = Struct("<4sIBBHIIId")
 _REPLY: Final = Struct("<4sIBBHIIIII")
@@ -53,6 +64,7 @@ class RequestHead(NamedTuple):
         columns: numbers of a window.
         timeout_ms: how long the client waits; 0 for as long as it takes.
         data_at: where the windows start, in bytes from the start of the frame.
+        traceparent: of the W3C; None if it has none, or not all of it is there.
     """
 
     size: int
@@ -63,6 +75,7 @@ class RequestHead(NamedTuple):
     columns: int
     timeout_ms: float
     data_at: int
+    traceparent: str | None = None
 
 
 class ReplyHead(NamedTuple):
@@ -88,14 +101,24 @@ class ReplyHead(NamedTuple):
 
 
 def pack_request_head(
-    path: str, request_id: int, shape: tuple[int, ...], timeout_ms: float, *, spread: bool
+    path: str,
+    request_id: int,
+    shape: tuple[int, ...],
+    timeout_ms: float,
+    *,
+    spread: bool,
+    traceparent: str | None = None,
 ) -> bytes:
     """The bytes of a request before its windows, (n, f) float32 of the shape given."""
     encoded = path.encode()
     padded = encoded.ljust(_padded(len(encoded)), b"\0")
+    flags = spread * _SPREAD
+    if traceparent is not None:
+        flags |= _TRACED
+        padded += traceparent.encode().ljust(_TRACE_BYTES, b"\0")
     rows, columns = shape
     size = HEAD_BYTES + len(padded) + rows * columns * _FLOAT.itemsize
-    head = _REQUEST.pack(MAGIC, size, REQUEST, spread, len(encoded), request_id, rows, columns, timeout_ms)
+    head = _REQUEST.pack(MAGIC, size, REQUEST, flags, len(encoded), request_id, rows, columns, timeout_ms)
     return head + padded
 
 
@@ -109,7 +132,12 @@ def read_request_head(data: bytes, at: int) -> RequestHead:
         data, at
     )
     data_at = HEAD_BYTES + _padded(path_bytes)
-    if magic != MAGIC or kind != REQUEST or flags > _SPREAD:
+    traceparent = None
+    if flags & _TRACED:
+        data_at += _TRACE_BYTES
+        told = data[at + data_at - _TRACE_BYTES : at + data_at].rstrip(b"\0").decode(errors="replace")
+        traceparent = told if is_traceparent(told) else None
+    if magic != MAGIC or kind != REQUEST or flags > _SPREAD | _TRACED:
         raise InvalidArgument(
             f"frame: it starts with {bytes(data[at : at + 10])!r}: expected {MAGIC!r} and a request"
         )
@@ -121,7 +149,28 @@ def read_request_head(data: bytes, at: int) -> RequestHead:
             f"frame: {size} bytes: expected {expected} "
             f"for a path of {path_bytes} bytes and shape [{rows}, {columns}]"
         )
-    return RequestHead(size, flags == _SPREAD, path_bytes, request_id, rows, columns, timeout_ms, data_at)
+    spread = bool(flags & _SPREAD)
+    return RequestHead(
+        size, spread, path_bytes, request_id, rows, columns, timeout_ms, data_at, traceparent
+    )
+
+
+def pack_cancel(request_id: int) -> bytes:
+    """The frame by which a client gives a request up; it has no reply of its own."""
+    return _REQUEST.pack(MAGIC, HEAD_BYTES, CANCELLATION, 0, 0, request_id, 0, 0, 0.0)
+
+
+def read_cancel(data: bytes, at: int) -> int:
+    """The id of the request that is given up by the frame at a place of `data`; 32 bytes must be there.
+
+    Raises:
+        InvalidArgument: another number is in the frame than the id, so that it means something else.
+    """
+    frame = data[at : at + HEAD_BYTES]
+    request_id = int.from_bytes(frame[ID_AT:ID_END], "little")
+    if frame != pack_cancel(request_id):
+        raise InvalidArgument(f"frame: it is {frame!r}: expected a cancellation, with nothing but an id")
+    return request_id
 
 
 def pack_reply(request_id: int, result: InferResponse | RequestError) -> bytes:

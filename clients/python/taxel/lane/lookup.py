@@ -16,6 +16,7 @@ class OpenLane(Protocol):
     """The client's end of a lane."""
 
     address: str
+    extensions: tuple[str, ...]
 
     def close(self) -> None:
         """Close its connections."""

@@ -27,10 +27,12 @@ class LaneOffer(NamedTuple):
     Attributes:
         address: `unix:PATH` or `tcp:HOST:PORT`.
         machine: the server's `machine_identity`.
+        extensions: what it understands beyond requests, such as `cancel`.
     """
 
     address: str
     machine: str
+    extensions: tuple[str, ...] = ()
 
     @classmethod
     def read(cls, metadata: Any) -> "LaneOffer | None":
@@ -38,8 +40,11 @@ class LaneOffer(NamedTuple):
         told = metadata.get("lane") if isinstance(metadata, dict) else None
         if not isinstance(told, dict):
             return None
-        address, machine = told.get("address"), told.get("machine")
-        return cls(address, machine) if isinstance(address, str) and isinstance(machine, str) else None
+        address, machine, extensions = told.get("address"), told.get("machine"), told.get("extensions")
+        if not (isinstance(address, str) and isinstance(machine, str)):
+            return None
+        names = extensions if isinstance(extensions, (list, tuple)) else ()
+        return cls(address, machine, tuple(name for name in names if isinstance(name, str)))
 
 
 def parse_address(address: str) -> Path | tuple[str, int]:

@@ -1,7 +1,7 @@
 """How the asynchronous face waits: in its event loop, with no thread for a call."""
 
 import asyncio
-from asyncio import AbstractEventLoop, Future
+from asyncio import AbstractEventLoop
 from contextlib import suppress
 from typing import Final
 
@@ -11,6 +11,7 @@ from typing_extensions import override
 
 from taxel.errors import DeadlineExceeded, RequestError
 from taxel.lane.async_client import AsyncLane
+from taxel.lane.prompt_future import PromptFuture
 from taxel.remote.query_transport import QueryTransport
 from taxel.remote.waiting import Reply, Waiting
 
@@ -30,17 +31,22 @@ class AwaitedCalls(Waiting[AsyncLane]):
 
     @override
     async def ask(
-        self, transport: QueryTransport, key: str, payload: bytes | None, timeout: float
+        self,
+        transport: QueryTransport,
+        key: str,
+        payload: bytes | None,
+        timeout: float,
+        cancel_key: str | None = None,
     ) -> bytes:
-        answer: Future[bytes] = self._loop.create_future()
+        answer: PromptFuture[bytes] = PromptFuture(loop=self._loop)
 
         def settle(outcome: bytes | RequestError) -> None:
             # A call that was cancelled or is late does not wait any more.
-            if not answer.done():
-                if isinstance(outcome, RequestError):
+            if isinstance(outcome, RequestError):
+                if not answer.done():
                     answer.set_exception(outcome)
-                else:
-                    answer.set_result(outcome)
+            else:
+                answer.settle(outcome)
 
         def done(outcome: bytes | RequestError) -> None:
             # The loop may be closed by now.
@@ -50,16 +56,25 @@ class AwaitedCalls(Waiting[AsyncLane]):
         def late() -> None:
             settle(DeadlineExceeded(f"{transport.endpoint}: no answer to {key} within {timeout:g} s"))
 
-        transport.send(key, payload, timeout, done)
+        ends = self._loop.time() + timeout
+        give_up = transport.send(key, payload, timeout, done, cancel_key)
         timer = self._loop.call_later(timeout + _PATIENCE_S, late)
         try:
             return await answer
+        except asyncio.CancelledError:
+            give_up()
+            raise
+        except DeadlineExceeded:
+            # The server's own comes earlier.
+            if self._loop.time() >= ends:
+                give_up()
+            raise
         finally:
             timer.cancel()
 
     @override
-    async def open_lane(self, address: str) -> AsyncLane:
-        return await AsyncLane.open(address)
+    async def open_lane(self, address: str, extensions: tuple[str, ...]) -> AsyncLane:
+        return await AsyncLane.open(address, extensions)
 
     @override
     async def ask_lane(
@@ -70,8 +85,9 @@ class AwaitedCalls(Waiting[AsyncLane]):
         timeout: float,
         wait: float,
         spread: bool,
+        traceparent: str | None,
     ) -> Reply:
-        return await lane.infer(path, windows, timeout, wait, spread=spread)
+        return await lane.infer(path, windows, timeout, wait, spread=spread, traceparent=traceparent)
 
     @override
     async def sleep(self, seconds: float) -> None:

@@ -26,7 +26,6 @@ from taxel.errors import (
 from taxel.lane.client import ConnectionLost
 from taxel.lane.lookup import LaneLookup, LaneT
 from taxel.lane.offer import LaneOffer, machine_identity
-from taxel.manifest import Manifest
 from taxel.predictor import ModelInfo
 from taxel.protocol import InferResponse, model_key, unpack_infer_response, unpackb
 from taxel.remote.failover import Failover
@@ -34,6 +33,7 @@ from taxel.remote.query_transport import QueryTransport
 from taxel.remote.remote_model import RemoteModel
 from taxel.remote.replicas import Replicas
 from taxel.remote.waiting import Waiting
+from taxel.trace_context import TRACE_CONTEXT, checked_traceparent
 from taxel.zenoh_process import AFTER_FORK
 
 T = TypeVar("T")
@@ -48,6 +48,9 @@ NO_LANE: Final = (
 
 GRACE_S: Final = 0.25
 """How much longer a client waits than the server's deadline: time for the server's refusal."""
+
+REPEATED_ROWS: Final = 64
+"""The most windows in a request whose other bytes are kept."""
 
 _LOOKUP_S: Final = 1.0
 """The longest that the server's metadata are waited for, to find its lane."""
@@ -150,11 +153,10 @@ class RemoteCore(Generic[LaneT]):
         """
         if not is_name(name) or not (version is None or is_version(version)):
             raise NotFound(f"no model can be called {name!r}, version {version!r}")
-        manifest = await self._read(
+        model = await self._read(
             model_key(self.prefix, name, version),
-            lambda described: Manifest.model_validate(described["parameters"]["manifest"]),
+            lambda described: RemoteModel.read(described["parameters"], self.prefix),
         )
-        model = RemoteModel(manifest, self.prefix)
         self.transport.prepare(model.key, self.timeout + GRACE_S)
         return model
 
@@ -172,6 +174,7 @@ class RemoteCore(Generic[LaneT]):
         timeout: float | None,
         spread: bool,
         *,
+        traceparent: str | None = None,
         failed: tuple[Exception, float] | None = None,
     ) -> InferResponse:
         """The server's whole reply to windows that were checked.
@@ -181,40 +184,41 @@ class RemoteCore(Generic[LaneT]):
             rows: the windows.
             timeout: as in `Predictor.predict`.
             spread: whether the spread is asked for.
+            traceparent: the W3C's, of the trace that the call belongs to.
             failed: how the lane failed at these windows, and when it was asked.
         """
         self.check_usable()
         checked_flag("spread", spread)
+        if traceparent is not None:
+            checked_traceparent(traceparent)
         wait = self.timeout if timeout is None else checked_timeout(timeout)
         error, began = failed or (None, time.monotonic())
         ends = began + wait
         reply = None
         if self.lanes is not None:
-            reply = await self._over_lane(self.lanes, model, rows, ends, wait, spread, error)
+            reply = await self._over_lane(self.lanes, model, rows, ends, wait, spread, traceparent, error)
         if reply is None:
-            reply = unpack_infer_response(await self._over_transport(model, rows, ends, wait, spread))
+            payload = model.writer.write(rows, wait * 1e3, spread=spread, traceparent=traceparent)
+            reply = unpack_infer_response(await self._over_transport(model, payload, ends, wait))
         if len(reply.outputs) != len(rows):
             raise Internal(f"the server answered {len(reply.outputs)} rows to {len(rows)} windows")
         if spread and reply.spread is None:
             raise Internal("the server answered without the spread that was asked for")
         return reply
 
-    async def _over_transport(
-        self, model: RemoteModel, rows: NDArray[np.float32], ends: float, wait: float, spread: bool
-    ) -> bytes:
+    async def _over_transport(self, model: RemoteModel, payload: bytes, ends: float, wait: float) -> bytes:
         """The reply. After a lost connection the request is sent once more within its time."""
-        payload = model.writer.write(rows, wait * 1e3, spread=spread)
         left = ends - time.monotonic()
         # What was prepared has the whole timeout; only a lost lane takes a notable part of it.
         left = wait if left > wait - GRACE_S else max(left, 1e-3)
         try:
-            return await self._ask(model.key, payload, left + GRACE_S)
+            return await self._ask(model.key, payload, left + GRACE_S, model.cancel_key)
         except ServerLost:
             if not await self._connected_again(min(ends - time.monotonic(), _RECONNECT_S)):
                 raise
         self._repeated += 1
         left = max(ends - time.monotonic(), 1e-3)
-        return await self._ask(model.key, payload, left + GRACE_S)
+        return await self._ask(model.key, payload, left + GRACE_S, model.cancel_key)
 
     async def _over_lane(
         self,
@@ -224,6 +228,7 @@ class RemoteCore(Generic[LaneT]):
         ends: float,
         wait: float,
         spread: bool,
+        traceparent: str | None,
         failed: Exception | None,
     ) -> InferResponse | None:
         """The reply over the lane; None if there is no lane, so that the transport is to be asked.
@@ -236,8 +241,9 @@ class RemoteCore(Generic[LaneT]):
             try:
                 if failed is not None:
                     raise failed
+                told = traceparent if TRACE_CONTEXT in lane.extensions else None
                 head, counts = await self._waiting.ask_lane(
-                    lane, model.path, rows, left, left + GRACE_S, spread
+                    lane, model.path, rows, left, left + GRACE_S, spread, told
                 )
             except (ConnectionLost, OSError) as error:
                 failed = None
@@ -277,7 +283,7 @@ class RemoteCore(Generic[LaneT]):
                 offer = LaneOffer.read(unpackb(told))
                 there_is_none = True
                 if offer is not None and offer.machine == machine_identity():
-                    lane = await self._waiting.open_lane(offer.address)
+                    lane = await self._waiting.open_lane(offer.address, offer.extensions)
                     there_is_none = False
             except (RequestError, OSError, ValueError):
                 # Whatever is wrong with the lane, zenoh remains.
@@ -296,7 +302,7 @@ class RemoteCore(Generic[LaneT]):
         lane = None
         try:
             if again:
-                lane = await self._waiting.open_lane(lost.address)
+                lane = await self._waiting.open_lane(lost.address, lost.extensions)
         except OSError:
             pass
         finally:
@@ -309,16 +315,18 @@ class RemoteCore(Generic[LaneT]):
             await self._waiting.sleep(_LOOK_AGAIN_S)
         return lanes.lane
 
-    async def _ask(self, key: str, payload: bytes | None, timeout: float) -> bytes:
+    async def _ask(
+        self, key: str, payload: bytes | None, timeout: float, cancel_key: str | None = None
+    ) -> bytes:
         if self._failover is not None:
-            return await self._failover.ask(self._waiting, key, payload, timeout)
+            return await self._failover.ask(self._waiting, key, payload, timeout, cancel_key)
         try:
-            return await self._waiting.ask(self.transport, key, payload, timeout)
+            return await self._waiting.ask(self.transport, key, payload, timeout, cancel_key)
         except PermissionDenied:
             # A new server's keys become known one after the other, and one that ends is known for a moment
             # longer. So the answer counts that comes a little later.
             await self._waiting.sleep(_DECLARED_S)
-            return await self._waiting.ask(self.transport, key, payload, timeout)
+            return await self._waiting.ask(self.transport, key, payload, timeout, cancel_key)
 
     async def _connected_again(self, within: float) -> bool:
         """Wait until the transport has connected again after `ServerLost`; whether it has."""

@@ -39,8 +39,15 @@ class Failover:
         self.repeated = 0
         self._early = _EARLY
 
-    async def ask(self, waiting: Waiting[Any], key: str, payload: bytes | None, timeout: float) -> bytes:
-        """The one answer to a question.
+    async def ask(
+        self,
+        waiting: Waiting[Any],
+        key: str,
+        payload: bytes | None,
+        timeout: float,
+        cancel_key: str | None = None,
+    ) -> bytes:
+        """The one answer to a question. A server that is not waited for any longer is told so.
 
         Raises:
             RequestError: as `QueryTransport.start`; of the last server that was asked.
@@ -63,7 +70,7 @@ class Failover:
             tried.add(replica.server)
             patience = left if choice.last else self._patience(replica, payload, left)
             try:
-                return await self._ask_one(waiting, replica, key, payload, patience)
+                return await self._ask_one(waiting, replica, key, payload, patience, cancel_key)
             except DeadlineExceeded as late:
                 if choice.last or ends - time.monotonic() <= 0:
                     raise
@@ -81,13 +88,20 @@ class Failover:
         return min(max(_PATIENCE * replica.load.latency_s, _LEAST_PATIENCE_S), left / 2)
 
     async def _ask_one(
-        self, waiting: Waiting[Any], replica: Replica, key: str, payload: bytes | None, timeout: float
+        self,
+        waiting: Waiting[Any],
+        replica: Replica,
+        key: str,
+        payload: bytes | None,
+        timeout: float,
+        cancel_key: str | None,
     ) -> bytes:
         began = time.monotonic()
         answered = False
         replica.asked()
         try:
-            answer = await waiting.ask(replica.connection, replica.key(key), payload, timeout)
+            own_cancel = None if cancel_key is None else replica.key(cancel_key)
+            answer = await waiting.ask(replica.connection, replica.key(key), payload, timeout, own_cancel)
             answered = True
             return answer
         finally:

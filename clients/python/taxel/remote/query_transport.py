@@ -14,6 +14,10 @@ Done = Callable[[bytes | RequestError], None]
 """Called with the result of a query."""
 
 
+def nothing_to_give_up() -> None:
+    """Of a query that has ended, or whose server need not be told."""
+
+
 class QueryTransport(ABC):
     """Queries the keys of a server; each query has one answer. Thread-safe.
 
@@ -31,13 +35,16 @@ class QueryTransport(ABC):
         """Whether queries can reach a server now."""
 
     @abstractmethod
-    def start(self, key: str, payload: bytes | None, timeout: float) -> Callable[[], bytes]:
+    def start(
+        self, key: str, payload: bytes | None, timeout: float, cancel_key: str | None = None
+    ) -> Callable[[], bytes]:
         """Send a query at once, and return a function that waits for its answer; call it once.
 
         Args:
             key: the key to query.
             payload: the content of the query.
             timeout: seconds to wait for the answer.
+            cancel_key: where the server is told if the wait ends without the answer; None if it needs not.
 
         Raises:
             RequestError: by the function returned: the server's typed error; `DeadlineExceeded` if the
@@ -46,12 +53,18 @@ class QueryTransport(ABC):
         """
 
     @abstractmethod
-    def send(self, key: str, payload: bytes | None, timeout: float, done: Done) -> None:
+    def send(
+        self, key: str, payload: bytes | None, timeout: float, done: Done, cancel_key: str | None = None
+    ) -> Callable[[], None]:
         """Send a query, as `start` does, without waiting. Any number of such queries may be in flight.
 
         Args:
             done: called exactly once with the answer, or with the error that `start` would raise, on any
                 thread. It must return quickly.
+
+        Returns:
+            What to call if nobody waits for the answer any more: it tells the server. `done` is called all
+            the same.
         """
 
     @abstractmethod

@@ -16,7 +16,7 @@ from typing_extensions import override
 
 from taxel.errors import RequestError
 from taxel.protocol import REPLICAS
-from taxel.remote.query_transport import Done, QueryTransport
+from taxel.remote.query_transport import Done, QueryTransport, nothing_to_give_up
 from taxel.remote.zenoh_connection import Connection
 
 _LEAST_S: Final = 1e-4
@@ -181,18 +181,24 @@ class Replicas(QueryTransport):
         return Choice(left[chosen], len(left) == 1)
 
     @override
-    def start(self, key: str, payload: bytes | None, timeout: float) -> Callable[[], bytes]:
+    def start(
+        self, key: str, payload: bytes | None, timeout: float, cancel_key: str | None = None
+    ) -> Callable[[], bytes]:
         replica = self._any(key)
-        return replica.connection.start(replica.key(key), payload, timeout)
+        own_cancel = None if cancel_key is None else replica.key(cancel_key)
+        return replica.connection.start(replica.key(key), payload, timeout, own_cancel)
 
     @override
-    def send(self, key: str, payload: bytes | None, timeout: float, done: Done) -> None:
+    def send(
+        self, key: str, payload: bytes | None, timeout: float, done: Done, cancel_key: str | None = None
+    ) -> Callable[[], None]:
         try:
             replica = self._any(key)
         except RequestError as error:
             done(error)
-        else:
-            replica.connection.send(replica.key(key), payload, timeout, done)
+            return nothing_to_give_up
+        own_cancel = None if cancel_key is None else replica.key(cancel_key)
+        return replica.connection.send(replica.key(key), payload, timeout, done, own_cancel)
 
     @override
     def silence(self, key: str) -> RequestError:

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from typing import Any, Final, Literal, overload
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +13,12 @@ from taxel.errors import Unavailable
 from taxel.lane.client import ConnectionLost, Lane, RepeatedRequest
 from taxel.predictor import DEFAULT_MODEL, ModelInfo, Predictor, PredictorSource, Timing
 from taxel.protocol import PREFIX, InferResponse
-from taxel.remote.core import GRACE_S, NO_LANE, RemoteCore, TransportName
+from taxel.remote.core import GRACE_S, NO_LANE, REPEATED_ROWS, RemoteCore, TransportName
 from taxel.remote.credentials import Credentials
 from taxel.remote.options import ConnectOptions, Transport, lane_of, open_transport
 from taxel.remote.query_transport import QueryTransport
 from taxel.remote.remote_model import RemoteModel, timing_of
 from taxel.remote.waiting import BlockingCalls, finished
-
-_REPEATED_ROWS: Final = 64
-"""The most windows in a request whose other bytes are kept."""
 
 
 class RemoteSource(PredictorSource):
@@ -132,31 +129,55 @@ class RemotePredictor(Predictor):
 
     @overload
     def predict(
-        self, windows: NDArray[Any], *, timeout: float | None = None, timing: Literal[False] = False
+        self,
+        windows: NDArray[Any],
+        *,
+        timeout: float | None = None,
+        timing: Literal[False] = False,
+        traceparent: str | None = None,
     ) -> NDArray[np.float32]: ...
 
     @overload
     def predict(
-        self, windows: NDArray[Any], *, timeout: float | None = None, timing: Literal[True]
+        self,
+        windows: NDArray[Any],
+        *,
+        timeout: float | None = None,
+        timing: Literal[True],
+        traceparent: str | None = None,
     ) -> tuple[NDArray[np.float32], Timing]: ...
 
     @override
     def predict(
-        self, windows: NDArray[Any], *, timeout: float | None = None, timing: bool = False
+        self,
+        windows: NDArray[Any],
+        *,
+        timeout: float | None = None,
+        timing: bool = False,
+        traceparent: str | None = None,
     ) -> NDArray[np.float32] | tuple[NDArray[np.float32], Timing]:
         """As `Predictor.predict`; with `timing`, also how long the server took.
+
+        Args:
+            windows: as for `Predictor.predict`.
+            timeout: as for `Predictor.predict`.
+            timing: whether to tell how long the server took.
+            traceparent: the W3C's, of the trace that this call belongs to; the server's log and its spans
+                name it.
 
         Returns:
             (n, 21) float32, counts; with `timing`, a pair of these and the `Timing`.
         """
         lanes = self._core.lanes
         lane = lanes.lane if lanes is not None else None
-        if lane is not None and timeout is None and timing is False:
+        if lane is not None and timeout is None and timing is False and traceparent is None:
             repeated = self._repeated.get(getattr(windows, "shape", ()))
             if repeated is not None and repeated.takes(windows):
                 return self._repeat(lane, repeated, windows)
-        reply = finished(self._core.infer(self._model, self.checked(windows), timeout, False))
-        if lane is not None and timeout is None and len(reply.outputs) <= _REPEATED_ROWS:
+        reply = finished(
+            self._core.infer(self._model, self.checked(windows), timeout, False, traceparent=traceparent)
+        )
+        if lane is not None and timeout is None and len(reply.outputs) <= REPEATED_ROWS:
             shape, wait = (len(reply.outputs), len(self._features)), self._core.timeout
             self._repeated[shape] = RepeatedRequest(self._model.path, shape, wait, wait + GRACE_S)
         return (reply.outputs, timing_of(reply)) if checked_flag("timing", timing) else reply.outputs
@@ -187,7 +208,12 @@ class RemotePredictor(Predictor):
         return reply.outputs, reply.spread
 
     def infer(
-        self, windows: NDArray[Any], *, timeout: float | None = None, spread: bool = False
+        self,
+        windows: NDArray[Any],
+        *,
+        timeout: float | None = None,
+        spread: bool = False,
+        traceparent: str | None = None,
     ) -> InferResponse:
         """Predict, and return the server's whole reply: predictions, and how long they took.
 
@@ -195,6 +221,7 @@ class RemotePredictor(Predictor):
             windows: as for `predict`.
             timeout: as for `predict`.
             spread: ask for an ensemble's spread, too.
+            traceparent: as for `predict`.
 
         Raises:
             InvalidArgument: as `predict`; or the model is no ensemble and a spread is asked for.
@@ -202,7 +229,9 @@ class RemotePredictor(Predictor):
         """
         if spread:
             self.check_gives_spread()
-        return finished(self._core.infer(self._model, self.checked(windows), timeout, spread))
+        return finished(
+            self._core.infer(self._model, self.checked(windows), timeout, spread, traceparent=traceparent)
+        )
 
 
 def connect(

@@ -29,12 +29,17 @@ class Waiting(ABC, Generic[LaneT]):
 
     @abstractmethod
     async def ask(
-        self, transport: QueryTransport, key: str, payload: bytes | None, timeout: float
+        self,
+        transport: QueryTransport,
+        key: str,
+        payload: bytes | None,
+        timeout: float,
+        cancel_key: str | None = None,
     ) -> bytes:
-        """The answer to a query; errors as in `QueryTransport.start`."""
+        """The answer to a query; arguments and errors as in `QueryTransport.start`."""
 
     @abstractmethod
-    async def open_lane(self, address: str) -> LaneT:
+    async def open_lane(self, address: str, extensions: tuple[str, ...]) -> LaneT:
         """The client's end of a lane; raises OSError or ValueError if it cannot be opened."""
 
     @abstractmethod
@@ -46,6 +51,7 @@ class Waiting(ABC, Generic[LaneT]):
         timeout: float,
         wait: float,
         spread: bool,
+        traceparent: str | None,
     ) -> Reply:
         """The reply on a lane; arguments and errors as in `Lane.infer`."""
 
@@ -77,19 +83,31 @@ class BlockingCalls(Waiting[Lane]):
 
     @override
     async def ask(
-        self, transport: QueryTransport, key: str, payload: bytes | None, timeout: float
+        self,
+        transport: QueryTransport,
+        key: str,
+        payload: bytes | None,
+        timeout: float,
+        cancel_key: str | None = None,
     ) -> bytes:
-        return transport.start(key, payload, timeout)()
+        return transport.start(key, payload, timeout, cancel_key)()
 
     @override
-    async def open_lane(self, address: str) -> Lane:
-        return Lane(address, self._spin_us)
+    async def open_lane(self, address: str, extensions: tuple[str, ...]) -> Lane:
+        return Lane(address, self._spin_us, extensions)
 
     @override
     async def ask_lane(
-        self, lane: Lane, path: str, windows: NDArray[np.float32], timeout: float, wait: float, spread: bool
+        self,
+        lane: Lane,
+        path: str,
+        windows: NDArray[np.float32],
+        timeout: float,
+        wait: float,
+        spread: bool,
+        traceparent: str | None,
     ) -> Reply:
-        return lane.infer(path, windows, timeout, wait, spread=spread)
+        return lane.infer(path, windows, timeout, wait, spread=spread, traceparent=traceparent)
 
     @override
     async def sleep(self, seconds: float) -> None:

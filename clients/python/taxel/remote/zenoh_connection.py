@@ -3,6 +3,10 @@
 import os
 import time
 from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from itertools import count
+from random import randrange
 from typing import Any, ClassVar, Final, Literal
 
 import zenoh
@@ -28,6 +32,13 @@ from taxel.zenoh_process import leave_behind_after_fork
 
 _AS_THEY_COME: Final = zenoh.ConsolidationMode.NONE
 """There is one answer, so it can be read before zenoh reports the end of answers."""
+
+
+_NUMBERS: Final = 2**32 - 1
+"""How many numbers queries have, from 1 on."""
+
+_CANCEL_S: Final = 1.0
+"""How long zenoh waits for the answer to a cancellation, which nobody reads."""
 
 
 class Connection(QueryTransport):
@@ -64,7 +75,10 @@ class Connection(QueryTransport):
         )
         self._queriers: dict[tuple[str, float], zenoh.Querier] = {}
         # The server gives each session its share.
-        self._source = zenoh.SourceInfo(self._session.id, 0)
+        self._id = self._session.id
+        self._source = zenoh.SourceInfo(self._id, 0)
+        # By its number, a query can be given up. They begin anywhere, so that others cannot guess them.
+        self._numbers = count(randrange(1, _NUMBERS))
         try:
             # Its matching status tells a server that may not be asked from none.
             self._server = self._session.declare_querier(f"{prefix}/**")
@@ -107,41 +121,55 @@ class Connection(QueryTransport):
             self._queriers[key, timeout] = querier
 
     @override
-    def start(self, key: str, payload: bytes | None, timeout: float) -> Callable[[], bytes]:
+    def start(
+        self, key: str, payload: bytes | None, timeout: float, cancel_key: str | None = None
+    ) -> Callable[[], bytes]:
         started = time.monotonic()
+        source = self._source if cancel_key is None else self._named()
         querier = self._queriers.get((key, timeout))
         try:
             if querier is not None:
-                replies = querier.get(payload=payload, source_info=self._source)
+                replies = querier.get(payload=payload, source_info=source)
             else:
                 replies = self._session.get(
                     key,
                     payload=payload,
                     timeout=timeout,
                     consolidation=_AS_THEY_COME,
-                    source_info=self._source,
+                    source_info=source,
                 )
         except zenoh.ZError as error:
             raise self._broken(error) from None
 
         def answer() -> bytes:
             stranger = None
-            while (reply := first_reply(replies)) is not None:
-                if self._known.answers(reply):
-                    outcome = self._outcome(reply, key, timeout)
-                    break
-                stranger = reply
-            else:
-                outcome = self._end(key, timeout, started, stranger)
+            try:
+                while (reply := first_reply(replies)) is not None:
+                    if self._known.answers(reply):
+                        outcome = self._outcome(reply, key, timeout)
+                        break
+                    stranger = reply
+                else:
+                    outcome = self._end(key, timeout, started, stranger)
+            except BaseException:
+                # Ctrl-C, most likely.
+                self._give_up(cancel_key, source)
+                raise
             if isinstance(outcome, RequestError):
+                # The server's own comes earlier.
+                if isinstance(outcome, DeadlineExceeded) and time.monotonic() - started >= timeout:
+                    self._give_up(cancel_key, source)
                 raise outcome
             return outcome
 
         return answer
 
     @override
-    def send(self, key: str, payload: bytes | None, timeout: float, done: Done) -> None:
+    def send(
+        self, key: str, payload: bytes | None, timeout: float, done: Done, cancel_key: str | None = None
+    ) -> Callable[[], None]:
         settle = _once(done)
+        source = self._source if cancel_key is None else self._named()
         started = time.monotonic()
         stranger: zenoh.Reply | None = None
 
@@ -160,7 +188,7 @@ class Connection(QueryTransport):
         querier = self._queriers.get((key, timeout))
         try:
             if querier is not None:
-                querier.get(handler, payload=payload, source_info=self._source)
+                querier.get(handler, payload=payload, source_info=source)
             else:
                 self._session.get(
                     key,
@@ -168,10 +196,23 @@ class Connection(QueryTransport):
                     payload=payload,
                     timeout=timeout,
                     consolidation=_AS_THEY_COME,
-                    source_info=self._source,
+                    source_info=source,
                 )
         except zenoh.ZError as error:
             settle(self._broken(error))
+        return partial(self._give_up, cancel_key, source)
+
+    def _named(self) -> zenoh.SourceInfo:
+        """A new name for a query of this session."""
+        return zenoh.SourceInfo(self._id, next(self._numbers) % _NUMBERS + 1)
+
+    def _give_up(self, cancel_key: str | None, source: zenoh.SourceInfo) -> None:
+        """Tell the server that nobody waits for the answer to the query of this name."""
+        if cancel_key is None:
+            return
+        unread: Callback[zenoh.Reply] = Callback(_ignore, indirect=False)
+        with suppress(zenoh.ZError):  # The session has ended, and its queries with it.
+            self._session.get(cancel_key, unread, timeout=_CANCEL_S, source_info=source)
 
     @override
     def close(self) -> None:
@@ -218,6 +259,9 @@ class Connection(QueryTransport):
 
     def _broken(self, error: zenoh.ZError) -> Unavailable:
         return Unavailable(f"{self.endpoint}: {reason_of(error)}")
+
+
+def _ignore(_: zenoh.Reply) -> None: ...
 
 
 def _once(done: Done) -> Callable[[bytes | RequestError | Callable[[], RequestError]], None]:
