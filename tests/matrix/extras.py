@@ -144,6 +144,17 @@ def trained_and_exported(environment: Environment) -> None:
         )
 
 
+def trees_alone(environment: Environment) -> None:
+    """Trees are trained and exported without torch, and a network's training says what it needs."""
+    _twin(environment)
+    taxel(environment, f"train --model xgb --data twin.csv --jobs 1 -o trees {SMALL_TREES}")
+    taxel(environment, "export trees --repository mine --name trees")
+    taxel(environment, "predict twin.csv --model trees --repository mine -o trees.csv")
+    done = environment.run(*"taxel train --model ffnn --data twin.csv -o network".split(), check=False)
+    if done.returncode != 1 or "pip install 'taxel[train]'" not in done.stderr:
+        raise Failed(f"taxel train --model ffnn: exit {done.returncode}:\n{done.stderr}")
+
+
 def imported_from_gazebo(environment: Environment) -> None:
     """What reads the Gazebo plugin's networks can be imported."""
     environment.python("-c", "import taxel_exporters.gazebo.importer")
@@ -210,6 +221,7 @@ EXTRAS: dict[str, tuple[Check, ...]] = {
     "foxglove": (written_for_foxglove,),
     "rerun": (written_for_rerun,),
     "plot": (plots,),
+    "trees": (trees_alone,),
     "train": (trained_and_exported, imported_from_gazebo),
     "loop": (looped, loop_exported),
     "study": (studied,),
