@@ -150,7 +150,8 @@ def trees_alone(environment: Environment) -> None:
     taxel(environment, f"train --model xgb --data twin.csv --jobs 1 -o trees {SMALL_TREES}")
     taxel(environment, "export trees --repository mine --name trees")
     taxel(environment, "predict twin.csv --model trees --repository mine -o trees.csv")
-    done = environment.run(*"taxel train --model ffnn --data twin.csv -o network".split(), check=False)
+    command = "train --model ffnn --data twin.csv -o network"
+    done = environment.run("taxel", *command.split(), check=False)
     if done.returncode != 1 or "pip install 'taxel[train]'" not in done.stderr:
         raise Failed(f"taxel train --model ffnn: exit {done.returncode}:\n{done.stderr}")
 
