@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -16,7 +17,6 @@ from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.contact_offset import (
     CALIBRATIONS_S,
-    FEWEST,
     ContactOffset,
     calibrated,
     log_evidence,
@@ -34,7 +34,7 @@ from taxel_models.loop.inference.evidence import (
 from taxel_models.loop.inference.forms import Form, prepared
 from taxel_models.loop.inference.score import Score, Taken
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
-from taxel_models.loop.observations import Observations
+from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
 
 Progress = Callable[[str], None]
 REFITS: Final = 3
@@ -262,8 +262,8 @@ class Scoring:
 
     def _contact_offset(self, base: Base, left: Floats) -> Score | None:
         """Offsets of each contact, if the model's own held-out residual says how much is usual."""
-        segments = np.unique(self.observations.segment[self._blocks.fit])
-        if self._reference is None or len(segments) < FEWEST:
+        contacts = np.unique(self.observations.contact[self._blocks.fit])
+        if self._reference is None or len(contacts) < FEWEST_CONTACTS:
             return None
         effect = ContactOffset()
         found = {
@@ -272,7 +272,7 @@ class Scoring:
         }
         last = found[CALIBRATIONS_S[-1]]
         white = self.whitening(self.bins.means(left.T[:, :, None]))[:, :, 0]
-        table = log_evidence(white, self._ones.values[:, :, 0], self.bins.blocks, self._constants.strengths)
+        table = log_evidence(white, self._contact_ones, self.bins.blocks, self._constants.strengths)
         sums = (table - self._usual_evidence(effect.name)).sum(axis=1)
         total = float(logsumexp(sums) - np.log(len(sums)))
         removed = {seconds: each.removed for seconds, each in found.items()}
@@ -283,6 +283,14 @@ class Scoring:
         tested = HeldOut(last.gain / unit, last.before / unit, base.noise)
         energy = np.maximum((tested.before * base.noise).sum(axis=0), 1e-9)
         return self._scored(effect, form, weighed, total, tested, energy=energy)
+
+    @cached_property
+    def _contact_ones(self) -> Floats:
+        """(21, bins, k) whitened constants, one for each contact of a block."""
+        contact = self.observations.contact[self.bins.order[self.bins.starts]]
+        place = np.concatenate([np.unique(contact[block], return_inverse=True)[1] for block in self.bins.blocks])
+        ones = np.equal.outer(place, np.arange(place.max() + 1)).astype(np.float64)
+        return self.whitening(self.whitening.scale[:, None, None] * ones[None])
 
     def contradicts(self, score: Score, taken: Sequence[Taken]) -> bool:
         """Whether electrodes' weights differ more than their common cause allows."""

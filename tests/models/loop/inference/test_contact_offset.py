@@ -92,7 +92,7 @@ def test_evidence_is_that_of_a_random_constant_of_each_block() -> None:
             total += stats.multivariate_t(shape=shape, df=1e-7).logpdf(white[channel])
             total -= stats.multivariate_t(shape=np.eye(25), df=1e-7).logpdf(white[channel])
         odds.append(total)
-    found = contact_offset.log_evidence(white, ones, blocks, DECLARED.strengths)
+    found = contact_offset.log_evidence(white, ones[..., None], blocks, DECLARED.strengths)
     assert found.sum(axis=1) == pytest.approx(odds, abs=1e-3)
 
 
