@@ -10,7 +10,12 @@ from taxel.windows import Direction, Play
 from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past, weighted
 from taxel_models.loop.observations import Observations
 
-WIDTHS_N: Final = tuple(np.geomspace(0.05, 2.0, 12).tolist())
+NARROWEST_N: Final = 0.05
+WIDEST: Final = 0.6
+"""The widest play over the range of forces; a wider one hardly moves."""
+
+LEAST_RANGE_N: Final = 3.0
+WIDTHS: Final = 12
 FINER: Final = (0.84, 0.91, 1.1, 1.19)
 """Factors of finer widths; neighbours on the grid differ by a factor of 1.4."""
 
@@ -25,7 +30,9 @@ class Hysteresis(Effect):
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
-        for width in WIDTHS_N:
+        low, high = np.quantile(observations.pressed, (0.01, 0.99))
+        widest = WIDEST * max(float(high - low), LEAST_RANGE_N)
+        for width in np.geomspace(NARROWEST_N, widest, WIDTHS).tolist():
             yield self._with(observations, width)
         direction = Direction(of="force")
         yield weighted(

@@ -20,7 +20,7 @@ class Constants:
         least_share: share of the held-out whitened squared error that an effect must remove.
         least_channel_share: likewise in one channel, where it changes few; that channel must pass the same
             test by itself. Offsets of contacts, which no
-            model predicts, must remove twice as much in the mean.
+            model predicts, must remove as much in the mean.
         carries: a simpler effect is named first if it explains this share of what the likeliest does.
         either: two effects are not told apart if one explains this share of what the other does.
         simpler: a simpler effect has at most this share of the other's parameters.

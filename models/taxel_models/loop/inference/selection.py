@@ -99,7 +99,7 @@ class JointSelection:
             some = changes & (score.worth >= least) & (score.channel_t >= constants.least_t)
             enough = score.worth.mean() >= constants.least_share or some.any()
         else:
-            enough = score.worth.mean() >= 2 * constants.least_channel_share
+            enough = score.worth.mean() >= constants.least_channel_share
         if not enough or score.t < constants.least_t:
             return False
         return not self._scoring.contradicts(score, self._taken)
