@@ -16,6 +16,9 @@ WIDEST: Final = 0.6
 
 LEAST_RANGE_N: Final = 3.0
 WIDTHS: Final = 12
+SEVERAL: Final = (1 / 64, 1 / 16, 1 / 4, 1.0)
+"""Widths over the widest that together make a smooth loop (Prandtl and Ishlinskii)."""
+
 FINER: Final = (0.84, 0.91, 1.1, 1.19)
 """Factors of finer widths; neighbours on the grid differ by a factor of 1.4."""
 
@@ -34,6 +37,12 @@ class Hysteresis(Effect):
         widest = WIDEST * max(float(high - low), LEAST_RANGE_N)
         for width in np.geomspace(NARROWEST_N, widest, WIDTHS).tolist():
             yield self._with(observations, width)
+        several = [widest * share for share in SEVERAL]
+        plays = [past(observations, Play(of="force", width_n=w), f"play[{w:.3g}N].force", "N") for w in several]
+        told = ", ".join(f"{width:.3g}" for width in several)
+        yield weighted(
+            observations, self.name, f"plays of {told} N", "unit", plays, weight_unit="counts/N"
+        )
         direction = Direction(of="force")
         yield weighted(
             observations,

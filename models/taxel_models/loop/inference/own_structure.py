@@ -72,8 +72,8 @@ def own_gain(scoring: Scoring, score: Score) -> Floats:
     folds = [held_out(products, fitting, every, seen=seen) for seen in (True, False)]
     seen, unseen = (tested.gain * tested.noise for tested in folds)
     energy = np.maximum((folds[0].before * folds[0].noise).sum(axis=0), 1e-9)
-    by_fold = products.folds * (seen / energy).mean(axis=1)
-    error = corrected_standard_error(by_fold, 1.0 / (products.folds - 1))
+    by_fold = products.folds * (seen / energy)
+    error = np.array([corrected_standard_error(own, 1.0 / (products.folds - 1)) for own in by_fold.T])
     open_share = float(stats.t.ppf(0.95, products.folds - 1)) * error
     own = np.maximum(0.5 * (seen + unseen).sum(axis=0), 0.0)
     return np.asarray((own + open_share * energy) * scoring.whitening.scale**2)
