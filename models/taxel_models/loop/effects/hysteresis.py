@@ -10,15 +10,7 @@ from taxel.windows import Direction, Play
 from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past, weighted
 from taxel_models.loop.observations import Observations
 
-NARROWEST_N: Final = 0.05
-WIDEST: Final = 0.6
-"""The widest play over the range of forces; a wider one hardly moves."""
-
-LEAST_RANGE_N: Final = 3.0
-WIDTHS: Final = 12
-SEVERAL: Final = (1 / 64, 1 / 16, 1 / 4, 1.0)
-"""Widths over the widest that together make a smooth loop (Prandtl and Ishlinskii)."""
-
+WIDTHS_N: Final = tuple(np.geomspace(0.05, 2.0, 12).tolist())
 FINER: Final = (0.84, 0.91, 1.1, 1.19)
 """Factors of finer widths; neighbours on the grid differ by a factor of 1.4."""
 
@@ -33,16 +25,8 @@ class Hysteresis(Effect):
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
-        low, high = np.quantile(observations.pressed, (0.01, 0.99))
-        widest = WIDEST * max(float(high - low), LEAST_RANGE_N)
-        for width in np.geomspace(NARROWEST_N, widest, WIDTHS).tolist():
+        for width in WIDTHS_N:
             yield self._with(observations, width)
-        several = [widest * share for share in SEVERAL]
-        plays = [past(observations, Play(of="force", width_n=w), f"play[{w:.3g}N].force", "N") for w in several]
-        told = ", ".join(f"{width:.3g}" for width in several)
-        yield weighted(
-            observations, self.name, f"plays of {told} N", "unit", plays, weight_unit="counts/N"
-        )
         direction = Direction(of="force")
         yield weighted(
             observations,

@@ -293,7 +293,9 @@ class Scoring:
     def _contact_ones(self) -> Floats:
         """(21, bins, k) whitened constants, one for each contact of a block."""
         contact = self.observations.contact[self.bins.order[self.bins.starts]]
-        place = np.concatenate([np.unique(contact[block], return_inverse=True)[1] for block in self.bins.blocks])
+        place = np.concatenate(
+            [np.unique(contact[block], return_inverse=True)[1] for block in self.bins.blocks]
+        )
         ones = np.equal.outer(place, np.arange(place.max() + 1)).astype(np.float64)
         return self.whitening(self.whitening.scale[:, None, None] * ones[None])
 
