@@ -151,7 +151,7 @@ class Observations:
 
     @cached_property
     def contact(self) -> NDArray[np.int64]:
-        """(n,) number of the contact: a segment, or a touch with the air after it where segments are few."""
+        """(n,) number of the contact: a segment; where segments are few, a touch with the air after it."""
         if len(np.unique(self.segment)) >= FEWEST_CONTACTS:
             return self.segment
         begins = np.diff(self.segment, prepend=-1) != 0

@@ -14,7 +14,6 @@ from taxel_models.loop.inference.evidence import Products, held_out, weigh
 from taxel_models.loop.inference.score import Score
 from taxel_models.loop.inference.scoring import Scoring
 
-
 LIKELY: Final = 0.5
 """Forms with this share of the log evidence of an effect's likeliest one count, too."""
 
