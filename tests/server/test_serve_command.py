@@ -218,9 +218,7 @@ def test_in_a_narrow_terminal_no_name_is_cut_off(run: Starter, endpoint: str) ->
     lines = [line.partition(": ")[::2] for line in listed.splitlines()]
     for model in served:
         assert f"{model['name']}/{model['version']}" in listed
-        evaluated = (
-            f"one row by {model['one_row']}, many by {model['many_rows']} ({model['instruction_set']})"
-        )
+        evaluated = f"one row by {model['one_row']}, many by {model['many_rows']} ({model['instruction_set']})"
         assert any(f"{model['name']}/{model['version']}" in users for by, users in lines if by == evaluated)
 
 
