@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,15 @@ from taxel.manifest import Manifest
 from taxel.windows import HistoryFeature, Samples, build_windows, extra_columns, history_columns
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.resting import are_raw, resting
+from taxel_models.loop.resting import TOUCH_N, are_raw, resting
 from taxel_models.model import Model, predict_all
 from taxel_models.recordings import Recording
+
+FEWEST_CONTACTS: Final = 8
+"""To tell how far offsets of contacts scatter."""
+
+AIR_TICKS: Final = 10
+"""Air between two touches, 0.1 s."""
 
 
 @dataclass(frozen=True)
@@ -142,6 +148,17 @@ class Observations:
             calibration=None if self.calibration is None else self.calibration.kept(keep),
             _history={},
         )
+
+    @cached_property
+    def contact(self) -> NDArray[np.int64]:
+        """(n,) number of the contact: a segment; where segments are few, a touch with the air after it."""
+        if len(np.unique(self.segment)) >= FEWEST_CONTACTS:
+            return self.segment
+        begins = np.diff(self.segment, prepend=-1) != 0
+        pressed = self.pressed > TOUCH_N
+        # A touch after less air than this goes on: a force near the threshold begins no contact.
+        calm = ~pressed[self.rows_before(AIR_TICKS)] & ~pressed[self.rows_before(1)]
+        return np.asarray(np.cumsum(begins | (pressed & calm)) - 1)
 
     @cached_property
     def usual_segment_s(self) -> float:

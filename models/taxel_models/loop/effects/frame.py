@@ -1,12 +1,15 @@
 """Frame: the recorded forces or positions are in a turned or shifted frame."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import partial
+from itertools import product
 from typing import Final
 
 import numpy as np
 from typing_extensions import override
 
+from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.effects.rigid_motion import after, fit_motion, turn_of
@@ -18,6 +21,13 @@ MOST_ROWS: Final = 12_000
 
 EVERY: Final = 5
 """Rows from one such row to the next."""
+
+LAST: Final = 0.4
+"""The last part of the session, by which a motion is found that came about in its course."""
+
+BEGINS: Final = np.linspace(0.05, 0.75, 15)
+TAKES: Final = np.linspace(0.0, 0.3, 7)
+"""Moments and durations that are tried, over the session's length."""
 
 NAMES: Final = {
     "force": "forces turned",
@@ -39,6 +49,10 @@ class Frame(Effect):
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
+        yield from self._always(observations, remaining)
+        yield from self._slipped(observations, remaining)
+
+    def _always(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
         found = fit_motion(observations, remaining)
         if found is None:
             return
@@ -56,6 +70,54 @@ class Frame(Effect):
             online=partial(_online, kind, vector),
             moved=partial(_moved, kind, vector),
         )
+
+    def _slipped(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
+        """The motion of the session's last part, and the course by which it came about."""
+        time_s = observations.time_s
+        late = time_s >= np.quantile(time_s[remaining.fit], 1.0 - LAST)
+        found = fit_motion(observations, replace(remaining, fit=remaining.fit & late))
+        if found is None:
+            return
+        kind, vector = found
+        turned = turn_of(kind, vector).turn(observations.windows, observations.manifest.spec)
+        change = predict_all(observations.model.predict, turned) - observations.predicted
+        begins, takes = _course_of(time_s, change, remaining)
+        change *= _course(time_s, begins, takes)[:, None]
+        parameters = _form_parameters(kind, vector) | {"begins": (begins, "s"), "takes": (takes, "s")}
+        yield self._reported(change, NAMES[kind], parameters)
+
+    def _reported(
+        self, change: Floats, name: str, parameters: Mapping[str, tuple[float, str]]
+    ) -> Candidate:
+        """A motion that comes about in the session: what it added is no part of a model to be served."""
+        return Candidate(
+            self.name,
+            f"{name}, from {parameters['begins'][0]:.0f} s on",
+            Own(change[:, :, None].astype(np.float32)),
+            fitting=Fitting(fixed=True, motion=5, choices=len(NAMES)),
+            form_parameters=parameters,
+            again=lambda _: self._reported(change, name, parameters),
+        )
+
+
+def _course(time_s: Floats, begins: float, takes: float) -> Floats:
+    """(n,) how far a motion has come about: from 0 to 1."""
+    return np.clip((time_s - begins) / max(takes, TICK_S), 0.0, 1.0)
+
+
+def _course_of(time_s: Floats, change: Floats, remaining: Remaining) -> tuple[float, float]:
+    """When a whole change (n, 21) begins and how long it takes, s, by least squares."""
+    fit, end = remaining.fit, float(time_s.max())
+    target = remaining.residual[fit]
+    counted = remaining.row_weights[fit, None] / np.maximum((target**2).mean(axis=0), 1e-9)
+    cross = (counted * target * change[fit]).sum(axis=1)
+    own = (counted * change[fit] ** 2).sum(axis=1)
+
+    def explained(times: tuple[float, float]) -> float:
+        course = _course(time_s[fit], *times)
+        return float(2 * course @ cross - course**2 @ own)
+
+    return max(product(end * BEGINS, end * TAKES), key=explained)
 
 
 def _form_parameters(kind: str, vector: Floats) -> dict[str, tuple[float, str]]:

@@ -18,9 +18,8 @@ class Constants:
         robust: a block counts less if its error is more than so many times the median block's.
         least_t: t over held-out folds that an effect must reach (Nadeau and Bengio 2003).
         least_share: share of the held-out whitened squared error that an effect must remove.
-        least_channel_share: likewise in one channel, where it changes few; that channel must pass the same
-            test by itself. Offsets of contacts, which no
-            model predicts, must remove twice as much in the mean.
+        least_channel_share: likewise in one channel, where it changes few; that channel must pass the test
+            by itself. Offsets of contacts, which no model predicts, must remove as much in the mean.
         carries: a simpler effect is named first if it explains this share of what the likeliest does.
         either: two effects are not told apart if one explains this share of what the other does.
         simpler: a simpler effect has at most this share of the other's parameters.

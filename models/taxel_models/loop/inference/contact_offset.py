@@ -19,8 +19,6 @@ from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online,
 from taxel_models.loop.observations import Observations
 
 CALIBRATIONS_S: Final = (0.5, 1.0)
-FEWEST: Final = 8
-"""Contacts, to tell how far offsets scatter."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,7 @@ def calibrated(
         blocks: rows of the evaluation part get offsets, too, but are not counted.
         counted: (n, 21) how much each row counts.
     """
-    starts = np.flatnonzero(np.diff(observations.segment, prepend=-1))
+    starts = np.flatnonzero(np.diff(observations.contact, prepend=-1))
     folds = int(blocks.fold.max()) + 1
     own, cross, before = np.zeros((3, folds, len(CHANNELS)))
     offsets = np.zeros_like(left)
@@ -112,19 +110,20 @@ class ContactOffset(Effect):
 def log_evidence(
     white: Floats, ones: Floats, blocks: tuple[slice, ...], strengths: tuple[float, ...]
 ) -> Floats:
-    """(strengths, 21) log odds of a random constant of each block to none.
+    """(strengths, 21) log odds of a random constant of each block's contacts to none.
 
     Args:
         white: (21, bins) the whitened residual.
-        ones: (21, bins) a whitened constant of the residual's size.
+        ones: (21, bins, k) whitened constants of the residual's size, one for each contact of a block.
     """
-    gram = np.stack([(ones[:, block] ** 2).sum(axis=1) for block in blocks])
-    cross = np.stack([(ones[:, block] * white[:, block]).sum(axis=1) for block in blocks])
+    gram = np.stack([ones[:, block].transpose(0, 2, 1) @ ones[:, block] for block in blocks])
+    cross = np.stack([np.einsum("cbk,cb->ck", ones[:, block], white[:, block]) for block in blocks])
     energy = np.maximum((white**2).sum(axis=1), 1e-9)
     found = []
     for strength in strengths:
-        taken = (cross**2 / (gram + strength**-2)).sum(axis=0)
-        volume = 0.5 * np.log1p(strength**2 * gram).sum(axis=0)
+        inner = np.eye(ones.shape[2]) + strength**2 * gram
+        taken = (cross * np.linalg.solve(inner, strength**2 * cross[..., None])[..., 0]).sum(axis=(0, 2))
+        volume = 0.5 * np.linalg.slogdet(inner)[1].sum(axis=0)
         left = np.maximum(energy - taken, 1e-9 * energy)
         found.append(-volume - 0.5 * white.shape[1] * np.log(left / energy))
     return np.array(found)

@@ -1,6 +1,7 @@
 """What each effect explains of a model's own held-out residual."""
 
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from scipy import stats
@@ -9,22 +10,45 @@ from threadpoolctl import threadpool_limits
 from taxel.channels import CHANNELS
 from taxel_models.evaluation.standard_error import corrected_standard_error
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.inference.evidence import Products, held_out
+from taxel_models.loop.inference.evidence import Products, held_out, weigh
 from taxel_models.loop.inference.score import Score
 from taxel_models.loop.inference.scoring import Scoring
 
+LIKELY: Final = 0.5
+"""Forms with this share of the log evidence of an effect's likeliest one count, too."""
+
 
 def structure_of(scoring: Scoring) -> dict[str, tuple[Floats, Floats]]:
-    """For each effect alone, its log odds (21,) and its gain (21,), counts², for each bin."""
+    """For each effect alone, its log odds (21,) and its gain (21,), counts², for each bin.
+
+    Of an effect's likely forms, the largest counts: another recording may show another one.
+    """
     with threadpool_limits(1):
-        scores = scoring.scores([])
-        return {
-            score.name: (
-                np.maximum(score.weighed.by_channel, 0.0) / len(scoring.bins),
-                np.maximum(own_gain(scoring, score), 0.0) / len(scoring.bins),
-            )
-            for score in scores
-        }
+        structure = {}
+        for score in scoring.scores([]):
+            found = [(score.weighed.by_channel, own_gain(scoring, score))]
+            if score.effect.is_predictable and not score.effect.looks_at_residual:
+                found += _of_other_forms(scoring, score)
+            odds = np.max([odds for odds, _ in found], axis=0)
+            gain = max((gain for _, gain in found), key=lambda gain: float(gain.sum()))
+            bins = len(scoring.bins)
+            structure[score.name] = np.maximum(odds, 0.0) / bins, np.maximum(gain, 0.0) / bins
+        return structure
+
+
+def _of_other_forms(scoring: Scoring, score: Score) -> list[tuple[Floats, Floats]]:
+    bases = scoring.bases([])
+    base = bases.plain if score.effect.is_constant else bases.beside
+    likely = []
+    for form in scoring.forms_of(score.effect):
+        weighed = weigh(Products.of(base, form.design), form.candidate.fitting, scoring.constants)
+        likely.append((form, weighed))
+    least = LIKELY * max(weighed.log_evidence for _, weighed in likely)
+    return [
+        (weighed.by_channel, own_gain(scoring, replace(score, form=form, weighed=weighed)))
+        for form, weighed in likely
+        if weighed.log_evidence >= max(least, 0.0) and form is not score.form
+    ]
 
 
 def own_gain(scoring: Scoring, score: Score) -> Floats:
@@ -47,8 +71,8 @@ def own_gain(scoring: Scoring, score: Score) -> Floats:
     folds = [held_out(products, fitting, every, seen=seen) for seen in (True, False)]
     seen, unseen = (tested.gain * tested.noise for tested in folds)
     energy = np.maximum((folds[0].before * folds[0].noise).sum(axis=0), 1e-9)
-    by_fold = products.folds * (seen / energy).mean(axis=1)
-    error = corrected_standard_error(by_fold, 1.0 / (products.folds - 1))
+    by_fold = products.folds * (seen / energy)
+    error = np.array([corrected_standard_error(own, 1.0 / (products.folds - 1)) for own in by_fold.T])
     open_share = float(stats.t.ppf(0.95, products.folds - 1)) * error
     own = np.maximum(0.5 * (seen + unseen).sum(axis=0), 0.0)
     return np.asarray((own + open_share * energy) * scoring.whitening.scale**2)

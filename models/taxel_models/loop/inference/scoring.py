@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -16,7 +17,6 @@ from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.contact_offset import (
     CALIBRATIONS_S,
-    FEWEST,
     ContactOffset,
     calibrated,
     log_evidence,
@@ -34,7 +34,7 @@ from taxel_models.loop.inference.evidence import (
 from taxel_models.loop.inference.forms import Form, prepared
 from taxel_models.loop.inference.score import Score, Taken
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
-from taxel_models.loop.observations import Observations
+from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
 
 Progress = Callable[[str], None]
 REFITS: Final = 3
@@ -63,6 +63,7 @@ class Scoring:
     Attributes:
         out_of_scope: effects that these observations cannot show, with the reason.
         bins: of the fit part.
+        constants: of the inference.
     """
 
     def __init__(
@@ -75,7 +76,7 @@ class Scoring:
         progress: Progress,
     ) -> None:
         self.observations = observations
-        self._blocks, self._constants = blocks, constants
+        self._blocks, self.constants = blocks, constants
         scope = {effect.label: effect.out_of_scope(observations) for effect in effects}
         self.out_of_scope = {name: reason for name, reason in scope.items() if reason is not None}
         self._effects = [effect for effect in effects if effect.label not in self.out_of_scope]
@@ -130,7 +131,7 @@ class Scoring:
         """The base, the same beside a constant of each channel, and the constant's own evidence."""
         beside = self.base(taken).with_constant(self._ones)
         plain = beside.without_last()
-        constant = weigh(Products.of(plain, self._ones), Fitting(), self._constants)
+        constant = weigh(Products.of(plain, self._ones), Fitting(), self.constants)
         return Bases(plain, beside, constant.log_evidence)
 
     def _forms_of(self, effect: Effect, left: Floats) -> list[Form]:
@@ -142,6 +143,10 @@ class Scoring:
                 for form in prepared(candidate, self.whitening)
             ]
         return self._forms[effect.label]
+
+    def forms_of(self, effect: Effect) -> list[Form]:
+        """The forms of an effect while nothing is named."""
+        return self._forms_of(effect, self.residual([]))
 
     def scores(self, taken: Sequence[Taken]) -> list[Score]:
         """Every other effect beside some named ones, the likeliest first."""
@@ -157,8 +162,8 @@ class Scoring:
             if forms:
                 score = self._score(effect, forms, bases)
                 found.append(score)
-                weak = score.log_evidence <= 0 or score.t < self._constants.least_t
-                if effect.is_costly and (weak or score.worth.mean() < self._constants.least_share):
+                weak = score.log_evidence <= 0 or score.t < self.constants.least_t
+                if effect.is_costly and (weak or score.worth.mean() < self.constants.least_share):
                     self._hopeless.add(effect.label)
         contact = None if ContactOffset.name in names else self._contact_offset(bases.plain, left)
         found += [] if contact is None else [contact]
@@ -171,10 +176,10 @@ class Scoring:
         for form in forms:
             fitting = form.candidate.fitting
             products = Products.of(bases.beside, form.design)
-            plain = weigh(replace(products, base=bases.plain), fitting, self._constants, usual)
+            plain = weigh(replace(products, base=bases.plain), fitting, self.constants, usual)
             options = [(plain.log_evidence, form, products, plain, False)]
             if not effect.is_constant:
-                second = weigh(products, fitting, self._constants, usual)
+                second = weigh(products, fitting, self.constants, usual)
                 options.append((second.log_evidence + bases.constant, form, products, second, True))
             logs.append(float(logsumexp([option[0] for option in options]) - np.log(len(options))))
             weighed.append(max(options, key=lambda option: option[0]))
@@ -189,12 +194,12 @@ class Scoring:
         best = tested(max(weighed, key=lambda option: option[0]))
         most_gain = best.total_gain
         total = float(logsumexp(logs) - np.log(len(logs)))
-        most = self._constants.simpler * best.freedom
+        most = self.constants.simpler * best.freedom
         while simpler := [
             option for option in weighed if 0 < option[1].freedom(int(option[3].changes.sum())) <= most
         ]:
             simple = tested(max(simpler, key=lambda option: option[0]))
-            most = self._constants.simpler * simple.freedom
+            most = self.constants.simpler * simple.freedom
             if simple.log_evidence > 0:
                 best = self.simplest(best, [simple])
         sizes = tuple((form.freedom(int(own.changes.sum())), value) for value, form, _, own, _ in weighed)
@@ -206,8 +211,8 @@ class Scoring:
             score
             for score in scores
             if score.effect.is_predictable
-            and score.freedom <= self._constants.simpler * best.freedom
-            and score.total_gain > max(0.0, self._constants.carries * best.total_gain)
+            and score.freedom <= self.constants.simpler * best.freedom
+            and score.total_gain > max(0.0, self.constants.carries * best.total_gain)
         ]
         return max(simpler, key=lambda score: score.log_evidence, default=best)
 
@@ -262,8 +267,8 @@ class Scoring:
 
     def _contact_offset(self, base: Base, left: Floats) -> Score | None:
         """Offsets of each contact, if the model's own held-out residual says how much is usual."""
-        segments = np.unique(self.observations.segment[self._blocks.fit])
-        if self._reference is None or len(segments) < FEWEST:
+        contacts = np.unique(self.observations.contact[self._blocks.fit])
+        if self._reference is None or len(contacts) < FEWEST_CONTACTS:
             return None
         effect = ContactOffset()
         found = {
@@ -272,7 +277,7 @@ class Scoring:
         }
         last = found[CALIBRATIONS_S[-1]]
         white = self.whitening(self.bins.means(left.T[:, :, None]))[:, :, 0]
-        table = log_evidence(white, self._ones.values[:, :, 0], self.bins.blocks, self._constants.strengths)
+        table = log_evidence(white, self._contact_ones, self.bins.blocks, self.constants.strengths)
         sums = (table - self._usual_evidence(effect.name)).sum(axis=1)
         total = float(logsumexp(sums) - np.log(len(sums)))
         removed = {seconds: each.removed for seconds, each in found.items()}
@@ -283,6 +288,16 @@ class Scoring:
         tested = HeldOut(last.gain / unit, last.before / unit, base.noise)
         energy = np.maximum((tested.before * base.noise).sum(axis=0), 1e-9)
         return self._scored(effect, form, weighed, total, tested, energy=energy)
+
+    @cached_property
+    def _contact_ones(self) -> Floats:
+        """(21, bins, k) whitened constants, one for each contact of a block."""
+        contact = self.observations.contact[self.bins.order[self.bins.starts]]
+        place = np.concatenate(
+            [np.unique(contact[block], return_inverse=True)[1] for block in self.bins.blocks]
+        )
+        ones = np.equal.outer(place, np.arange(place.max() + 1)).astype(np.float64)
+        return self.whitening(self.whitening.scale[:, None, None] * ones[None])
 
     def contradicts(self, score: Score, taken: Sequence[Taken]) -> bool:
         """Whether electrodes' weights differ more than their common cause allows."""
@@ -338,5 +353,5 @@ class Scoring:
         """A named effect's own form, weighed and tested beside the others."""
         products = Products.of(self.base(others), taken.form.design)
         fitting = taken.form.candidate.fitting
-        weighed = weigh(products, fitting, self._constants)
+        weighed = weigh(products, fitting, self.constants)
         return weighed, held_out(products, fitting, taken.weighed)

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from taxel.channels import CHANNELS
@@ -96,13 +97,19 @@ class JointSelection:
             return False
         if score.effect.is_predictable:
             least = max(constants.least_share, constants.least_channel_share)
-            some = changes & (score.worth >= least) & (score.channel_t >= constants.least_t)
+            some = changes & (score.worth >= least) & (score.channel_t >= self._least_channel_t(score))
             enough = score.worth.mean() >= constants.least_share or some.any()
         else:
-            enough = score.worth.mean() >= 2 * constants.least_channel_share
+            enough = score.worth.mean() >= constants.least_channel_share
         if not enough or score.t < constants.least_t:
             return False
         return not self._scoring.contradicts(score, self._taken)
+
+    def _least_channel_t(self, score: Score) -> float:
+        """The t that one of all channels must reach: choosing among them has its price (Bonferroni)."""
+        freedom = max(len(score.gain) - 1, 1)
+        chance = stats.t.sf(self._constants.least_t, freedom)
+        return float(stats.t.isf(chance / len(CHANNELS), freedom))
 
     def _casts_doubt(self, other: Score, best: Score) -> bool:
         """Whether a likelier effect, about as simple, does not repeat: the best may only stand for it."""

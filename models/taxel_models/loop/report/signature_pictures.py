@@ -55,7 +55,7 @@ def draw_contact_offset(result: LoopResult, partial: Partial, path: Path) -> str
     observations, blocks = result.observations, result.blocks
     left = result.attribution.residual + partial.named.contribution
     scale = np.array(observations.manifest.normalisation.output_std)
-    starts = np.flatnonzero(np.diff(observations.segment, prepend=-1))
+    starts = np.flatnonzero(np.diff(observations.contact, prepend=-1))
     parts = list(zip(starts, [*starts[1:], len(left)], strict=True))
     means = np.array([left[start:stop].mean(axis=0) for start, stop in parts]) / scale
     within = np.array([left[start:stop].std(axis=0) for start, stop in parts]) / scale

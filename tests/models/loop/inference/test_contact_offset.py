@@ -10,7 +10,9 @@ from scipy import stats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.inference import contact_offset
 from taxel_models.loop.inference.constants import DECLARED
-from taxel_models.loop.observations import Observations
+from taxel_models.loop.inference.reference import held_out_residual
+from taxel_models.loop.observations import Observations, gather
+from taxel_models.loop.pipeline import LoopSettings, run_loop
 
 CONTACTS, LENGTH = 24, 300
 ROWS = CONTACTS * LENGTH
@@ -75,6 +77,52 @@ def test_a_contact_that_ends_while_it_is_calibrated_counts_nothing(
     assert not found.gain.any()
 
 
+def test_a_recording_in_one_piece_has_a_contact_for_each_touch(observations: Observations) -> None:
+    rows = 1_000
+    seconds = np.arange(rows) / 100
+    # The air before the first touch is apart; less than 0.1 s of air ends no touch.
+    pressed = (seconds > 0.5) & (seconds % 2.0 < 1.2)
+    pressed[60:66] = False
+    force = np.zeros((rows, 3))
+    force[pressed, 2] = -1.0
+    piece = replace(
+        observations.kept(np.arange(len(observations)) < rows), force=force, segment=np.zeros(rows, int)
+    )
+    np.testing.assert_array_equal(piece.contact, (seconds // 2.0).astype(int) + (seconds > 0.5))
+    in_trials = replace(piece, segment=np.arange(rows) // 100)
+    np.testing.assert_array_equal(in_trials.contact, in_trials.segment)
+
+
+def test_offsets_of_touches_are_named_in_a_recording_in_one_piece(smooth: Any, make: Any) -> None:
+    recording = make(12_000, seed=5)
+    reference = held_out_residual(smooth, [make(9_000, seed=6)])
+    contact = gather(smooth, [recording], measured_temperature=True).contact
+    assert contact.max() > 20
+    drawn = np.random.default_rng(7).normal(size=(contact.max() + 1, 21)) * 12.0
+    channels = recording.channels.copy()
+    channels[10:-10] = np.clip(np.rint(channels[10:-10] + drawn[contact]), 0, 4095)
+    moved = replace(recording, channels=channels)
+    found = run_loop(smooth, [moved], LoopSettings(), reference=reference).findings
+    assert [effect.name for effect in found.effects] == ["offset:contact"]
+
+
+def test_evidence_is_that_of_a_random_constant_of_each_contact() -> None:
+    random = np.random.default_rng(3)
+    blocks = (slice(0, 8), slice(8, 20), slice(20, 25))
+    white, ones = random.normal(size=(21, 25)), random.normal(size=(21, 25, 2))
+    ones[:, blocks[1], 1] = 0.0
+    expected = 0.0
+    strength = DECLARED.strengths[1]
+    for channel in range(21):
+        shape = np.eye(25)
+        for block in blocks:
+            shape[block, block] += strength**2 * ones[channel, block] @ ones[channel, block].T
+        expected += stats.multivariate_t(shape=shape, df=1e-7).logpdf(white[channel])
+        expected -= stats.multivariate_t(shape=np.eye(25), df=1e-7).logpdf(white[channel])
+    found = contact_offset.log_evidence(white, ones, blocks, DECLARED.strengths)
+    assert found[1].sum() == pytest.approx(expected, abs=1e-3)
+
+
 def test_evidence_is_that_of_a_random_constant_of_each_block() -> None:
     random = np.random.default_rng(3)
     blocks = (slice(0, 8), slice(8, 20), slice(20, 25))
@@ -92,7 +140,7 @@ def test_evidence_is_that_of_a_random_constant_of_each_block() -> None:
             total += stats.multivariate_t(shape=shape, df=1e-7).logpdf(white[channel])
             total -= stats.multivariate_t(shape=np.eye(25), df=1e-7).logpdf(white[channel])
         odds.append(total)
-    found = contact_offset.log_evidence(white, ones, blocks, DECLARED.strengths)
+    found = contact_offset.log_evidence(white, ones[..., None], blocks, DECLARED.strengths)
     assert found.sum(axis=1) == pytest.approx(odds, abs=1e-3)
 
 

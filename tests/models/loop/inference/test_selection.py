@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from taxel.channels import CHANNELS
 from taxel.windows import Relaxation
@@ -187,6 +188,28 @@ def test_a_lag_and_a_turned_frame_are_both_found(smooth: Any, make: Make) -> Non
     assert found.observations.shift_ticks == 5
     assert found.observations.turn is not None
     assert np.sqrt((found.residual**2).mean()) < 1.3 * 4.0
+
+
+def test_a_frame_that_slips_in_the_course_of_a_recording_is_found(smooth: Any, make: Make) -> None:
+    recording = make(9_000, seed=3)
+    samples = recording.samples
+    seconds = np.arange(len(recording)) / 100
+    course = np.clip((seconds - 36.0) / 9.0, 0.0, 1.0)
+    turn = np.radians(25.0) * course[:, None] * np.array([0.6, 0.0, 0.8])
+    slipped = replace(samples, force=Rotation.from_rotvec(turn).apply(samples.force))
+    found = attributed(smooth, replace(recording, samples=slipped))
+    frame = only(found)
+    assert frame.name == "frame"
+    parameters = {name: value for name, (value, _) in frame.candidate.form_parameters.items()}
+    # The recorded forces are turned back.
+    assert parameters["angle"] == pytest.approx(25.0, abs=2.0)
+    assert (parameters["x"], parameters["z"]) == (
+        pytest.approx(-15.0, abs=2.0),
+        pytest.approx(-20.0, abs=2.0),
+    )
+    assert parameters["begins"] == pytest.approx(36.0, abs=5.0)
+    assert not frame.candidate.online(frame.weights).changes_something
+    assert np.sqrt((found.residual**2).mean()) < 1.1 * 4.0
 
 
 def test_a_certain_cause_is_named_before_one_that_explains_more(smooth: Any, make: Make) -> None:
