@@ -192,7 +192,7 @@ def test_a_lane_that_is_lost_late_leaves_zenoh_the_rest_of_the_time(
         start = source.connection.start
         monkeypatch.setattr(Lane, "infer", lose)
         monkeypatch.setattr(
-            source.connection, "start", lambda *given: waits.append(given[-1]) or start(*given)
+            source.connection, "start", lambda *given: waits.append(given[2]) or start(*given)
         )
         assert predictor.predict(make_windows(1)).shape == (1, 21)
     (wait,) = waits
