@@ -118,10 +118,10 @@ $(VENV)/.server: $(BIN)/python pyproject.toml constraints.txt
 	@$(PIP) install -q -c constraints.txt -e '.[server]' || { $(MAKE) -s no-packages; exit 1; }
 	@touch $@
 
-# Everything: training, benchmarks, plots, tests.
+# Everything: training, benchmarks, plots, tests. Python compiles a module when it is first imported: most never are.
 $(VENV)/.all: $(BIN)/python pyproject.toml constraints.txt
 	@echo "Installing everything into $(VENV) …"
-	@$(PIP) install -q -c constraints.txt -e '.[all,dev]' || { $(MAKE) -s no-packages; exit 1; }
+	@$(PIP) install -q --no-compile -c constraints.txt -e '.[all,dev]' || { $(MAKE) -s no-packages; exit 1; }
 	@touch $@ $(VENV)/.server
 
 # ROS 2 and another author's client of rmw_zenoh, for tests. In an environment of their own, since ROS's wheels

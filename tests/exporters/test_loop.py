@@ -120,7 +120,8 @@ def test_a_residual_model_is_reported_without_a_name_and_exported(
     )
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)
-    assert found["effects"] == []
+    # A bend in the force is about steady within a touch. Offsets of contacts are reported, not served.
+    assert {effect["name"] for effect in found["effects"]} <= {"offset:contact"}
     told = found["residual_model"]
     assert {gain["channel"] for gain in told["channels"]} >= {f"e{number}" for number in range(4, 11)}
     assert all(gain["folds"] > 2 * gain["error"] for gain in told["channels"])
