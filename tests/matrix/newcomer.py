@@ -117,7 +117,8 @@ def carry_out(here: Environment, wheel: Path, line: str, servers: list[Popen[str
                 return str(page.read(100))
         finally:
             end([watch])
-    return here.run(*words).stdout
+    # Whether a loop would fit depends on what else this machine does.
+    return here.run(*words, check=words[:2] != ["taxel", "check"]).stdout
 
 
 def end(running: list[Popen[str]]) -> None:
