@@ -213,6 +213,7 @@ _FEW: Final = "".join(f" --exclude {name}" for name in NAMES if name not in ("cr
 SMALLER: Final = {
     "-o trained\n": "-o trained --set n_estimators=20\n",
     "--least-share 0.015": f"--stability 0{_FEW}",
+    "--data measured.csv -o report --export": f"--data measured.csv -o report --export --stability 0{_FEW}",
     "--rows 60000 --effect creep:1": "--rows 12000 --effect creep:1",
 }
 """What makes a page's commands quick enough for a test."""
