@@ -15,6 +15,7 @@ import resource
 import signal
 import sys
 import time
+import warnings
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
@@ -90,7 +91,11 @@ def _death(number: int, task: dict[str, Any]) -> str:
 
 
 def _fork(folder: Path, task: dict[str, Any]) -> int:
-    process = os.fork()
+    with warnings.catch_warnings():
+        # Python warns of threads that libraries start when they are imported: ONNX Runtime's, jemalloc's.
+        # This process never loads a model, so they idle; a child that hangs is killed by its time limit.
+        warnings.filterwarnings("ignore", "This process .* is multi-threaded", DeprecationWarning)
+        process = os.fork()
     if process:
         return process
     code = 1
