@@ -47,6 +47,10 @@ class FingerWindows:
         lags = [history.lag for history in histories if isinstance(history, Lagged)]
         # The oldest tick that is needed: a window's, or a feature's before the window's moment.
         self._depth = max(self._needed, spec.look_ahead + 1 + max(lags, default=0))
+        # The ticks of a window, from its moment, and the place of its middle among them.
+        self._steps = np.arange(-spec.look_back, spec.look_ahead + 1)
+        self._middle = spec.look_back - spec.shift
+        self._none = np.empty((0, spec.length + len(extras)), np.float32)
         self._ticks = np.zeros((self._depth, fingers, _SECONDS + 1))
         self._features = np.zeros((self._depth, fingers, len(extras)))
         self._states = np.zeros((len(extras), fingers))
@@ -190,14 +194,15 @@ class FingerWindows:
         self._count[ids] += 1
 
     def _windows(self, ids: NDArray[np.int64]) -> NDArray[np.float32]:
+        if not len(ids):
+            return self._none
         newest = self._count[ids] - 1 - self.spec.look_ahead
-
-        def around(step: int) -> NDArray[np.float64]:
-            found: NDArray[np.float64] = self._ticks[(newest + step - self.spec.shift) % self._depth, ids]
-            return found
-
+        slots = (newest + self._steps[:, None]) % self._depth
+        found: NDArray[np.float64] = self._ticks[slots, ids]
         columns = window_columns(
-            self.spec, lambda step: around(step)[:, :3], lambda step: around(step)[:, 3:6]
+            self.spec,
+            lambda step: found[self._middle + step, :, :3],
+            lambda step: found[self._middle + step, :, 3:6],
         )
         columns.append(self._features[newest % self._depth, ids])
         return np.concatenate(columns, axis=1).astype(np.float32)
