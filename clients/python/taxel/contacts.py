@@ -127,21 +127,21 @@ def _sample(
     order = np.argsort(on, kind="stable")
     places, pushes, on, sizes = places[order], pushes[order], on[order], sizes[order]
     starts = np.searchsorted(on, np.arange(count + 1))
+    contacts, heights = np.diff(starts), skin.height(places)
     force, height, left_out = np.zeros((count, 3)), np.zeros(count), np.zeros(count)
-    touched = np.diff(starts) > 0
-    alone = np.flatnonzero(np.diff(starts) == 1)
-    first = starts[alone]
-    held[alone], force[alone] = skin.nearest(places[first]), pushes[first]
-    height[alone] = skin.height(places[first])
-    for one in np.flatnonzero(np.diff(starts) > 1):
+    touched = contacts > 0
+    first = starts[:-1][touched]
+    held[touched], force[touched], height[touched] = places[first], pushes[first], heights[first]
+    for one in np.flatnonzero(contacts > 1):
         own = slice(starts[one], starts[one + 1])
         near = np.linalg.norm(places[own, None] - places[own], axis=2) <= PATCH_M
         patch = near[int(np.argmax(near @ sizes[own]))]
         weights = sizes[own] * patch
-        held[one] = skin.nearest((weights @ places[own] / weights.sum())[None])[0]
+        held[one] = weights @ places[own] / weights.sum()
         force[one] = pushes[own][patch].sum(axis=0)
-        height[one] = weights @ skin.height(places[own]) / weights.sum()
+        height[one] = weights @ heights[own] / weights.sum()
         left_out[one] = sizes[own][~patch].sum()
+    held[touched] = skin.nearest(held[touched])
     return ContactSample(held, force, touched, height, left_out)
 
 
