@@ -110,16 +110,16 @@ class SiteContacts:
         """Points, forces on the finger, and fingertips of all contacts; world frame."""
         geoms = np.asarray(data.contact.geom).reshape(-1, 2)
         fingers = np.where(geoms >= 0, self._finger_of[geoms], -1)
-        points, forces, on = [], [], []
-        wrench = np.zeros(6)
-        for number, place in zip(*np.nonzero(fingers >= 0), strict=True):
-            mujoco.mj_contactForce(self._model, data, int(number), wrench)
-            # MuJoCo tells the force on the second geom; rows of the frame are the contact's axes.
-            force = data.contact.frame[number].reshape(3, 3).T @ wrench[:3]
-            points.append(data.contact.pos[number])
-            forces.append(force if place else -force)
-            on.append(fingers[number, place])
-        return np.reshape(points, (-1, 3)), np.reshape(forces, (-1, 3)), np.array(on, np.int64)
+        numbers, places = np.nonzero(fingers >= 0)
+        wrench, forces = np.zeros(6), np.empty((len(numbers), 3))
+        for row, number in enumerate(numbers.tolist()):
+            mujoco.mj_contactForce(self._model, data, number, wrench)
+            forces[row] = wrench[:3]
+        # Rows of the frame are the contact's axes. MuJoCo tells the force on the second geom.
+        frames = np.asarray(data.contact.frame).reshape(-1, 3, 3)[numbers]
+        forces = np.einsum("kij,ki->kj", frames, forces) * np.where(places, 1.0, -1.0)[:, None]
+        points = np.asarray(data.contact.pos).reshape(-1, 3)[numbers]
+        return points, forces, fingers[numbers, places].astype(np.int64)
 
     def _net(self, name: str) -> int:
         """The address of a contact sensor."""
