@@ -214,9 +214,11 @@ def test_another_authors_client_speaks_with_it_both_ways(router: str, predictor:
         thread.start()
         program = Path(__file__).parent / "ros_programs" / "pyzeros_hand.py"
         command = [PYZEROS, program, router, "60", str(len(expected))]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=300)
-        node.stop()
-        thread.join(60)
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+        finally:
+            node.stop()
+            thread.join(60)
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     np.testing.assert_array_equal(told["arrays"], expected)

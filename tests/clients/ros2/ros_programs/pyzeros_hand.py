@@ -37,7 +37,7 @@ async def play(steps: int) -> dict[str, Any]:
         points.publish(stamped(all_msgs.PointStamped, step, point=place))
         wrenches.publish(stamped(all_msgs.WrenchStamped, step, wrench=wrench))
     heard = []
-    async for message in arrays.listen_reliable():
+    async for message in arrays.listen_reliable(queue_size=steps):
         heard.append([float(value) for value in message.data])
         # The last sample's window is the last one.
         if len(heard) == int(sys.argv[3]):
