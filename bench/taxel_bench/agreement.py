@@ -10,7 +10,7 @@ from taxel.channels import CHANNELS
 from taxel.errors import TaxelError
 from taxel_bench.engines import Engine
 from taxel_bench.peers.peer import reason_of
-from taxel_bench.subjects import Subject
+from taxel_bench.subjects.subject import Subject
 
 Windows = NDArray[np.float32]
 

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import torch
 
 from taxel import __version__
 from taxel.artifacts import MANIFEST, manifest_json
@@ -14,11 +13,7 @@ from taxel.errors import SettingsError
 from taxel.manifest import Manifest, ModelFile, Normalisation, Platform, Training, WindowLayout, tensors
 from taxel.windows import WindowSpec
 from taxel_bench.forests import TreeShape, tree_shape, write_forest
-from taxel_exporters import formats
-from taxel_models.families.family import History
-from taxel_models.families.networks.network import NetworkFamily, NetworkModel
 from taxel_models.families.registry import family, resolve
-from taxel_models.training.trained import TrainedExtra, TrainedModel, TrainedRecord
 
 PAPER_MODELS: Final = ("xgb", "ffnn", "transformer", "network-b", "network-a")
 
@@ -60,6 +55,14 @@ def _write_forest(folder: Path, combination: int, seed: int, trees: TreeShape) -
 
 
 def _write_network(folder: Path, model: str, combination: int, seed: int) -> None:
+    # Not for a forest: torch takes seconds to import.
+    import torch
+
+    from taxel_exporters import formats
+    from taxel_models.families.family import History
+    from taxel_models.families.networks.network import NetworkFamily, NetworkModel
+    from taxel_models.training.trained import TrainedExtra, TrainedModel, TrainedRecord
+
     kind = family(model)
     assert isinstance(kind, NetworkFamily)
     spec = WindowSpec.of(combination)

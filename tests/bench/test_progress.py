@@ -16,7 +16,7 @@ from rich.console import Console
 from taxel_bench import progress
 from taxel_bench.progress import progress_bar
 from taxel_bench.run.protocols import Effort, run_paper, run_serving
-from taxel_bench.subjects import open_subject
+from taxel_bench.subjects.subject import open_subject
 
 QUICK = ("--repetitions", "20", "--seconds", "0.1", "--json")
 COMMANDS = {

@@ -14,7 +14,7 @@ from taxel.errors import TaxelError
 from taxel_bench.agreement import compare_answers
 from taxel_bench.commands import app
 from taxel_bench.paper_size import PAPER_MODELS
-from taxel_bench.subjects import open_subject
+from taxel_bench.subjects.subject import open_subject
 from taxel_bench.windows import random_windows
 from taxel_exporters.export import export
 from taxel_models.families.published import published_mflops

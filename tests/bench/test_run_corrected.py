@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import taxel
 from taxel_bench.commands import app
-from taxel_bench.subjects import open_subject
+from taxel_bench.subjects.subject import open_subject
 from taxel_bench.windows import random_windows
 
 QUICK = ("--repetitions", "20", "--seconds", "0.1")

@@ -6,16 +6,18 @@ import sysconfig
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Generic, TypeVar
-
-import onnx
-import xgboost
+from typing import TYPE_CHECKING, Final, Generic, TypeVar
 
 from taxel.artifacts import Artifact
 from taxel.errors import TaxelError, Unavailable
 from taxel_bench.engines import Engine
 from taxel_bench.environments import environment, own_versions
-from taxel_models.families.networks.network import NetworkModel
+
+if TYPE_CHECKING:
+    import onnx
+    import xgboost
+
+    from taxel_models.families.networks.network import NetworkModel
 
 ENGINES: Final = "engines"
 """The folder of the peers' environments, below the cache folder."""
@@ -34,7 +36,7 @@ class ForestModel:
     """
 
     artifact: Artifact
-    boosters: tuple[xgboost.Booster, ...]
+    boosters: "tuple[xgboost.Booster, ...]"
     install: bool
 
 
@@ -49,8 +51,8 @@ class GraphModel:
     """
 
     artifact: Artifact
-    graph: onnx.ModelProto
-    network: NetworkModel | None
+    graph: "onnx.ModelProto"
+    network: "NetworkModel | None"
     same_weights: bool
 
 

@@ -7,8 +7,6 @@ from typing import Final
 from taxel.errors import Unavailable
 from taxel_bench.engines import Engine
 from taxel_bench.options import parse_names
-from taxel_bench.peers.forests import FOREST_PEERS
-from taxel_bench.peers.networks import GRAPH_PEERS
 from taxel_bench.peers.peer import Model, Peer, reason_of
 from taxel_bench.windows import random_windows
 
@@ -39,6 +37,9 @@ def parse_peer_choice(text: str, *, install: bool) -> PeerChoice:
     """
     if text == ALL:
         return PeerChoice(None, install)
+    from taxel_bench.peers.forests import FOREST_PEERS
+    from taxel_bench.peers.networks import GRAPH_PEERS
+
     known = (peer.name for peer in (*FOREST_PEERS, *GRAPH_PEERS))
     return PeerChoice(tuple(parse_names("--peers", text, known, "peer")), install)
 

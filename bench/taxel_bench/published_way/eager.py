@@ -1,35 +1,21 @@
 """The published way for networks: torch in eager mode with gradients recorded, one thread."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 from torch import Tensor
 
 from taxel.channels import CHANNELS
 from taxel.manifest import Manifest
 from taxel.scaling import Scaler
-from taxel_bench.engines import PUBLISHED, THREADS, Engine
+from taxel_bench.engines import PUBLISHED, Engine
 from taxel_bench.operations.of_network import count_network_operations
 from taxel_models.families.networks.network import NetworkModel
 
 Prepare = Callable[[NDArray[np.float32]], Tensor]
 Counts = Callable[[Tensor], NDArray[np.float32]]
-
-
-@contextmanager
-def pinned_threads() -> Iterator[None]:
-    """Torch, and every loaded library of OpenMP or BLAS, computes with one thread while the block lasts."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(THREADS)
-    try:
-        with threadpool_limits(THREADS):
-            yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def network_scaling(model: NetworkModel, manifest: Manifest) -> tuple[Prepare, Counts, int]:

@@ -83,7 +83,7 @@ def run(
     from taxel_bench.progress import progress_bar
     from taxel_bench.run.protocols import Effort, run_paper, run_serving
     from taxel_bench.run.results import paper_table, remarks, serving_table
-    from taxel_bench.subjects import open_subject
+    from taxel_bench.subjects.subject import open_subject
 
     batches = parse_batches(batch)
     as_published = protocol is Protocol.PAPER

@@ -14,7 +14,7 @@ from taxel_bench.conditions import disturbances, stolen_time
 from taxel_bench.engines import PUBLISHED, THREADS, Engine
 from taxel_bench.progress import Watch, ignore, shifted
 from taxel_bench.run.comparing import compare_engines
-from taxel_bench.subjects import Subject
+from taxel_bench.subjects.subject import Subject
 from taxel_bench.timing import Call, TimedCalls, interleaved, warm_up
 from taxel_bench.verdict import queries_for, too_few, verdict
 from taxel_bench.windows import random_windows

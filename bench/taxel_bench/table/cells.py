@@ -6,7 +6,7 @@ from typing import Any
 from taxel.channels import CHANNELS
 from taxel_bench.progress import Watch, ignore
 from taxel_bench.run.protocols import Effort, run_serving
-from taxel_bench.subjects import open_subject
+from taxel_bench.subjects.subject import open_subject
 from taxel_models.families.networks.sizes import COMPARED, agrees
 from taxel_models.families.published import (
     published_inference_ms,

@@ -2,13 +2,7 @@
 
 from pathlib import Path
 
-import matplotlib as mpl
-
 from taxel_models.families.family import History
-
-mpl.use("Agg")
-
-from matplotlib import pyplot as plt
 
 
 def draw_history(history: History, path: Path) -> None:
@@ -18,7 +12,11 @@ def draw_history(history: History, path: Path) -> None:
         history: how fitting went.
         path: the picture to write.
     """
-    figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
+    # Not with the module: whoever only reads a trained model draws nothing.
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7, 4), layout="constrained")
+    axes = figure.subplots()
     parts = (("train", history.train, "#30638e"), ("validation", history.validation, "#d1495b"))
     for part, losses, colour in parts:
         if losses:
@@ -30,4 +28,3 @@ def draw_history(history: History, path: Path) -> None:
     axes.grid(alpha=0.3, which="both")
     axes.legend()
     figure.savefig(path, dpi=110)
-    plt.close(figure)

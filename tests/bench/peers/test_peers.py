@@ -29,7 +29,7 @@ from taxel_bench.peers.numpy_graph import NumpyGraph
 from taxel_bench.peers.peer import GraphModel, Peer, packages_of
 from taxel_bench.peers.selection import PeerChoice
 from taxel_bench.run.protocols import DISTINCT_INPUTS, Effort, run_serving
-from taxel_bench.subjects import open_subject
+from taxel_bench.subjects.subject import open_subject
 from taxel_bench.windows import random_windows
 from taxel_exporters.export import export
 from taxel_models.shipped import shipped_repository

@@ -5,36 +5,26 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal
+from typing import Literal
 
 import numpy as np
-import onnx
 from numpy.typing import NDArray
 
 from taxel.artifacts import MANIFEST, Artifact, folder_of, read
-from taxel.errors import ArtifactError, SettingsError
+from taxel.errors import SettingsError
 from taxel.manifest import Manifest
-from taxel_bench.engines import SAME_ANSWERS, Engine, base_engine, taxel_engine
+from taxel_bench.engines import Engine, base_engine, taxel_engine
 from taxel_bench.forests import TreeShape
-from taxel_bench.operations.of_graph import count_graph_operations
 from taxel_bench.paper_size import PAPER_MODELS, write_paper_sized
-from taxel_bench.peers.forests import FOREST_PEERS
-from taxel_bench.peers.networks import GRAPH_PEERS
-from taxel_bench.peers.peer import ForestModel, GraphModel
-from taxel_bench.peers.selection import NO_PEERS, PeerChoice, open_peers
-from taxel_bench.published_way.eager import eager_engine, pinned_threads
-from taxel_bench.published_way.networks import network_of
-from taxel_bench.published_way.regressors import Regressors
-from taxel_bench.windows import random_windows
+from taxel_bench.peers.selection import NO_PEERS, PeerChoice
+from taxel_bench.subjects.comparison import Comparison
+from taxel_bench.subjects.threads import pinned_threads
 from taxel_models.shipped import shipped_repository
 from taxel_server.engine import load_model
 from taxel_server.local import LocalPredictor, LocalSource
 from taxel_server.runtimes import EvaluatorInfo
 
 Size = Literal["paper", "shipped"]
-
-_OPERATION_WINDOWS: Final = 64
-"""Over which the operations of trees are averaged."""
 
 
 @dataclass(frozen=True)
@@ -138,11 +128,8 @@ def _subject(model: str, size: Size, trees: TreeShape | None, folder: Path, choi
     loaded = load_model(folder)
     if manifest.effects and choice.names != ():
         raise SettingsError(f"--peers: {model} is corrected by effects, which no peer evaluates")
-    if manifest.platform == "xgboost_json":
-        engines = _forest_engines(artifact, choice)
-    else:
-        engines = _graph_engines(artifact, choice)
-    baseline, flops, notes = engines.baseline, engines.flops, engines.notes
+    compared = _comparison(artifact, choice)
+    baseline, flops, notes = compared.baseline, compared.flops, compared.notes
     if manifest.effects:
         baseline = base_engine(artifact, flops)
         notes = [note for note in notes if not note.startswith("paper:")]
@@ -154,57 +141,23 @@ def _subject(model: str, size: Size, trees: TreeShape | None, folder: Path, choi
         manifest=manifest,
         taxel=taxel_engine(loaded, flops),
         baseline=baseline,
-        peers=engines.peers,
-        skipped=engines.skipped,
+        peers=compared.peers,
+        skipped=compared.skipped,
         predict=LocalPredictor(LocalSource(folder.parents[1]), loaded).predict,
         evaluator=loaded.runtime.evaluator,
         notes=tuple(notes),
     )
 
 
-@dataclass(frozen=True)
-class _Engines:
-    """The published way and the peers of an artifact, and what is known of its operations."""
-
-    baseline: Engine | None
-    flops: int | None
-    notes: list[str]
-    peers: tuple[Engine, ...]
-    skipped: dict[str, str]
-
-
-def _forest_engines(artifact: Artifact, choice: PeerChoice) -> _Engines:
-    manifest = artifact.manifest
-    regressors = Regressors(artifact.model_path, manifest)
-    windows = random_windows(manifest, _OPERATION_WINDOWS, seed=0)[:, : manifest.window.model_columns]
-    published = regressors.engine(windows)
-    model = ForestModel(artifact, regressors.boosters, choice.install)
-    return _Engines(published, published.flops, [], *open_peers(choice, FOREST_PEERS, model))
-
-
-def _graph_engines(artifact: Artifact, choice: PeerChoice) -> _Engines:
-    graph = onnx.load(artifact.model_path)
-    flops, notes = _graph_operations(graph)
-    found = network_of(artifact.manifest, graph.graph)
-    published = None
-    if found is None:
-        notes.append("paper: this artifact is not of a single network of ours: there is no published way")
-        model = GraphModel(artifact, graph, None, same_weights=False)
+def _comparison(artifact: Artifact, choice: PeerChoice) -> Comparison:
+    # Each side imports libraries for seconds that the other has no use for: XGBoost and torch.
+    if artifact.manifest.platform == "xgboost_json":
+        from taxel_bench.subjects.forest import compare_forest as compare
     else:
-        network, same_weights = found
-        if not same_weights:
-            notes.append("paper: other weights of the same architecture: compares speed, not values")
-        model = GraphModel(artifact, graph, network, same_weights)
-        published = eager_engine(network, artifact.manifest, SAME_ANSWERS if same_weights else None)
-    return _Engines(published, flops, notes, *open_peers(choice, GRAPH_PEERS, model))
-
-
-def _graph_operations(model: onnx.ModelProto) -> tuple[int | None, list[str]]:
-    """Operations of a graph, or a note on why they cannot be counted."""
-    try:
-        return count_graph_operations(model), []
-    except ArtifactError as error:
-        return None, [f"flops: {error}"]
+        from taxel_bench.subjects.graph import compare_graph as compare
+    # Again, for the libraries that came with it.
+    with pinned_threads():
+        return compare(artifact, choice)
 
 
 def _correction_notes(manifest: Manifest, flops: int | None) -> list[str]:

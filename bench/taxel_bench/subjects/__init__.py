@@ -1,0 +1,1 @@
+"""What is measured: a model with our runtime, and the engines that it is compared with."""
