@@ -4,7 +4,9 @@ Not run with Gazebo itself: it is written from Gazebo's sources, and tested with
 speaks as they do.
 """
 
+import math
 import queue
+import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any, Final, NamedTuple, Self
@@ -27,6 +29,8 @@ _WAITING_MESSAGES: Final = 10_000
 
 _SILENCE_S: Final = 5.0
 """After so long without a clock, what must fit is told."""
+
+_SIGNAL_CHECK_S: Final = 0.1
 
 
 class _Input(NamedTuple):
@@ -134,12 +138,15 @@ class ZenohBridge:
         Args:
             on_prediction: called with whatever was published.
         """
-        silence: float | None = _SILENCE_S
+        warns_at = time.monotonic() + _SILENCE_S
         while True:
             try:
-                event = self._arrived.get(timeout=silence)
+                # The kernel may give Ctrl-C to one of zenoh's threads, which does not wake this one.
+                event = self._arrived.get(timeout=_SIGNAL_CHECK_S)
             except queue.Empty:
-                silence = None
+                if time.monotonic() < warns_at:
+                    continue
+                warns_at = math.inf
                 warn(
                     f"nothing on {self._node.key(self._settings.clock)}: expected a Gazebo that runs the "
                     f"world {self._settings.world!r} in the partition {self.partition!r} with "
@@ -148,7 +155,7 @@ class ZenohBridge:
                 continue
             if event is None:
                 return
-            silence = None
+            warns_at = math.inf
             prediction = self._take(event)
             if prediction is not None and on_prediction is not None:
                 on_prediction(prediction)
