@@ -24,7 +24,7 @@ from taxel.lane.offer import connect_to
 from taxel.manifest import Manifest
 from taxel.protocol import model_key, model_path, pack_infer_request, unpack_error, unpack_infer_response
 from taxel.remote import RemoteSource
-from taxel.zenoh_process import open_session
+from taxel.zenoh_process import close_session, open_session
 from taxel_bench.windows import random_windows
 
 ROWS: Final = 3
@@ -86,7 +86,7 @@ def mutated_over_zenoh(source: RemoteSource, manifest: Manifest, payloads: Itera
             for replies in asked:
                 _take(answers, list(replies))
     finally:
-        session.close()  # type: ignore[no-untyped-call]
+        close_session(session)
     return answers
 
 

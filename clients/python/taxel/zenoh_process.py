@@ -1,4 +1,4 @@
-"""zenoh and forks: a session, and zenoh itself, work only in the process that opened the first session.
+"""How sessions of zenoh begin and end: only in the process that opened the first one, and within a second.
 
 zenoh's threads do not exist in a process that was forked later. There, a query, a new session, and even
 the end of a session would wait forever.
@@ -6,6 +6,8 @@ the end of a session would wait forever.
 
 import ctypes
 import os
+from contextlib import suppress
+from threading import Thread
 from typing import Final, Protocol
 from weakref import WeakSet
 
@@ -46,6 +48,26 @@ def open_session(config: zenoh.Config) -> zenoh.Session:
         )
     _first_process = os.getpid()
     return zenoh.open(config)
+
+
+def close_session(session: zenoh.Session, *, patience_s: float = 1.0) -> bool:
+    """Close a session, or leave it behind where zenoh does not come to an end.
+
+    It waits ten seconds for another end that has stopped reading, and then raises an error
+    (eclipse-zenoh/zenoh#2675), or waits forever where that end leaves at the same time (#969).
+
+    Returns:
+        False if the session was left behind.
+    """
+
+    def close() -> None:
+        with suppress(zenoh.ZError):  # It is gone, or no longer ours to end.
+            session.close()  # type: ignore[no-untyped-call]
+
+    farewell = Thread(target=close, name="taxel-farewell", daemon=True)
+    farewell.start()
+    farewell.join(patience_s)
+    return not farewell.is_alive()
 
 
 def leave_behind_after_fork(holder: HoldsSessions) -> None:

@@ -20,6 +20,7 @@ from zenoh.handlers import FifoChannel, Handler
 from taxel.envelopes import RequestReader
 from taxel.errors import Internal, RequestError
 from taxel.protocol import CANCEL_PATH, REPLICAS, InferRequest, InferResponse, pack_infer_response, packb
+from taxel.zenoh_process import close_session
 from taxel_server.core.core import Core
 from taxel_server.core.jobs import Job
 from taxel_server.engine import LoadedModel
@@ -161,11 +162,7 @@ class ZenohTransport:
 
     def hang_up(self) -> bool:
         """Close the session; enough where `start` was not called. Returns as `close` does."""
-        # zenoh waits ten seconds and more for a client that has stopped reading.
-        farewell = Thread(target=self._session.close, name="taxel-farewell", daemon=True)
-        farewell.start()
-        farewell.join(_FAREWELL_S)
-        return not farewell.is_alive()
+        return close_session(self._session, patience_s=_FAREWELL_S)
 
     def _receive(self, channel: Handler[zenoh.Query]) -> None:
         """Pass queries on until the channel is closed and empty."""

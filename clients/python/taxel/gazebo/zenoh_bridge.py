@@ -20,7 +20,7 @@ from taxel.gazebo.settings import BridgeSettings
 from taxel.gazebo.tactile_bridge import Prediction, TactileBridge
 from taxel.input_checks import warn
 from taxel.predictor import Predictor
-from taxel.zenoh_process import open_session
+from taxel.zenoh_process import close_session, open_session
 
 _WAITING_MESSAGES: Final = 10_000
 """Messages that wait for the predictor; further ones are dropped, and counted."""
@@ -159,7 +159,7 @@ class ZenohBridge:
 
     def close(self) -> None:
         """Leave the network."""
-        self._session.close()  # type: ignore[no-untyped-call]
+        close_session(self._session)
 
     def __enter__(self) -> Self:
         return self

@@ -28,7 +28,7 @@ from taxel.remote.credentials import Credentials
 from taxel.remote.known_servers import TIMEOUT, KnownServers
 from taxel.remote.query_transport import Done, QueryTransport
 from taxel.remote.zenoh_opening import open_client_session
-from taxel.zenoh_process import leave_behind_after_fork
+from taxel.zenoh_process import close_session, leave_behind_after_fork
 
 _AS_THEY_COME: Final = zenoh.ConsolidationMode.NONE
 """There is one answer, so it can be read before zenoh reports the end of answers."""
@@ -217,7 +217,7 @@ class Connection(QueryTransport):
     @override
     def close(self) -> None:
         if self._process == os.getpid():
-            self._session.close()  # type: ignore[no-untyped-call]
+            close_session(self._session)
 
     @override
     def silence(self, key: str) -> RequestError:

@@ -27,7 +27,7 @@ from taxel.ros2.topics import (
     input_topics,
     output_topics,
 )
-from taxel.zenoh_process import open_session
+from taxel.zenoh_process import close_session, open_session
 
 _WAITING_MESSAGES: Final = 1000
 """Messages that wait for the predictor; further ones are dropped, and counted."""
@@ -190,7 +190,7 @@ class ZenohNode:
 
     def close(self) -> None:
         """Leave the network."""
-        self._session.close()  # type: ignore[no-untyped-call]
+        close_session(self._session)
 
     def __enter__(self) -> Self:
         return self
