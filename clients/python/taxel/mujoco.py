@@ -272,12 +272,13 @@ class Fingertips:
         Raises:
             RequestError: no prediction could be had; see `taxel.fingers.Fingers.step`.
         """
-        if data.time < self._seen:
+        now = data.time
+        if now < self._seen:
             self.reset()
-        self._seen = data.time
-        elapsed = None if self._time is None else data.time - self._time
+        self._seen = now
+        elapsed = None if self._time is None else now - self._time
         if elapsed is None or elapsed > self._least_s:
-            self._time = data.time
+            self._time = now
             self._sense(data, elapsed)
         channels = self.fingers.channels
         for address, values in zip(self._addresses, channels, strict=True):
