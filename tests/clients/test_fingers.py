@@ -184,6 +184,7 @@ def test_tensors_are_not_copied(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         ({"position": np.zeros((2, 3))}, r"position has shape \(2, 3\): expected \(3, 3\)"),
         ({"force": np.full((3, 3), np.nan)}, r"force\[0\] is \[nan, nan, nan\]: expected finite"),
+        ({"force": np.full((3, 3), 1e300)}, r"force\[0\] is \[1e\+300, .*: expected finite"),
         ({"dt": 0.0}, "dt is 0.0: expected more than 0 s"),
         ({"dt": "soon"}, "dt: could not convert string"),
         ({"extras": {"heat": 1.0}}, "no extra feature 'heat'"),

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,9 @@ from taxel.windows.fingers import FingerWindows
 
 if TYPE_CHECKING:
     from taxel.predictor import Predictor
+
+
+_LARGEST: Final = float(np.finfo(np.float32).max)
 
 
 class _Asked(NamedTuple):
@@ -237,13 +240,14 @@ def _numbers(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np
             foreign = np.from_dlpack(foreign)
         array = np.asarray(foreign, dtype=np.float64)
         if len(shape) == 1 and not array.ndim:
-            array = np.broadcast_to(array, shape)
+            array = np.full(shape, array)
     except (TypeError, ValueError, RuntimeError, BufferError) as error:
         raise InvalidArgument(f"{name}: {error}: expected numbers of shape {shape} on the CPU") from None
     if array.shape != shape:
         raise InvalidArgument(f"{name} has shape {array.shape}: expected {shape}")
-    if not np.isfinite(array).all():
-        finite = np.isfinite(array).reshape(len(array), -1).all(axis=1)
-        row = int(np.argmin(finite))
+    # False for NaN, too. Windows are float32.
+    fits = np.abs(array) <= _LARGEST
+    if not fits.all():
+        row = int(np.argmin(fits.reshape(len(array), -1).all(axis=1)))
         raise InvalidArgument(f"{name}[{row}] is {array[row].tolist()}: expected finite numbers")
     return array
