@@ -95,9 +95,10 @@ class SiteContacts:
             )
         else:
             self._nets = [self._net(name, body) for name, body in zip(contacts, bodies, strict=True)]
-        # The fingertip of each geom, or -1.
+        # The fingertip of each geom, or -1; the last one stands for what has no geom, of number -1.
         numbers = {body: number for number, body in enumerate(bodies)}
-        self._finger_of = np.array([numbers.get(int(body), -1) for body in model.geom_bodyid], np.int64)
+        owners = [numbers.get(int(body), -1) for body in model.geom_bodyid]
+        self._finger_of = np.array([*owners, -1], np.int64)
 
     def read(
         self, data: Any, last: NDArray[np.float64] | None = None, strict: bool = False
@@ -117,8 +118,7 @@ class SiteContacts:
 
     def _contacts(self, data: Any) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
         """Points, forces on the finger, and fingertips of all contacts; world frame."""
-        geoms = np.asarray(data.contact.geom).reshape(-1, 2)
-        fingers = np.where(geoms >= 0, self._finger_of[geoms], -1)
+        fingers = self._finger_of[np.asarray(data.contact.geom).reshape(-1, 2)]
         numbers, places = np.nonzero(fingers >= 0)
         wrench, forces = np.zeros(6), np.empty((len(numbers), 3))
         for row, number in enumerate(numbers.tolist()):
@@ -128,7 +128,7 @@ class SiteContacts:
         frames = np.asarray(data.contact.frame).reshape(-1, 3, 3)[numbers]
         forces = np.einsum("kij,ki->kj", frames, forces) * np.where(places, 1.0, -1.0)[:, None]
         points = np.asarray(data.contact.pos).reshape(-1, 3)[numbers]
-        return points, forces, fingers[numbers, places].astype(np.int64)
+        return points, forces, fingers[numbers, places]
 
     def _check_bodies(self, bodies: Sequence[int]) -> None:
         """Refuse bodies whose contacts would never be told."""
