@@ -79,6 +79,12 @@ def test_nothing_touches() -> None:
     np.testing.assert_array_equal(contacts([[1, 1, 1]], [[0, 0, 0]], last=last).position, last)
 
 
+def test_no_fingertips_have_no_contacts() -> None:
+    sample = fingertip_contacts([], [], np.zeros((0, 3)), np.zeros((0, 3, 3)))
+    assert sample.position.shape == sample.force.shape == (0, 3)
+    assert sample.touched.shape == sample.height.shape == sample.left_out.shape == (0,)
+
+
 def test_a_wrong_unit_shows_in_the_height() -> None:
     assert contacts([[-10.0, 0, -7.0]], [[0, 0, 1.0]]).height[0] > 1.0
 

@@ -136,6 +136,24 @@ def test_a_reset_touches_no_other_finger() -> None:
     assert np.isfinite(after[[0, 2]]).all()
 
 
+@pytest.mark.parametrize("rate", [100.0, 500.0])
+def test_a_caller_may_change_what_it_was_given(rate: float) -> None:
+    fingers, others = (Fingers(Echo(), 2, rate_hz=rate) for _ in range(2))  # type: ignore[arg-type]
+    position, force = rest(2)
+    position[:, 0] = 0.25
+    for _ in range(12):
+        given = fingers.step(position, force)
+        np.testing.assert_array_equal(given, others.step(position, force))
+        given[:] = -1.0
+    np.testing.assert_array_equal(fingers.channels, 0.25)
+
+
+@pytest.mark.parametrize("count", [0, -1, 2.5, True, "3", None])
+def test_a_number_of_fingertips_that_is_none_is_told(count: Any) -> None:
+    with pytest.raises(InvalidArgument, match=r"count is .*: expected a whole number, at least 1"):
+        Fingers(Echo(), count, rate_hz=100)  # type: ignore[arg-type]
+
+
 def test_torch_tensors_are_taken() -> None:
     fingers = Fingers(Echo(), 2, rate_hz=100)  # type: ignore[arg-type]
     position = torch.tensor([[0.25, 0, -0.007], [0.5, 0, -0.007]])
@@ -166,6 +184,7 @@ def test_tensors_are_not_copied(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         ({"position": np.zeros((2, 3))}, r"position has shape \(2, 3\): expected \(3, 3\)"),
         ({"force": np.full((3, 3), np.nan)}, r"force\[0\] is \[nan, nan, nan\]: expected finite"),
+        ({"force": np.full((3, 3), 1e300)}, r"force\[0\] is \[1e\+300, .*: expected finite"),
         ({"dt": 0.0}, "dt is 0.0: expected more than 0 s"),
         ({"dt": "soon"}, "dt: could not convert string"),
         ({"extras": {"heat": 1.0}}, "no extra feature 'heat'"),

@@ -1,5 +1,6 @@
 """Gymnasium's observations with channels: its checker agrees, and each environment has its own past."""
 
+import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -116,6 +117,23 @@ def test_a_vector_is_as_many_environments(predictor: Predictor, dt: float) -> No
         assert observed in vector.observation_space
         ended = terminated | truncated
     assert resets > count
+
+
+def test_a_contact_that_looks_wrong_is_told_once(predictor: Predictor) -> None:
+    def millimetres(env: Any, observation: Any, info: dict[str, Any]) -> tuple[Any, Any]:
+        return np.tile([0.0, 0.0, -7.0], (FINGERS, 1)), np.tile([0.0, 0.0, 1.0], (FINGERS, 1))
+
+    env = TactileObservation(Press(), predictor, millimetres, dt=0.02, fingers=FINGERS)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        for _ in range(3):
+            env.reset(seed=1)
+            env.step(env.action_space.sample())
+    assert ["look like millimetres" in str(warning.message) for warning in told] == [True]
+    env = TactileObservation(Press(), predictor, millimetres, dt=0.02, fingers=FINGERS, strict=True)
+    env.reset(seed=1)
+    with pytest.raises(InvalidArgument, match="look like millimetres"):
+        env.step(env.action_space.sample())
 
 
 def test_a_mask_resets_only_its_environments(predictor: Predictor) -> None:

@@ -20,10 +20,10 @@ WEIGHT_N = 0.1 * 9.81
 SCENE = """
 <mujoco>
   <worldbody>
-    <geom type="box" size="0.2 0.2 0.01" pos="0 0 -0.01"/>
+    <geom name="table" type="box" size="0.2 0.2 0.01" pos="0 0 -0.01"/>
     <body name="left" pos="0 0 0.007" euler="0 0 90"><freejoint/>
       <geom name="tip" type="sphere" size="0.007" mass="0.1"/>
-      <site name="left"/>
+      <site name="left" size="0.02"/>
     </body>
     <body name="right" pos="0.1 0 0.5"><geom type="sphere" size="0.007"/><site name="right"/></body>
   </worldbody>
@@ -78,6 +78,75 @@ def test_the_contact_sensor_tells_the_same(predictor: Predictor) -> None:
     assert net.contact is not None
     np.testing.assert_allclose(net.contact.force, every.contact.force, atol=1e-9)
     np.testing.assert_allclose(net.contact.position, every.contact.position, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "objects",
+    [
+        'geom1="table" geom2="tip"',
+        'geom2="tip"',
+        'body1="left"',
+        'subtree1="left"',
+        'site="left" geom2="tip"',
+        'subtree2="left"',
+    ],
+)
+def test_a_contact_sensor_may_name_the_fingertip_second(objects: str, predictor: Predictor) -> None:
+    spec = mujoco.MjSpec.from_string(SCENE.replace('geom1="tip"', objects))
+    taxel.mujoco.add_sensor(spec, "left")
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    net = taxel.mujoco.Fingertips(model, predictor, contacts=["net"])
+    for _ in range(300):
+        mujoco.mj_step(model, data)
+        net.step(data)
+    assert net.contact is not None
+    np.testing.assert_allclose(net.contact.force, [[0, 0, WEIGHT_N]], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "text"),
+    [
+        ("netforce", "maxforce", "reduce='netforce'"),
+        ('num="1" data="found force torque dist pos normal"', 'num="14" data="found"', "num='1'"),
+        ('num="1" data="found force torque dist pos normal"', 'num="2" data="found force pos"', "num='1'"),
+        ('geom1="tip"', 'geom1="table"', "neither object .* is a fingertip: expected a geom of 'left'"),
+        ('geom1="tip"', 'site="left"', "neither object"),
+    ],
+)
+def test_another_contact_sensor_is_refused(before: str, after: str, text: str) -> None:
+    model = mujoco.MjModel.from_xml_string(SCENE.replace(before, after))
+    with pytest.raises(InvalidArgument, match=text):
+        taxel.mujoco.SiteContacts(model, ["left"], ["net"])
+
+
+def test_a_site_that_nothing_can_touch_is_told() -> None:
+    tip = '<geom name="tip" type="sphere" size="0.007" mass="0.1"/>'
+    for geom in (
+        f'<body>{tip}</body><geom size="0.01" contype="0" conaffinity="0"/>',
+        f"<body>{tip}</body>",
+    ):
+        model = mujoco.MjModel.from_xml_string(SCENE.replace(tip, geom))
+        with pytest.raises(InvalidArgument, match="site 'left' is on a body without a geom that can touch"):
+            taxel.mujoco.SiteContacts(model, ["left", "right"])
+        taxel.mujoco.SiteContacts(model, ["left"], ["net"])
+    with pytest.raises(InvalidArgument, match="site 'left' is on the body of another fingertip"):
+        taxel.mujoco.SiteContacts(scene(), ["left", "left"])
+
+
+def test_short_episodes_begin_again(predictor: Predictor) -> None:
+    model = scene("left")
+    data = mujoco.MjData(model)
+    tips = taxel.mujoco.Fingertips(model, predictor)
+    channels = []
+    for steps in (30, 3, 3):
+        mujoco.mj_resetData(model, data)
+        for _ in range(steps):
+            mujoco.mj_step(model, data)
+            latest = tips.step(data)
+        channels.append(latest)
+    np.testing.assert_array_equal(channels[1], channels[2])
+    assert (channels[0] != channels[1]).any()
 
 
 def test_a_reset_of_the_simulation_is_one_of_the_fingers(predictor: Predictor) -> None:

@@ -128,6 +128,14 @@ def test_a_jump_far_away_and_back_is_found_where_it_is(length: int, height: floa
     assert found == [[row, 1] for row in range(60, 60 + length)]
 
 
+@pytest.mark.parametrize("rows", [100, 600, 3000])
+def test_glitches_do_not_hide_each_other(rows: int) -> None:
+    channels = np.random.default_rng(0).normal(2000.0, 3.0, (rows, 2))
+    wrong = np.arange(20, rows, max(rows // 4, 100))
+    channels[wrong, 1] += 900.0
+    assert np.argwhere(jumps(channels)).tolist() == [[row, 1] for row in wrong.tolist()]
+
+
 def test_a_step_that_stays_and_a_restless_channel_are_no_glitches() -> None:
     channels = np.random.default_rng(0).normal(2000.0, 3.0, (5000, 2))
     channels[60:, 0] += 900.0
@@ -139,7 +147,12 @@ def test_a_step_that_stays_and_a_restless_channel_are_no_glitches() -> None:
 def test_slide_recordings_are_in_another_frame() -> None:
     moved = with_samples(TWINS[0], position=TWINS[0].samples.position + 0.5)
     assert names(moved) == ["off the skin"]
-    assert names(replace(moved, format="biotac_slide")) == []
+    slide = replace(moved, format="biotac_slide")
+    assert names(slide) == []
+    assert names(flipped(moved)) != []
+    assert names(replace(flipped(moved), format="biotac_slide")) == []
+    assert names(replace(in_millimetres(slide), format="biotac_slide")) == ["millimetres"]
+    assert "grams" in names(replace(in_grams(slide), format="biotac_slide"))
 
 
 def test_reading_warns_and_is_strict_if_asked(tmp_path: Path) -> None:

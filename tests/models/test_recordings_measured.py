@@ -1,5 +1,6 @@
 """Real recordings load whole, and what is dropped adds up."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,21 @@ from taxel_models.recordings.slide import GLITCH
 pytestmark = pytest.mark.measured
 
 
-@pytest.mark.parametrize(("material", "glitch_rows"), [(1, 0), (2, 4), (9, 1)])
-def test_a_real_material_loads(data_folder: Path, material: int, glitch_rows: int) -> None:
+@pytest.mark.parametrize(
+    ("material", "glitch_rows", "told"),
+    [
+        (1, 0, []),
+        (2, 4, ["mat2: 5 rows jump far away and back, in e3"]),
+        (9, 1, ["mat9: 3 rows jump far away and back, in e3"]),
+    ],
+)
+def test_a_real_material_loads(data_folder: Path, material: int, glitch_rows: int, told: list[str]) -> None:
+    """The rows that are told jump by 220 counts, too little to be dropped."""
     folder = data_folder / "biotac_slide" / f"mat{material}"
-    recording = read_recording(folder)
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        recording = read_recording(folder)
+    assert [str(warning.message) for warning in warned] == told
     published = sum(path.read_bytes().count(b"\n") - 1 for path in folder.glob("*_bio.csv"))
     assert len(recording) + sum(recording.dropped.values()) == published
     assert recording.dropped.get(GLITCH, 0) == glitch_rows

@@ -24,13 +24,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from taxel.errors import InvalidArgument
 from taxel.input_checks import warn
-from taxel.skin import PAD, Fingertip
+from taxel.skin import PAD, Fingertip, lengths
 from taxel.trained_contacts import OFF_SKIN_M
 
 PATCH_M: Final = 0.006
 """Contacts so near to each other are one contact, m."""
 
 _ROTATION_TOLERANCE: Final = 1e-3
+_PAD: Final = np.array(PAD)
+_IDENTITY: Final = np.eye(3)
+_ZERO: Final = np.zeros(1, np.int64)
 
 
 @dataclass(frozen=True)
@@ -89,11 +92,11 @@ def fingertip_contacts(
     on = _fingers(finger, len(points), count)
     places = np.einsum("kji,kj->ki", rotations[on], points - origins[on])
     pushes = np.einsum("kji,kj->ki", rotations[on], forces)
-    held = np.tile(np.array(PAD), (count, 1)) if last is None else _rows("last", last).copy()
+    held = _PAD + np.zeros((count, 3)) if last is None else _rows("last", last).copy()
     if len(held) != count:
         raise InvalidArgument(f"last has {len(held)} places: expected one for each of {count} fingertips")
     sample = _sample(places, pushes, on, held)
-    if np.abs(sample.height).max() > OFF_SKIN_M:
+    if (np.abs(sample.height) > OFF_SKIN_M).any():
         _tell_off_skin(places, strict=strict)
     return sample
 
@@ -120,21 +123,25 @@ def _sample(
 ) -> ContactSample:
     """From contacts in the sensors' frames; `held` (n, 3) becomes the positions."""
     skin, count = Fingertip.biotac_2p(), len(held)
-    sizes = np.linalg.norm(pushes, axis=1)
+    sizes = lengths(pushes)
     pressing = sizes > 0.0
-    places, pushes, on, sizes = places[pressing], pushes[pressing], on[pressing], sizes[pressing]
-    # Contacts of one fingertip stand together, so that only they are compared.
-    order = np.argsort(on, kind="stable")
-    places, pushes, on, sizes = places[order], pushes[order], on[order], sizes[order]
-    starts = np.searchsorted(on, np.arange(count + 1))
-    contacts, heights = np.diff(starts), skin.height(places)
+    if not pressing.all():
+        places, pushes, on, sizes = places[pressing], pushes[pressing], on[pressing], sizes[pressing]
     force, height, left_out = np.zeros((count, 3)), np.zeros(count), np.zeros(count)
+    if not len(sizes):
+        return ContactSample(held, force, np.zeros(count, np.bool_), height, left_out)
+    if count > 1:
+        # Contacts of one fingertip stand together, so that only they are compared.
+        order = np.argsort(on, kind="stable")
+        places, pushes, on, sizes = places[order], pushes[order], on[order], sizes[order]
+    contacts, heights = np.bincount(on, minlength=count), skin.height(places)
+    starts = np.concatenate([_ZERO, contacts.cumsum()])
     touched = contacts > 0
     first = starts[:-1][touched]
     held[touched], force[touched], height[touched] = places[first], pushes[first], heights[first]
     for one in np.flatnonzero(contacts > 1):
         own = slice(starts[one], starts[one + 1])
-        near = np.linalg.norm(places[own, None] - places[own], axis=2) <= PATCH_M
+        near = lengths(places[own, None] - places[own]) <= PATCH_M
         patch = near[int(np.argmax(near @ sizes[own]))]
         weights = sizes[own] * patch
         held[one] = weights @ places[own] / weights.sum()
@@ -153,9 +160,9 @@ def _rows(name: str, values: ArrayLike) -> NDArray[np.float64]:
         raise InvalidArgument(f"{name} has shape {np.shape(values)}: expected (k, 3) numbers") from None
     if array.ndim > 2 or (array.size and array.shape[-1] != 3):
         raise InvalidArgument(f"{name} has shape {array.shape}: expected (k, 3)")
-    finite = np.isfinite(rows).all(axis=1)
+    finite = np.isfinite(rows)
     if not finite.all():
-        row = int(np.argmin(finite))
+        row = int(np.argmin(finite.all(axis=1)))
         raise InvalidArgument(f"{name}[{row}] is {rows[row].tolist()}: expected finite numbers")
     return rows
 
@@ -169,9 +176,9 @@ def _poses(positions: ArrayLike, rotations: ArrayLike) -> tuple[NDArray[np.float
             f"sensor_rotation has shape {np.shape(rotations)}: expected ({len(origins)}, 3, 3), a matrix "
             "for each sensor"
         ) from None
-    errors = np.abs(turned @ turned.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    wrong = ~(errors <= _ROTATION_TOLERANCE) | (np.linalg.det(turned) < 0.0)
-    if wrong.any():
+    near = np.abs(turned @ turned.transpose(0, 2, 1) - _IDENTITY) <= _ROTATION_TOLERANCE
+    if not near.all() or (np.linalg.det(turned) < 0.0).any():
+        wrong = ~near.all(axis=(1, 2)) | (np.linalg.det(turned) < 0.0)
         row = int(np.argmax(wrong))
         raise InvalidArgument(
             f"sensor_rotation[{row}] is {turned[row].tolist()}: expected a rotation matrix, with "

@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from taxel.arguments import is_whole
 from taxel.channels import CHANNELS
 from taxel.errors import InvalidArgument
 from taxel.input_checks import InputCheck
@@ -15,6 +16,9 @@ from taxel.windows.fingers import FingerWindows
 
 if TYPE_CHECKING:
     from taxel.predictor import Predictor
+
+
+_LARGEST: Final = float(np.finfo(np.float32).max)
 
 
 class _Asked(NamedTuple):
@@ -57,6 +61,8 @@ class Fingers:
         prime: Literal["rest"] | None = "rest",
         check: InputCheck | None = None,
     ) -> None:
+        if not is_whole(count) or count < 1:
+            raise InvalidArgument(f"count is {count!r}: expected a whole number, at least 1")
         if prime not in ("rest", None):
             raise InvalidArgument(f"prime is {prime!r}: expected 'rest' or None")
         self._predictor = predictor
@@ -115,22 +121,22 @@ class Fingers:
         count = len(self)
         places = _numbers("position", position, (count, 3))
         forces = _numbers("force", force, (count, 3))
-        seconds = 1e-9 * self._windows.period_ns if dt is None else _numbers("dt", dt, (count,))
-        if np.min(seconds) <= 0.0:
-            raise InvalidArgument(f"dt is {np.min(seconds)}: expected more than 0 s")
+        seconds = None if dt is None else _numbers("dt", dt, (count,))
+        if seconds is not None and (seconds <= 0.0).any():
+            raise InvalidArgument(f"dt is {seconds.min()}: expected more than 0 s")
         given = {name: _numbers(name, values, (count,)) for name, values in (extras or {}).items()}
         self._check_names(given)
         if self._check is not None:
-            self._check.take(places, forces, None if dt is None else seconds)
+            self._check.take(places, forces, seconds)
             for name, values in given.items():
                 self._check.extra(name, values)
-        dt_ns = np.broadcast_to(np.rint(np.asarray(seconds) * 1e9).astype(np.int64), (count,))
+        dt_ns = self._windows.period_ns if seconds is None else np.rint(seconds * 1e9).astype(np.int64)
         ids, windows = self._windows.step(places, forces, dt_ns, given)
         if wait:
             self._settle(ids, self._predictor.predict(windows, timeout=timeout) if len(ids) else None)
         else:
             self._ask(ids, windows, timeout)
-        return self.channels
+        return self.channels.copy()
 
     def reset(self, ids: ArrayLike | None = None) -> None:
         """Begin again, as at the start of an episode: these fingertips, (m,) numbers, or all of them.
@@ -195,7 +201,7 @@ class Fingers:
             self._asked = _Asked(answer, due, self._resets[due])
 
     def _settle(self, ids: NDArray[np.int64], predicted: NDArray[np.float32] | None) -> None:
-        """Give fingertips their new channels, in an array of their own: a caller may keep the old one."""
+        """Give fingertips their new channels, in a new array: who kept the old one may change it."""
         if predicted is None or not len(ids):
             return
         if len(ids) < len(self):
@@ -230,17 +236,18 @@ def _numbers(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np
     """Checked float64 numbers of this shape; one number stands for all where `shape` has one axis."""
     try:
         foreign: Any = values
-        if hasattr(foreign, "__dlpack__") and not isinstance(foreign, np.ndarray):
+        if not isinstance(foreign, np.ndarray) and hasattr(foreign, "__dlpack__"):
             foreign = np.from_dlpack(foreign)
         array = np.asarray(foreign, dtype=np.float64)
         if len(shape) == 1 and not array.ndim:
-            array = np.broadcast_to(array, shape)
+            array = np.full(shape, array)
     except (TypeError, ValueError, RuntimeError, BufferError) as error:
         raise InvalidArgument(f"{name}: {error}: expected numbers of shape {shape} on the CPU") from None
     if array.shape != shape:
         raise InvalidArgument(f"{name} has shape {array.shape}: expected {shape}")
-    if not np.isfinite(array).all():
-        finite = np.isfinite(array).reshape(len(array), -1).all(axis=1)
-        row = int(np.argmin(finite))
+    # False for NaN, too. Windows are float32.
+    fits = np.abs(array) <= _LARGEST
+    if not fits.all():
+        row = int(np.argmin(fits.reshape(len(array), -1).all(axis=1)))
         raise InvalidArgument(f"{name}[{row}] is {array[row].tolist()}: expected finite numbers")
     return array

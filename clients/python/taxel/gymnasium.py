@@ -23,6 +23,7 @@ from taxel.arguments import is_real, is_whole
 from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel.contacts import ContactSample
 from taxel.errors import InvalidArgument, MissingDependency
+from taxel.fingers import Fingers
 from taxel.predictor import Predictor
 from taxel.skin import PAD
 
@@ -53,6 +54,7 @@ class TactileObservation(gymnasium.Wrapper[Any, Any, Any, Any]):
         contact: tells what touches the fingertips; see the module.
         dt: seconds that pass in a step of the environment.
         fingers: how many fingertips it has.
+        strict: a contact that looks wrong is an error, not an `taxel.errors.InputWarning`.
 
     Raises:
         InvalidArgument: a shape is wrong, or a number is not finite or not positive.
@@ -67,9 +69,10 @@ class TactileObservation(gymnasium.Wrapper[Any, Any, Any, Any]):
         *,
         dt: float,
         fingers: int = 1,
+        strict: bool = False,
     ) -> None:
         super().__init__(env)
-        self._touch = _Touch(predictor, contact, dt, (_checked_fingers(fingers),))
+        self._touch = _Touch(predictor, contact, dt, (_checked_fingers(fingers),), strict)
         self.observation_space = _space(env.observation_space, fingers)
 
     @override
@@ -100,6 +103,7 @@ class TactileVectorObservation(VectorWrapper):
         contact: tells what touches the fingertips of all environments, (environments, fingers, 3).
         dt: seconds that pass in a step.
         fingers: how many fingertips each environment has.
+        strict: a contact that looks wrong is an error.
 
     Raises:
         InvalidArgument: as `TactileObservation`; or the environment resets in the same step, after which
@@ -115,6 +119,7 @@ class TactileVectorObservation(VectorWrapper):
         *,
         dt: float,
         fingers: int = 1,
+        strict: bool = False,
     ) -> None:
         super().__init__(env)
         mode = env.metadata.get("autoreset_mode")
@@ -124,7 +129,7 @@ class TactileVectorObservation(VectorWrapper):
                 "NEXT_STEP or DISABLED"
             )
         self._resets_itself = mode == AutoresetMode.NEXT_STEP
-        self._touch = _Touch(predictor, contact, dt, (env.num_envs, _checked_fingers(fingers)))
+        self._touch = _Touch(predictor, contact, dt, (env.num_envs, _checked_fingers(fingers)), strict)
         self.single_observation_space = _space(env.single_observation_space, fingers)
         self.observation_space = batch_space(self.single_observation_space, env.num_envs)
         self._ended = np.zeros(env.num_envs, np.bool_)
@@ -153,11 +158,13 @@ class TactileVectorObservation(VectorWrapper):
 class _Touch:
     """The fingertips of one environment, (fingers,), or of several, (environments, fingers)."""
 
-    def __init__(self, predictor: Predictor, contact: Contact, dt: float, shape: tuple[int, ...]) -> None:
+    def __init__(
+        self, predictor: Predictor, contact: Contact, dt: float, shape: tuple[int, ...], strict: bool
+    ) -> None:
         if not is_real(dt) or not 0.0 < dt < np.inf:
             raise InvalidArgument(f"dt is {dt!r}: expected seconds above 0")
         self._predictor, self._contact, self._rate_hz, self._shape = predictor, contact, 1.0 / dt, shape
-        self._fingers = predictor.fingers(int(np.prod(shape)), rate_hz=self._rate_hz)
+        self._fingers = predictor.fingers(int(np.prod(shape)), rate_hz=self._rate_hz, strict=strict)
         self._last = np.tile(PAD, (len(self._fingers), 1))
 
     def step(
@@ -189,8 +196,8 @@ class _Touch:
         channels = self._fingers.channels.copy()
         if len(ids):
             self._fingers.prime(position[ids], force[ids], ids)
-            # Others must not step for the first channels of these.
-            first = self._predictor.fingers(len(ids), rate_hz=self._rate_hz)
+            # Others must not step for the first channels of these, which their own steps will check.
+            first = Fingers(self._predictor, len(ids), rate_hz=self._rate_hz)
             first.prime(position[ids], force[ids])
             channels[ids] = first.step(position[ids], force[ids])
         np.clip(channels, -COUNTS_MAX, COUNTS_MAX, out=channels)

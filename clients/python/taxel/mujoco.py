@@ -34,6 +34,9 @@ _TICK_S: Final = PERIOD_NS / 1e9
 _NETFORCE: Final = 14
 """Numbers of a contact sensor with the fields found, force, torque, dist, pos, normal."""
 
+_REDUCED: Final = [63, 3, 1]
+"""`sensor_intprm` of such a sensor: a bit for each of these fields, `reduce="netforce"`, `num="1"`."""
+
 
 def add_sensor(spec: Any, site: str) -> str:
     """Add a user sensor for the channels of the fingertip whose frame is a site.
@@ -65,15 +68,16 @@ class SiteContacts:
         model: a `mujoco.MjModel`.
         sites: names of the sites, or their numbers.
         contacts: for each fingertip, the name of a contact sensor with `num="1"`, `reduce="netforce"` and
-            `data="found force torque dist pos normal"` whose first object is the fingertip. If not
-            given, all contacts of the geoms of the site's body count; only then are contacts that are far
-            apart told from each other.
+            `data="found force torque dist pos normal"` whose first or second object is the fingertip: a
+            geom, its body, or a subtree with it. If not given, all contacts of the geoms of the site's body
+            count; only then are contacts that are far apart told from each other.
 
     Attributes:
         sites: (n,) the numbers of the sites.
 
     Raises:
-        InvalidArgument: there is no such site, or a contact sensor is none.
+        InvalidArgument: there is no such site; a contact sensor is none, or not of the fingertip; or
+            without contact sensors, nothing of a site's body can touch, or two sites are on one body.
     """
 
     def __init__(
@@ -81,14 +85,20 @@ class SiteContacts:
     ) -> None:
         self._model = model
         self.sites = np.array([_site(model, site) for site in sites], np.int64)
-        self._nets = None if contacts is None else [self._net(name) for name in contacts]
-        if self._nets is not None and len(self._nets) != len(self.sites):
+        bodies = model.site_bodyid[self.sites].tolist()
+        if contacts is None:
+            self._nets = None
+            self._check_bodies(bodies)
+        elif len(contacts) != len(bodies):
             raise InvalidArgument(
-                f"{len(self._nets)} contact sensors: expected one for each of {len(self.sites)} fingertips"
+                f"{len(contacts)} contact sensors: expected one for each of {len(bodies)} fingertips"
             )
-        # The fingertip of each geom, or -1.
-        bodies = {int(body): number for number, body in enumerate(model.site_bodyid[self.sites])}
-        self._finger_of = np.array([bodies.get(int(body), -1) for body in model.geom_bodyid], np.int64)
+        else:
+            self._nets = [self._net(name, body) for name, body in zip(contacts, bodies, strict=True)]
+        # The fingertip of each geom, or -1; the last one stands for what has no geom, of number -1.
+        numbers = {body: number for number, body in enumerate(bodies)}
+        owners = [numbers.get(int(body), -1) for body in model.geom_bodyid]
+        self._finger_of = np.array([*owners, -1], np.int64)
 
     def read(
         self, data: Any, last: NDArray[np.float64] | None = None, strict: bool = False
@@ -108,8 +118,7 @@ class SiteContacts:
 
     def _contacts(self, data: Any) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
         """Points, forces on the finger, and fingertips of all contacts; world frame."""
-        geoms = np.asarray(data.contact.geom).reshape(-1, 2)
-        fingers = np.where(geoms >= 0, self._finger_of[geoms], -1)
+        fingers = self._finger_of[np.asarray(data.contact.geom).reshape(-1, 2)]
         numbers, places = np.nonzero(fingers >= 0)
         wrench, forces = np.zeros(6), np.empty((len(numbers), 3))
         for row, number in enumerate(numbers.tolist()):
@@ -119,25 +128,79 @@ class SiteContacts:
         frames = np.asarray(data.contact.frame).reshape(-1, 3, 3)[numbers]
         forces = np.einsum("kij,ki->kj", frames, forces) * np.where(places, 1.0, -1.0)[:, None]
         points = np.asarray(data.contact.pos).reshape(-1, 3)[numbers]
-        return points, forces, fingers[numbers, places].astype(np.int64)
+        return points, forces, fingers[numbers, places]
 
-    def _net(self, name: str) -> int:
-        """The address of a contact sensor."""
-        number = mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_SENSOR, name)
-        if number < 0 or self._model.sensor_dim[number] != _NETFORCE:
+    def _check_bodies(self, bodies: Sequence[int]) -> None:
+        """Refuse bodies whose contacts would never be told."""
+        model = self._model
+        touching = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+        touching[model.pair_geom1] = touching[model.pair_geom2] = True
+        for number, body in enumerate(bodies):
+            name = model.site(self.sites[number]).name
+            if body in bodies[:number]:
+                raise InvalidArgument(
+                    f"site {name!r} is on the body of another fingertip: expected a body for each, or "
+                    "contact sensors"
+                )
+            if not touching[model.geom_bodyid == body].any():
+                raise InvalidArgument(
+                    f"site {name!r} is on a body without a geom that can touch: expected the site on the "
+                    "body of the fingertip's geoms, or a contact sensor"
+                )
+
+    def _net(self, name: str, body: int) -> tuple[int, float]:
+        """The address of a contact sensor, and the sign of its force as one on this body."""
+        model = self._model
+        number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, name)
+        if (
+            number < 0
+            or model.sensor_dim[number] != _NETFORCE
+            or model.sensor_type[number] != mujoco.mjtSensor.mjSENS_CONTACT
+            or model.sensor_intprm[number][:3].tolist() != _REDUCED
+        ):
             raise InvalidArgument(
                 f"{name!r}: expected a contact sensor with num='1', reduce='netforce' and "
                 "data='found force torque dist pos normal'"
             )
-        return int(self._model.sensor_adr[number])
+        # The sensor tells what its first object does to the second.
+        address = int(model.sensor_adr[number])
+        if self._has(model.sensor_objtype[number], model.sensor_objid[number], body):
+            return address, -1.0
+        if self._has(model.sensor_reftype[number], model.sensor_refid[number], body):
+            return address, 1.0
+        raise InvalidArgument(
+            f"{name!r}: neither object of this contact sensor is a fingertip: expected a geom of "
+            f"{model.body(body).name!r}, this body, or a subtree with it"
+        )
+
+    def _has(self, kind: int, number: int, body: int) -> bool:
+        """Whether an object of a contact sensor moves as one with a body, or is a subtree with it."""
+        model = self._model
+        if kind == mujoco.mjtObj.mjOBJ_XBODY:
+            while body not in (number, 0):
+                body = int(model.body_parentid[body])
+            return body == number
+        if kind == mujoco.mjtObj.mjOBJ_GEOM:
+            number = int(model.geom_bodyid[number])
+        elif kind != mujoco.mjtObj.mjOBJ_BODY:
+            return False
+        return self._carrier(number) == self._carrier(body)
+
+    def _carrier(self, body: int) -> int:
+        """The topmost body below the world that this one is fixed to."""
+        parents, joints = self._model.body_parentid, self._model.body_jntnum
+        while not joints[body] and parents[body]:
+            body = int(parents[body])
+        return body
 
     def _net_contacts(
         self, data: Any
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-        rows = np.array([data.sensordata[address : address + _NETFORCE] for address in self._nets or ()])
+        nets = self._nets or ()
+        rows = np.array([data.sensordata[address : address + _NETFORCE] for address, _ in nets])
+        signs = np.array([sign for _, sign in nets])
         on = np.flatnonzero(rows[:, 0] > 0)
-        # The sensor tells what its first object does to the other.
-        return rows[on, 8:11], -rows[on, 1:4], on
+        return rows[on, 8:11], rows[on, 1:4] * signs[on, None], on
 
 
 class Fingertips:
@@ -154,7 +217,7 @@ class Fingertips:
         fingers: their clocks, pasts and channels.
 
     Raises:
-        InvalidArgument: no site has such a sensor, or a contact sensor is none.
+        InvalidArgument: no site has such a sensor; or as `SiteContacts`.
     """
 
     def __init__(
@@ -188,12 +251,20 @@ class Fingertips:
         self._strict = strict
         self.contact: ContactSample | None = None
         self._time: float | None = None
+        self._seen = -np.inf
+
+    def reset(self) -> None:
+        """Begin again, where time does not tell: an episode of one call, or one that begins later."""
+        self.fingers.reset()
+        self.contact = None
+        self._time = None
+        self._seen = -np.inf
 
     def step(self, data: Any) -> NDArray[np.float32]:
         """Take the contacts of a `mujoco.MjData` after `mj_step`, and put the newest channels into it.
 
         They are in `data.sensordata` until the next step, in which MuJoCo clears user sensors. If time has
-        gone back, as after `mj_resetData`, all fingertips begin again.
+        gone back since the last call, as after `mj_resetData`, all fingertips begin again.
 
         Returns:
             (fingertips, 21) float32, counts.
@@ -201,13 +272,13 @@ class Fingertips:
         Raises:
             RequestError: no prediction could be had; see `taxel.fingers.Fingers.step`.
         """
-        if self._time is not None and data.time < self._time:
-            self.fingers.reset()
-            self.contact = None
-            self._time = None
-        elapsed = None if self._time is None else data.time - self._time
+        now = data.time
+        if now < self._seen:
+            self.reset()
+        self._seen = now
+        elapsed = None if self._time is None else now - self._time
         if elapsed is None or elapsed > self._least_s:
-            self._time = data.time
+            self._time = now
             self._sense(data, elapsed)
         channels = self.fingers.channels
         for address, values in zip(self._addresses, channels, strict=True):

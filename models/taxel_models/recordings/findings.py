@@ -31,6 +31,13 @@ PLAUSIBLE: Final = TrainedContacts(
 """Contacts of any fingertip in the sensor's frame, for recordings that no model is asked about. More than
 20 N would harm the skin."""
 
+_REACH: Final = Range(low=-3.0, high=3.0)
+
+IN_A_ROBOTS_FRAME: Final = PLAUSIBLE.model_copy(
+    update={"x": _REACH, "y": _REACH, "z": _REACH, "on_skin": 0.0, "pressing": 0.5}
+)
+"""Contacts in the frame of a robot's base, in which the skin and the sign of a press are not known."""
+
 _TIME_UNITS: Final = {"milliseconds": 1e6, "microseconds": 1e3}
 """Other units of time, in ns."""
 
@@ -48,13 +55,13 @@ def recording_findings(recording: Recording, trained: TrainedContacts | None = N
     """What looks wrong in a recording of at least one row.
 
     Args:
-        trained: the contacts of a model that is to predict it; if none, those of any fingertip. Slide
-            recordings are in the robot's frame, so that their places are compared with a model's only.
+        trained: the contacts of a model that is to predict it; if none, those of any fingertip, which in
+            slide recordings are in the robot's frame.
     """
-    found = _time_findings(recording, trained or PLAUSIBLE)
+    known = trained or (IN_A_ROBOTS_FRAME if recording.format == "biotac_slide" else PLAUSIBLE)
     samples = recording.samples
-    if trained is not None or recording.format != "biotac_slide":
-        found += contact_findings(trained or PLAUSIBLE, samples.position, samples.force)
+    found = _time_findings(recording, known)
+    found += contact_findings(known, samples.position, samples.force)
     return [*found, *_channel_findings(recording)]
 
 

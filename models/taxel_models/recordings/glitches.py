@@ -47,6 +47,10 @@ JUMP_COUNTS: Final = 200
 _USUAL_STEPS: Final = 10
 """A jump is so many times longer than all but one in a thousand steps from row to row."""
 
+_RARE: Final = 0.01
+"""Where fewer rows than this share jump, these jumps are none of the usual steps: else a few glitches
+would hide each other in a short recording."""
+
 
 def jumps(channels: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Glitches in any format: values that jump far from the rows on both sides, to the same side of them.
@@ -60,11 +64,20 @@ def jumps(channels: NDArray[np.float64]) -> NDArray[np.bool_]:
     Returns:
         (n, c) bool.
     """
-    found = np.zeros(channels.shape, bool)
     if len(channels) < 3:
+        return np.zeros(channels.shape, bool)
+    found = _excursions(channels, np.full(channels.shape[1], JUMP_COUNTS))
+    if not found.any():
         return found
-    usual = np.quantile(np.abs(np.diff(channels, axis=0)), 0.999, axis=0)
-    far = np.maximum(JUMP_COUNTS, _USUAL_STEPS * usual)
+    steps = np.abs(np.diff(channels, axis=0))
+    steps[(found[1:] | found[:-1]) & (found.mean(axis=0) <= _RARE)] = np.nan
+    usual = np.nanquantile(steps, 0.999, axis=0)
+    return _excursions(channels, np.maximum(JUMP_COUNTS, _USUAL_STEPS * usual))
+
+
+def _excursions(channels: NDArray[np.float64], far: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Runs of at most `GLITCH_ROWS` rows that lie further than `far`, (c,), beyond the rows around them."""
+    found = np.zeros(channels.shape, bool)
     for length in range(1, min(GLITCH_ROWS, len(channels) - 2) + 1):
         starts = len(channels) - length - 1
         before, after = channels[:starts], channels[length + 1 :]

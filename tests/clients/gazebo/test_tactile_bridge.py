@@ -112,7 +112,7 @@ class ByHand:
             force[finger] = touch[1]
         before = self._fingers.channels
         channels = self._fingers.step(self._place, force, dt)
-        if channels is not before:
+        if self._fingers.channels is not before:
             self.given.append(channels)
 
 

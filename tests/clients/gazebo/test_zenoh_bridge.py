@@ -79,7 +79,7 @@ def by_hand(predictor: Predictor, steps: int) -> list[Any]:
         before = fingers.channels
         force = np.array([PRESS if step >= 5 else np.zeros(3), np.zeros(3)])
         channels = fingers.step(np.tile(PAD, (2, 1)), force)
-        if channels is not before:
+        if fingers.channels is not before:
             given.append(channels)
     return given
 

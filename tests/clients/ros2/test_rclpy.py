@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from taxel.predictor import Predictor
+import taxel
 from taxel.ros2.cdr import CdrTypes, decode, encode, type_hash
 from taxel.ros2.messages import (
     BIOTAC,
@@ -162,7 +162,8 @@ def launched() -> list[str]:
     return command.replace("$(dirname)", str(LAUNCH.parent)).split()
 
 
-def test_a_node_of_ros_turns_contacts_into_channels(ros: Ros, predictor: Predictor) -> None:
+def test_a_node_of_ros_turns_contacts_into_channels(ros: Ros) -> None:
+    """With the model for who names none: it answers without delay."""
     python, *arguments = launched()
     assert python == "python3"
     node = ros.start(*arguments)
@@ -171,13 +172,16 @@ def test_a_node_of_ros_turns_contacts_into_channels(ros: Ros, predictor: Predict
             told = ros.run(PROGRAMS / "hand.py", str(STEPS), "--ros-args", "-r", "__ns:=/rh")
         finally:
             node.terminate()
-    stream = predictor.stream()
     expected = []
-    for step in range(STEPS):
-        time_ns = 1_700_000_000_000_000_000 + step * 10_000_000
-        place, force = (-0.001 * (step % 5), 0.0, -0.007), (0.0, 0.2, 0.02 * step)
-        for window in stream.push_ns(time_ns, place, force):
-            expected.append((window.time_ns, predictor.predict(window.values)[0]))
+    with taxel.load() as models:
+        predictor = models.predictor()
+        assert predictor.window.delay_s == 0.0
+        stream = predictor.stream()
+        for step in range(STEPS):
+            time_ns = 1_700_000_000_000_000_000 + step * 10_000_000
+            place, force = (-0.001 * (step % 5), 0.0, -0.007), (0.0, 0.2, 0.02 * step)
+            for window in stream.push_ns(time_ns, place, force):
+                expected.append((window.time_ns, predictor.predict(window.values)[0]))
     np.testing.assert_array_equal(told["arrays"][-len(expected) :], [channels for _, channels in expected])
     nothing: list[int] = []
     assert [hand for hand in told["hands"] if hand[0] >= expected[0][0]] == [

@@ -8,6 +8,7 @@ import typer
 from taxel.commands.cli import ERR, needs
 from taxel.commands.models import Connect, Repository, open_source
 from taxel.errors import SettingsError
+from taxel.predictor import DEFAULT_MODEL
 from taxel.ros2.settings import SHADOW_FINGERS, Inputs, NodeSettings
 
 _DEFAULTS = NodeSettings()
@@ -15,7 +16,7 @@ _DEFAULTS = NodeSettings()
 
 @needs("ros2", "rosbags", "xxhash")
 def ros2(
-    model: Annotated[str, typer.Option(help="Which model predicts.")] = "xgb",
+    model: Annotated[str, typer.Option(help="Which model predicts.")] = DEFAULT_MODEL,
     connect: Connect = None,
     repository: Repository = None,
     router: Annotated[

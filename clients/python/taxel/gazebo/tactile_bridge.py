@@ -108,7 +108,7 @@ class TactileBridge:
         except RequestError as error:
             self.refuse(f"no prediction: {error}")
             return None
-        return None if channels is before else Prediction(ended_ns, channels)
+        return None if self._fingers.channels is before else Prediction(ended_ns, channels)
 
     def refuse(self, reason: str) -> None:
         """Count a message that cannot be used, and warn of it."""

@@ -1,6 +1,6 @@
 """The node in ROS 2 itself, over whatever middleware it runs on.
 
-    python -m taxel.ros2.rclpy_node --ros-args -r __ns:=/rh -p model:=xgb
+    python -m taxel.ros2.rclpy_node --ros-args -r __ns:=/rh -p model:=ffnn-causal
 
 It runs with ROS's own Python, in which Taxel is installed. `sr_robot_msgs` and `tactile_msgs` are not part
 of ROS: without the first, BiotacAll is not published, which the log says.
@@ -19,6 +19,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from taxel.commands.models import open_source
 from taxel.errors import SettingsError, TaxelError
+from taxel.predictor import DEFAULT_MODEL
 from taxel.ros2.messages import Status, biotac_all, channel_array, diagnostic_array
 from taxel.ros2.settings import Inputs, NodeSettings
 from taxel.ros2.tactile_node import TactileNode
@@ -77,7 +78,7 @@ class FingertipNode(Node):  # type: ignore[misc]
         settings = self._declared_settings()
         connect, repository = self._text("connect", ""), self._text("repository", "")
         self._source = open_source(connect or None, Path(repository) if repository else None)
-        self._node = TactileNode(self._source.predictor(self._text("model", "xgb")), settings)
+        self._node = TactileNode(self._source.predictor(self._text("model", DEFAULT_MODEL)), settings)
         self._told: dict[str, str] = {}
         self._outputs = {
             name: self._publisher(name, kind) for name, kind in output_topics(settings).items()

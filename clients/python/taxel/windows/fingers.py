@@ -11,7 +11,7 @@ from taxel.windows.combinations import PERIOD_NS, WindowSpec
 from taxel.windows.extras import ExtraFeature
 from taxel.windows.history import Lagged, Recursive, followed
 from taxel.windows.samples import gap_of, period_of, rows_are_ticks
-from taxel.windows.window_columns import window_columns
+from taxel.windows.window_columns import position_columns
 
 _SECONDS: Final = 6
 """The column of a tick that holds the seconds since the fingertip's first; before it: position, force."""
@@ -47,9 +47,11 @@ class FingerWindows:
         lags = [history.lag for history in histories if isinstance(history, Lagged)]
         # The oldest tick that is needed: a window's, or a feature's before the window's moment.
         self._depth = max(self._needed, spec.look_ahead + 1 + max(lags, default=0))
-        # The ticks of a window, from its moment, and the place of its middle among them.
+        # The ticks of a window, from its moment, and the places of its middle and of its forces among them.
         self._steps = np.arange(-spec.look_back, spec.look_ahead + 1)
         self._middle = spec.look_back - spec.shift
+        self._pushes = self._middle + np.array(spec.force_steps)
+        self._all = np.arange(fingers)
         self._none = np.empty((0, spec.length + len(extras)), np.float32)
         self._ticks = np.zeros((self._depth, fingers, _SECONDS + 1))
         self._features = np.zeros((self._depth, fingers, len(extras)))
@@ -82,7 +84,7 @@ class FingerWindows:
             force: (m, 3), N.
         """
         self.reset(ids)
-        sample = self._sample(ids, position, force)
+        sample = self._sample(self._previous[ids], position, force)
         self._first_ns[ids] = 0
         start = -self._depth * PERIOD_NS
         for tick in range(self._depth):
@@ -94,13 +96,12 @@ class FingerWindows:
 
     def _sample(
         self,
-        ids: NDArray[np.int64],
+        sample: NDArray[np.float64],
         position: NDArray[np.float64],
         force: NDArray[np.float64],
         given: Mapping[str, NDArray[np.float64]] | None = None,
     ) -> NDArray[np.float64]:
-        """Columns of samples (m, 6 + given): an extra feature keeps its last value where none is given."""
-        sample = self._previous[ids]
+        """Put values into samples (m, 6 + given); an extra feature that is not given keeps its last."""
         sample[:, :3], sample[:, 3:6] = position, force
         for name, values in (given or {}).items():
             sample[:, self._column_of[name]] = values
@@ -110,7 +111,7 @@ class FingerWindows:
         self,
         position: NDArray[np.float64],
         force: NDArray[np.float64],
-        dt_ns: NDArray[np.int64],
+        dt_ns: "NDArray[np.int64] | int",
         given: Mapping[str, NDArray[np.float64]] | None = None,
     ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         """Take the next sample of every fingertip.
@@ -118,35 +119,43 @@ class FingerWindows:
         Args:
             position: (fingers, 3), m, in each sensor's frame.
             force: (fingers, 3), N.
-            dt_ns: (fingers,), the time since each one's last sample; of a first sample it does not count.
+            dt_ns: the time since each one's last sample, (fingers,) or one for all; of a first sample it
+                does not count.
             given: values (fingers,) of extra features that have no history. A value holds until the next.
 
         Returns:
             The fingertips whose newest window is complete and new, (m,), and these windows, (m, f) float32.
         """
-        sample = self._sample(np.arange(self.fingers), position, force, given)
+        sample = self._sample(self._previous.copy(), position, force, given)
         first = ~self._started
-        now = np.where(first, 0, self._now_ns + dt_ns)
-        begins = first | (dt_ns > self._gap_ns)
-        self._first_ns[first] = now[first]
+        now, begins = self._now_ns + dt_ns, first | (dt_ns > self._gap_ns)
+        if first.any():
+            now[first] = self._first_ns[first] = 0
+            self._started[:] = True
+        if self._rows_are_ticks:
+            self._tick(self._all, now, sample, new=begins)
+            ready = np.flatnonzero(self._count >= self._needed)
+        else:
+            ready = self._tick_between(now, sample, begins)
+        self._now_ns, self._previous = now, sample
+        return ready, self._windows(ready)
+
+    def _tick_between(
+        self, now: NDArray[np.int64], sample: NDArray[np.float64], begins: NDArray[np.bool_]
+    ) -> NDArray[np.int64]:
+        """Take the ticks up to `now`; the fingertips that had one and whose newest window is complete."""
         self._next_tick_ns[begins] = now[begins]
-        due = np.ones(self.fingers, np.bool_) if self._rows_are_ticks else self._next_tick_ns <= now
-        new, ticked = begins.copy(), due.copy()
+        due = ticked = self._next_tick_ns <= now
+        new = begins.copy()
         while due.any():
             ids = np.flatnonzero(due)
-            if self._rows_are_ticks:
-                times, values = now[ids], sample[ids]
-            else:
-                times = self._next_tick_ns[ids]
-                values = self._between(ids, times, now[ids], sample[ids], begins[ids])
+            times = self._next_tick_ns[ids]
+            values = self._between(ids, times, now[ids], sample[ids], begins[ids])
             self._tick(ids, times, values, new=new[ids])
             self._next_tick_ns[ids] = times + PERIOD_NS
             new[ids] = False
-            due = np.zeros_like(due) if self._rows_are_ticks else self._next_tick_ns <= now
-        self._now_ns, self._previous = now, sample
-        self._started[:] = True
-        ready = np.flatnonzero(ticked & (self._count >= self._needed))
-        return ready, self._windows(ready)
+            due = self._next_tick_ns <= now
+        return np.flatnonzero(ticked & (self._count >= self._needed))
 
     def _between(
         self,
@@ -173,8 +182,9 @@ class FingerWindows:
         """Take a tick of some fingertips; `new` where it is the first of a segment."""
         self._count[ids[new]] = 0
         count = self._count[ids]
-        seconds = (times - self._first_ns[ids]) / 1e9
-        tick = np.column_stack([values[:, :_SECONDS], seconds])
+        tick = np.empty((len(ids), _SECONDS + 1))
+        tick[:, :_SECONDS] = values[:, :_SECONDS]
+        tick[:, _SECONDS] = (times - self._first_ns[ids]) / 1e9
         slot = count % self._depth
         self._ticks[slot, ids] = tick
         for column, extra in enumerate(self._extras):
@@ -199,10 +209,7 @@ class FingerWindows:
         newest = self._count[ids] - 1 - self.spec.look_ahead
         slots = (newest + self._steps[:, None]) % self._depth
         found: NDArray[np.float64] = self._ticks[slots, ids]
-        columns = window_columns(
-            self.spec,
-            lambda step: found[self._middle + step, :, :3],
-            lambda step: found[self._middle + step, :, 3:6],
-        )
-        columns.append(self._features[newest % self._depth, ids])
-        return np.concatenate(columns, axis=1).astype(np.float32)
+        places = position_columns(self.spec, lambda step: found[self._middle + step, :, :3])
+        pushes = found[self._pushes, :, 3:6].transpose(1, 0, 2).reshape(len(ids), -1)
+        features = self._features[newest % self._depth, ids]
+        return np.concatenate([*places, pushes, features], axis=1, dtype=np.float32, casting="same_kind")

@@ -22,9 +22,16 @@ def window_columns(spec: WindowSpec, position: AtStep, force: AtStep) -> list[ND
         position: contact positions at a step, m.
         force: contact forces at a step, N.
     """
+    return position_columns(spec, position) + [force(step) for step in spec.force_steps]
+
+
+def position_columns(spec: WindowSpec, position: AtStep) -> list[NDArray[np.float64]]:
+    """The positions among the columns of n windows, each (n, 3)."""
     now = position(0)
-    columns = [_nearest_moved(now, map(position, steps_of(which))) for which in spec.positions]
-    return columns + [force(step) for step in spec.force_steps]
+    return [
+        now if which == "now" else _nearest_moved(now, map(position, steps_of(which)))
+        for which in spec.positions
+    ]
 
 
 def steps_of(which: Position) -> tuple[int, ...]:
