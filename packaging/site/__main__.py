@@ -16,8 +16,9 @@ def main() -> int:
     pages = ROOT / "build" / "pages"
     gather(ROOT, pages)
     write_reference(pages / "docs" / "reference")
-    write_llms(pages)
     built = subprocess.run([sys.executable, "-m", "zensical", "build", "--strict"], cwd=ROOT)
+    if built.returncode == 0:
+        write_llms(pages, ROOT / "site")
     print("The site is built. Open site/index.html" if built.returncode == 0 else "The site is NOT built.")
     return built.returncode
 

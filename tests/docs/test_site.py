@@ -64,6 +64,16 @@ def test_the_reference_names_every_command_option_and_error(tmp_path: Path) -> N
         assert f"## {error.__name__}\n" in errors
 
 
+def test_each_page_that_llms_txt_names_is_on_the_site(pages: Path, tmp_path: Path) -> None:
+    """Programs read Markdown; only what is written from code stays HTML, which the build makes."""
+    (pages / "code.md").write_text("# Code\n\n::: taxel\n")
+    _module("llms").write_llms(pages, site := tmp_path / "site")
+    told = re.findall(r"\]\((.+)\)", (site / "llms.txt").read_text())
+    assert len(told) > 100
+    assert [one for one in told if not (site / one).exists()] == ["code.html"]
+    assert (site / "docs" / "start.md").read_text() == (pages / "docs" / "start.md").read_text()
+
+
 def test_no_page_is_longer_than_a_short_read() -> None:
     """At most 1,200 words, outside the results and the list of changes."""
     pages = [*(ROOT / "docs").glob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
