@@ -19,7 +19,8 @@ def main() -> int:
     built = subprocess.run([sys.executable, "-m", "zensical", "build", "--strict"], cwd=ROOT)
     if built.returncode == 0:
         write_llms(pages, ROOT / "site")
-    print("The site is built. Open site/index.html" if built.returncode == 0 else "The site is NOT built.")
+    opened = "Open site/index.html. Its search needs a server: python3 -m http.server -d site"
+    print(f"The site is built. {opened}" if built.returncode == 0 else "The site is NOT built.")
     return built.returncode
 
 
