@@ -88,13 +88,14 @@ def _errors() -> str:
     classes = [
         value
         for _, value in inspect.getmembers(taxel.errors, inspect.isclass)
-        if issubclass(value, taxel.errors.TaxelError)
+        if issubclass(value, taxel.errors.TaxelError | taxel.errors.InputWarning)
     ]
     classes.sort(key=lambda one: inspect.getsourcelines(one)[1])
     parts = [
         "# Errors",
         "",
-        "Every error that Taxel raises on purpose is a `taxel.errors.TaxelError`.",
+        "Every error that Taxel raises on purpose is a `taxel.errors.TaxelError`. Its text says what was "
+        "wrong, where, and what was expected.",
         "",
     ]
     for one in classes:
@@ -104,7 +105,8 @@ def _errors() -> str:
             "",
             f"A kind of `{one.__bases__[0].__name__}`.{code}",
             "",
-            inspect.getdoc(one) or "",
+            # What a caller passes to make one is for those who read the code.
+            (inspect.getdoc(one) or "").partition("\n\nArgs:")[0],
             "",
         ]
     return "\n".join(parts)

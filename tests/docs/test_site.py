@@ -64,6 +64,15 @@ def test_the_reference_names_every_command_option_and_error(tmp_path: Path) -> N
         assert f"## {error.__name__}\n" in errors
 
 
+def test_every_error_that_can_be_met_has_a_cure(tmp_path: Path) -> None:
+    _module("reference").write_reference(tmp_path / "reference")
+    _, *sections = (tmp_path / "reference" / "errors.md").read_text().split("\n## ")
+    without = [section.splitlines()[0] for section in sections if "\nCure: " not in section]
+    assert without == ["TaxelError", "RequestError"]
+    assert len(sections) > 12
+    assert not any("Args:" in section for section in sections)
+
+
 def test_each_page_that_llms_txt_names_is_on_the_site(pages: Path, tmp_path: Path) -> None:
     """Programs read Markdown; only what is written from code stays HTML, which the build makes."""
     (pages / "code.md").write_text("# Code\n\n::: taxel\n")
