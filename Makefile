@@ -6,6 +6,11 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 MODEL ?= xgb
 
+# Bytecode is kept, beside what it belongs to: where a machine forbids that, each of the tests' many programs
+# compiles all that it imports, and takes three times as long to start.
+unexport PYTHONDONTWRITEBYTECODE
+export PYTHONPYCACHEPREFIX := $(CURDIR)/$(VENV)/bytecode
+
 .PHONY: help demo install test check unit coverage docs matrix arm release format artifacts clean
 
 help:
