@@ -36,6 +36,9 @@ def test_pages_and_what_they_link_to_are_gathered(pages: Path) -> None:
         ROOT / "docs" / "wire" / "lane_request.bin"
     ).read_bytes()
     assert "](#)" not in (pages / "index.md").read_text()
+    # The moving picture is written in HTML, for its width.
+    assert '<img src="docs/watch.gif"' in (pages / "index.md").read_text()
+    assert (pages / "docs" / "watch.gif").exists()
 
 
 def test_every_page_is_in_the_table_of_contents_or_linked(pages: Path) -> None:
