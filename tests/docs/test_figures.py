@@ -13,6 +13,8 @@ import pytest
 
 from taxel.windows import ExtraFeature
 from taxel.windows.history import Relaxation
+from taxel_bench.choice.files import markdown as choice_table
+from taxel_bench.choice.measurement import ComparedModel
 from taxel_models.commands.frame import frame
 from taxel_models.loop.findings import Findings
 from taxel_models.loop.report.contents import EFFECT, Told, contents
@@ -132,6 +134,15 @@ def test_the_example_report_reads_as_today_s_code_would_write_it() -> None:
     names = sorted({name for effect in told.effects for name in effect.needs})
     extras = [ExtraFeature(name=name, unit="N", history=past) for name in names]
     assert markdown(contents(Told(told, extras, pictures))) == kept, "make it again, as figures.json says"
+
+
+@with_results
+def test_the_page_of_models_has_the_measured_table() -> None:
+    folder = ROOT / "docs" / "results" / "choice"
+    models = json.loads((folder / "choice.json").read_text())["models"]
+    table = choice_table([ComparedModel(**model) for model in models])
+    assert (folder / "choice.md").read_text() == table
+    assert table in (ROOT / "docs" / "which_model.md").read_text()
 
 
 @with_results
