@@ -16,9 +16,11 @@ def main() -> int:
     pages = ROOT / "build" / "pages"
     gather(ROOT, pages)
     write_reference(pages / "docs" / "reference")
-    write_llms(pages)
     built = subprocess.run([sys.executable, "-m", "zensical", "build", "--strict"], cwd=ROOT)
-    print("The site is built. Open site/index.html" if built.returncode == 0 else "The site is NOT built.")
+    if built.returncode == 0:
+        write_llms(pages, ROOT / "site")
+    opened = "Open site/index.html. Its search needs a server: python3 -m http.server -d site"
+    print(f"The site is built. {opened}" if built.returncode == 0 else "The site is NOT built.")
     return built.returncode
 
 

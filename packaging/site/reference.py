@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import re
 from pathlib import Path
 from typing import Final
 
@@ -46,9 +47,17 @@ def write_reference(folder: Path) -> None:
     command = typer.main.get_command(build())
     context = typer.Context(command, info_name="taxel")
     for name, one in sorted(command.commands.items()):  # type: ignore[attr-defined]
-        text = get_docs_for_click(obj=one, ctx=context, name=name, call_prefix="taxel")
-        (folder / "commands" / f"{name}.md").write_text(text)
+        text, *below = re.split(
+            r"(?m)^#(?=# `taxel)", get_docs_for_click(obj=one, ctx=context, name=name, call_prefix="taxel")
+        )
         index.append(f"- [taxel {name}]({name}.md): {_first_line(one.help)}")
+        # A command that has commands would be a long page: each gets a page of its own.
+        for page in below:
+            own = page.partition("\n")[0].strip("# `").removeprefix("taxel ").replace(" ", "-")
+            (folder / "commands" / f"{own}.md").write_text(page)
+            called = f"`{own.removeprefix(f'{name}-')}`"
+            text = text.replace(f"* {called}:", f"* [{called}]({own}.md):")
+        (folder / "commands" / f"{name}.md").write_text(text)
     (folder / "commands" / "README.md").write_text("\n".join(index) + "\n")
     (folder / "options.md").write_text(_options())
     (folder / "errors.md").write_text(_errors())
@@ -88,13 +97,14 @@ def _errors() -> str:
     classes = [
         value
         for _, value in inspect.getmembers(taxel.errors, inspect.isclass)
-        if issubclass(value, taxel.errors.TaxelError)
+        if issubclass(value, taxel.errors.TaxelError | taxel.errors.InputWarning)
     ]
     classes.sort(key=lambda one: inspect.getsourcelines(one)[1])
     parts = [
         "# Errors",
         "",
-        "Every error that Taxel raises on purpose is a `taxel.errors.TaxelError`.",
+        "Every error that Taxel raises on purpose is a `taxel.errors.TaxelError`. Its text says what was "
+        "wrong, where, and what was expected.",
         "",
     ]
     for one in classes:
@@ -104,7 +114,8 @@ def _errors() -> str:
             "",
             f"A kind of `{one.__bases__[0].__name__}`.{code}",
             "",
-            inspect.getdoc(one) or "",
+            # What a caller passes to make one is for those who read the code.
+            (inspect.getdoc(one) or "").partition("\n\nArgs:")[0],
             "",
         ]
     return "\n".join(parts)

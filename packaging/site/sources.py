@@ -8,6 +8,9 @@ from pathlib import Path
 LINK = re.compile(r"\]\((?!https?:|#)([^)#\s]+)(#[^)]*)?\)")
 """A Markdown link to a file: its path, and its anchor."""
 
+IMAGE = re.compile(r'<img src="(?!https?:|data:)([^"]+)"')
+"""A picture that is written in HTML, as one that has a width."""
+
 
 def gather(root: Path, pages: Path) -> None:
     """Copy all pages, and every file that they link to, to `pages`, in the repository's own folders.
@@ -37,7 +40,10 @@ def _with_links(page: Path, root: Path, pages: Path) -> str:
             _copy(target, root, pages)
         return f"]({address}{link[2] or ''})"
 
-    return LINK.sub(follow, page.read_text())
+    text = page.read_text()
+    for image in IMAGE.findall(text):
+        _copy((page.parent / image).resolve(), root, pages)
+    return LINK.sub(follow, text)
 
 
 def _list_files(folder: Path, root: Path, pages: Path) -> None:

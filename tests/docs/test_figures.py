@@ -11,7 +11,15 @@ from typing import Any, Final
 import matplotlib as mpl
 import pytest
 
+from taxel.windows import ExtraFeature
+from taxel.windows.history import Relaxation
+from taxel_bench.choice.files import markdown as choice_table
+from taxel_bench.choice.measurement import ComparedModel
 from taxel_models.commands.frame import frame
+from taxel_models.loop.findings import Findings
+from taxel_models.loop.report.contents import EFFECT, Told, contents
+from taxel_models.loop.report.document import Picture
+from taxel_models.loop.report.rendering import markdown
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 SITE: Final = ROOT / "packaging" / "site"
@@ -106,6 +114,35 @@ def test_a_report_that_is_kept_as_an_example_has_the_form_of_today() -> None:
             kept = json.loads((ROOT / path).read_text())
             today = form.model_validate(kept).model_dump(mode="json")
             assert kept == today, f"{path} has another form: {figure['command']}"
+
+
+@with_results
+def test_the_example_report_reads_as_today_s_code_would_write_it() -> None:
+    """Its text is written again from its figures; its pictures, which need the recording, are kept."""
+    folder = ROOT / "docs" / "results" / "loop_example"
+    kept, findings = (folder / "report.md").read_text(), (folder / "report.json").read_text()
+    told = Findings.model_validate_json(findings)
+    drawn = {
+        file: Picture(file, title, caption)
+        for title, file, caption in re.findall(r"^!\[(.*)\]\((.*)\)\n\n(.*)$", kept, re.MULTILINE)
+    }
+    assert set(drawn) == {path.name for path in folder.glob("*.png")}
+    keys = {f"effect-{at}-{one.name}.png": EFFECT + one.name for at, one in enumerate(told.effects, 1)}
+    pictures = {keys.get(file, Path(file).stem): picture for file, picture in drawn.items()}
+    # All that its effects need is of the past; which past, the text does not tell.
+    past = Relaxation(of="force", time_constant_s=1.0)
+    names = sorted({name for effect in told.effects for name in effect.needs})
+    extras = [ExtraFeature(name=name, unit="N", history=past) for name in names]
+    assert markdown(contents(Told(told, extras, pictures))) == kept, "make it again, as figures.json says"
+
+
+@with_results
+def test_the_page_of_models_has_the_measured_table() -> None:
+    folder = ROOT / "docs" / "results" / "choice"
+    models = json.loads((folder / "choice.json").read_text())["models"]
+    table = choice_table([ComparedModel(**model) for model in models])
+    assert (folder / "choice.md").read_text() == table
+    assert table in (ROOT / "docs" / "which_model.md").read_text()
 
 
 @with_results

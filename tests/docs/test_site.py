@@ -36,6 +36,9 @@ def test_pages_and_what_they_link_to_are_gathered(pages: Path) -> None:
         ROOT / "docs" / "wire" / "lane_request.bin"
     ).read_bytes()
     assert "](#)" not in (pages / "index.md").read_text()
+    # The moving picture is written in HTML, for its width.
+    assert '<img src="docs/watch.gif"' in (pages / "index.md").read_text()
+    assert (pages / "docs" / "watch.gif").exists()
 
 
 def test_every_page_is_in_the_table_of_contents_or_linked(pages: Path) -> None:
@@ -55,8 +58,12 @@ def test_the_reference_names_every_command_option_and_error(tmp_path: Path) -> N
     from taxel_server.options import ServerOptions
 
     _module("reference").write_reference(tmp_path / "reference")
-    commands = {page.stem for page in (tmp_path / "reference" / "commands").glob("*.md")} - {"README"}
-    assert commands == {entry.name for entry in entry_points(group="taxel.commands")}
+    folder = tmp_path / "reference" / "commands"
+    commands = {page.stem for page in folder.glob("*.md")} - {"README"}
+    below = {name for name in commands if name.startswith("bench-")}
+    assert commands - below == {entry.name for entry in entry_points(group="taxel.commands")}
+    assert below == set(re.findall(r"\]\((.+)\.md\):", (folder / "bench.md").read_text()))
+    assert (folder / "bench-run.md").read_text().startswith("# `taxel bench run`\n")
     options = (tmp_path / "reference" / "options.md").read_text()
     assert all(f"`{name}`" in options for name in ServerOptions.model_fields)
     errors = (tmp_path / "reference" / "errors.md").read_text()
@@ -64,11 +71,32 @@ def test_the_reference_names_every_command_option_and_error(tmp_path: Path) -> N
         assert f"## {error.__name__}\n" in errors
 
 
-def test_no_page_is_longer_than_a_short_read() -> None:
+def test_every_error_that_can_be_met_has_a_cure(tmp_path: Path) -> None:
+    _module("reference").write_reference(tmp_path / "reference")
+    _, *sections = (tmp_path / "reference" / "errors.md").read_text().split("\n## ")
+    without = [section.splitlines()[0] for section in sections if "\nCure: " not in section]
+    assert without == ["TaxelError", "RequestError"]
+    assert len(sections) > 12
+    assert not any("Args:" in section for section in sections)
+
+
+def test_each_page_that_llms_txt_names_is_on_the_site(pages: Path, tmp_path: Path) -> None:
+    """Programs read Markdown; only what is written from code stays HTML, which the build makes."""
+    (pages / "code.md").write_text("# Code\n\n::: taxel\n")
+    _module("llms").write_llms(pages, site := tmp_path / "site")
+    told = re.findall(r"\]\((.+)\)", (site / "llms.txt").read_text())
+    assert len(told) > 100
+    assert [one for one in told if not (site / one).exists()] == ["code.html"]
+    assert (site / "docs" / "start.md").read_text() == (pages / "docs" / "start.md").read_text()
+
+
+def test_no_page_is_longer_than_a_short_read(pages: Path) -> None:
     """At most 1,200 words, outside the results and the list of changes."""
-    pages = [*(ROOT / "docs").glob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
-    long = {page.name: len(page.read_text().split()) for page in pages}
-    assert not {name: words for name, words in long.items() if words > 1200}
+    _module("reference").write_reference(pages / "docs" / "reference")
+    found = {page.relative_to(pages): len(page.read_text().split()) for page in pages.rglob("*.md")}
+    assert len(found) > 100
+    long = {page.as_posix() for page, words in found.items() if words > 1200}
+    assert {page for page in long if not page.startswith("docs/results/")} == {"CHANGELOG.md"}
 
 
 def test_every_link_of_the_documents_leads_somewhere() -> None:

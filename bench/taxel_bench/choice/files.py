@@ -24,12 +24,13 @@ def write_files(
 def markdown(compared: Sequence[ComparedModel]) -> str:
     """One row for each model, the fastest answers first."""
     lines = [
-        "| model | inputs | delay | warm-up | norm. MAE | one window |",
-        "| --- | --- | --- | --- | --- | --- |",
+        "| model | inputs | delay | warm-up | norm. MAE | one window | size |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
     ]
     lines += [
         f"| `{model.model}` | {model.combination} | {model.delay_ms:g} ms | {model.warm_up_ms:g} ms "
-        f"| {model.norm_mae:.3f} | {model.median_us:.0f} µs |"
+        f"| {model.norm_mae:.3f} | {model.median_us:.0f} µs "
+        f"| {model.parameters:,} |"
         for model in sorted(compared, key=lambda model: (model.delay_ms, model.norm_mae))
     ]
     return "\n".join(lines) + "\n"

@@ -48,71 +48,109 @@ class RequestError(TaxelError):
 
 
 class InvalidArgument(RequestError):
-    """The request is wrong, and would be wrong again: its text names the field."""
+    """The request is wrong, and would be wrong again: its text names the field.
+
+    Cure: mend the field; the text says what was expected of it. Asking again does not help.
+    """
 
     code = "INVALID_ARGUMENT"
 
 
 class NotFound(RequestError):
-    """The model, version or key does not exist."""
+    """The model, version or key does not exist.
+
+    Cure: `taxel models` lists what there is. A name is often misspelt, or its version was unloaded.
+    """
 
     code = "NOT_FOUND"
 
 
 class ResourceExhausted(RequestError):
-    """The queue is full (try again later) or the request exceeds a limit (split it)."""
+    """The queue is full, or the request exceeds a limit.
+
+    Cure: ask again later if the queue is full; split the request if it exceeds a limit.
+    """
 
     code = "RESOURCE_EXHAUSTED"
 
 
 class DeadlineExceeded(RequestError):
-    """No answer within the time that the caller allowed."""
+    """No answer within the time that the caller allowed.
+
+    Cure: allow more time, or ask for fewer windows at once; `taxel top` shows how busy the server is.
+    """
 
     code = "DEADLINE_EXCEEDED"
 
 
 class Cancelled(RequestError):
-    """The client has given the request up, or has gone; so the server dropped it."""
+    """The client has given the request up, or has gone; so the server dropped it.
+
+    Cure: none is needed: nobody waits for the answer. Ask again if you still want it.
+    """
 
     code = "CANCELLED"
 
 
 class PermissionDenied(RequestError):
-    """A server is there, but does not let this client in or ask; or the client does not trust it."""
+    """A server is there, but does not let this client in or ask; or the client does not trust it.
+
+    Cure: give the certificates, or the name and password, that the server wants; see docs/security.md.
+    """
 
     code = "PERMISSION_DENIED"
 
 
 class Unavailable(RequestError):
-    """No server answers at this endpoint, or it is stopping."""
+    """No server answers at this endpoint, or it is stopping.
+
+    Cure: start one, or mend the endpoint: `taxel serve` prints it as `listening on`.
+    """
 
     code = "UNAVAILABLE"
 
 
 class ServerLost(Unavailable):
-    """The connection to the server was lost before the answer was there; the next call connects again."""
+    """The connection to the server was lost before the answer was there.
+
+    Cure: ask again: the next call connects by itself.
+    """
 
 
 class Internal(RequestError):
-    """The server failed; its log says more."""
+    """The server failed.
+
+    Cure: read its log, and report it as a fault of Taxel. Asking again may help.
+    """
 
     code = "INTERNAL"
 
 
 class ArtifactError(TaxelError):
-    """A model on disk is damaged, inconsistent or not supported."""
+    """A model on disk is damaged, inconsistent or not supported.
+
+    Cure: export it again with `taxel export`, or copy it whole. A newer Taxel wrote it? Update this one.
+    """
 
 
 class RecordingError(TaxelError):
-    """A recording is damaged: the text names the file, the line and what was expected."""
+    """A recording is damaged: the text names the file, the line and what was expected.
+
+    Cure: mend or drop that line; `taxel recording FILE` looks at the whole file.
+    """
 
 
 class SettingsError(TaxelError):
-    """An option, environment variable or settings file is wrong."""
+    """An option, environment variable or settings file is wrong.
+
+    Cure: the text names it and what was expected; `taxel COMMAND --help` lists all options.
+    """
 
 
 class MissingDependency(TaxelError):
     """An optional package is not installed.
+
+    Cure: run the command that the text ends with, as `pip install 'taxel[watch]'`.
 
     Args:
         purpose: what needs it.
@@ -125,7 +163,10 @@ class MissingDependency(TaxelError):
 
 
 class InputWarning(UserWarning):
-    """An input looks wrong: its unit, sign, frame or rate. The text says what was seen and expected."""
+    """An input looks wrong: its unit, sign, frame or rate. The text says what was seen and expected.
+
+    Cure: convert the input. If it is right as it is, silence this warning as Python's others.
+    """
 
 
 _BY_CODE: Final[dict[str, type[RequestError]]] = {

@@ -1,6 +1,7 @@
 """The folder that the loop's findings are written to."""
 
 import re
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from playwright.sync_api import sync_playwright
 
 from taxel.channels import CHANNELS
 from taxel.errors import SettingsError
@@ -39,6 +41,7 @@ ROWS = 7000
 LOOKED_FOR = ("offset", "drift")
 DRIFTING = slice(10, 14)
 STUCK = CHANNELS.index("e18")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 PNG = b"\x89PNG"
 WATERFALL = Picture("waterfall.png", "explained shares", "Where the energy goes.")
 
@@ -128,6 +131,22 @@ def test_many_parameters_fold_away_in_both_forms(folder: Path) -> None:
             assert f"offset {channel}" in folded
         assert "elapsed[0:70s]" in after
         assert "offset e1 " not in before + after
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here (on Debian: apt install chromium)")
+def test_what_is_folded_on_the_screen_is_printed(folder: Path) -> None:
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        page = browser.new_page()
+        page.goto((folder / "report.html").as_uri())
+        folded = page.locator("details table").first
+        assert not folded.is_visible()
+        page.emulate_media(media="print")
+        assert folded.is_visible()
+        # No table or picture is wider than the paper.
+        page.set_viewport_size({"width": 680, "height": 960})
+        assert page.evaluate("document.documentElement.scrollWidth") <= 680
+        browser.close()
 
 
 def test_diagnostics_are_for_programs_too(result: LoopResult) -> None:
