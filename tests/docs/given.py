@@ -123,15 +123,13 @@ _MATERIALS: Final = """{"name": "materials", "repeat": 4, "steps": [
   {"kind": "press", "place": {"along_mm": -4, "around_deg": 0}, "force_n": 2, "speed_n_s": 20, "hold_s": 3},
   {"kind": "column", "column": "material", "value": 2},
   {"kind": "press", "place": {"along_mm": -4, "around_deg": 0}, "force_n": 3, "speed_n_s": 20, "hold_s": 3}]}"""
-_ROUTER: Final = """python -c 'import zenoh, time
-settings = zenoh.Config()
-settings.insert_json5("mode", "\\"router\\"")
-settings.insert_json5("listen/endpoints", "[\\"tcp/127.0.0.1:7447\\"]")
-settings.insert_json5("scouting/multicast/enabled", "false")
-with zenoh.open(settings):
-    print("a router", flush=True)
-    time.sleep(600)'
-"""
+_ROUTER: Final = (
+    "python -c 'import zenoh, time; settings = zenoh.Config();"
+    ' settings.insert_json5("mode", "\\"router\\"");'
+    ' settings.insert_json5("listen/endpoints", "[\\"tcp/127.0.0.1:7447\\"]");'
+    ' settings.insert_json5("scouting/multicast/enabled", "false");'
+    ' router = zenoh.open(settings); print("a router", flush=True); time.sleep(600)\'\n'
+)
 
 GIVEN: Final = {
     # What is there before a page's first command.
