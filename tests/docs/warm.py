@@ -65,7 +65,11 @@ def warm_programs(folder: Path) -> Iterator[Path]:
         program.write_text(STARTER.format(python=sys.executable, place=place))
         program.chmod(0o755)
     process = subprocess.Popen(
-        [sys.executable, __file__, place], stdout=subprocess.PIPE, text=True, start_new_session=True
+        [sys.executable, __file__, place],
+        env={**os.environ, "COLUMNS": "120", "OPENBLAS_NUM_THREADS": "1"},
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     )
     assert process.stdout is not None
     try:
@@ -157,11 +161,16 @@ def _run(words: list[str], folder: str, environment: dict[str, str]) -> None:
 
 
 if __name__ == "__main__":
+    # A fork has one thread only: a lock that another one held would never be let go. pyarrow starts one for its
+    # memory; so does onnxruntime, and OpenBLAS one for each further core.
+    sys.modules["pyarrow"] = None  # type: ignore[assignment]
     for each in IMPORTED:
         try:
             import_module(each)
         except ImportError:
             continue
+    del sys.modules["pyarrow"]
+    assert len(list(Path("/proc/self/task").iterdir())) == 1
     gc.collect()
     gc.freeze()
     _leave(_ended(**_asked(sys.argv[1])))
