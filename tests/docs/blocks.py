@@ -9,7 +9,17 @@ from typing import Final, NamedTuple
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 
-ROOMS: Final = ("bench", "clients", "docs", "examples", "exporters", "models", "packaging", "server", "tests")
+ROOMS: Final = (
+    "bench",
+    "clients",
+    "docs",
+    "examples",
+    "exporters",
+    "models",
+    "packaging",
+    "server",
+    "tests",
+)
 
 
 def _pages() -> Iterator[str]:
@@ -39,7 +49,9 @@ def blocks(page: str) -> list[Block]:
     found, opened, lines = [], None, list[str]()
     for number, line in enumerate((ROOT / page).read_text().splitlines(), 1):
         if not line.startswith("```"):
-            assert not line.lstrip().startswith("```"), f"{page}:{number}: expected a block that is not indented"
+            assert not line.lstrip().startswith("```"), (
+                f"{page}:{number}: expected a block that is not indented"
+            )
             lines.append(line)
         elif opened is None:
             opened, lines = (number, line[3:].strip()), []
@@ -73,7 +85,10 @@ def _commands() -> Iterator[tuple[str, list[str]]]:
         # Lists of commands beside what they do are indented; they are not fenced.
         for number, line in enumerate((ROOT / page).read_text().splitlines(), 1):
             if line.startswith("    "):
-                yield from ((f"{page}:{number}", words) for words in commands_of(re.sub("  +", "  # ", line.strip())))
+                yield from (
+                    (f"{page}:{number}", words)
+                    for words in commands_of(re.sub("  +", "  # ", line.strip()))
+                )
     for figure in json.loads((ROOT / "docs" / "figures.json").read_text()):
         yield from ((figure["files"][0], words) for words in commands_of(figure["command"]))
 

@@ -1,4 +1,4 @@
-"""A page is followed: its commands and examples run one after the other, and what they print is compared."""
+"""A page is followed: its commands and examples run one after the other; what they print is compared."""
 
 import os
 import re
@@ -117,7 +117,9 @@ class Follower:
         name = f"block_{block.line}"
         (self._folder / "test" / f"{name}.ts").write_text(self._placed(block.text))
         self._run(["npm", "run", "--silent", "build"], where)
-        self.printed = self._run(["node", "--no-warnings", "--experimental-websocket", f"build/test/{name}.js"], where)
+        self.printed = self._run(
+            ["node", "--no-warnings", "--experimental-websocket", f"build/test/{name}.js"], where
+        )
 
     def compare(self, shown: str, where: str) -> None:
         """What was printed last, with what a page shows."""
@@ -134,7 +136,10 @@ class Follower:
     def _foreground(self, lines: list[str], where: str) -> None:
         if lines:
             text = self._placed("\n".join(lines))
-            self._again, self.printed = None, self._run(["bash", "-ec", text], where, telling=text.startswith(TELLING))
+            self._again, self.printed = (
+                None,
+                self._run(["bash", "-ec", text], where, telling=text.startswith(TELLING)),
+            )
         lines.clear()
 
     def _run(self, command: list[str], where: str, *, telling: bool = False) -> str:

@@ -3,6 +3,7 @@
 A block that is new runs, whole and as it stands, unless one of these tables says otherwise.
 """
 
+import os
 import sys
 from pathlib import Path
 from typing import Final
@@ -16,23 +17,32 @@ ENDPOINT: Final = "tcp/127.0.0.1:7447"
 
 ROS: Final = Path(sys.prefix) / "ros2" / "bin" / "python"
 
+_DATA: Final = Path(os.environ.get("TAXEL_DATA", ROOT.parent / "shared" / "data"))
+LASA: Final = next((place for place in (_DATA, _DATA / "data") if place.is_dir()), _DATA) / "lasa_contact"
+"""Real recordings, which are not shipped."""
+
 NAMED: Final = {
     # Lines that are not run, by how they begin, and why.
     "make ": "sets up .venv, where the tests run; a test looks for the target",
     "pip install ": "needs a package index; `make matrix` installs the wheel and its extras",
     "apt install ": "changes the machine",
-    "python3 -m venv /opt/": "changes the machine; tests/packaging/test_service_unit.py looks at systemd's unit",
+    "python3 -m venv /opt/": "changes the machine; tests/packaging/test_service_unit.py checks the unit",
     "mkdir /etc/": "changes the machine",
     "cp packaging/taxel.service ": "changes the machine",
     "systemctl ": "changes the machine",
     "gz ": "Gazebo is not here; tests/clients/gazebo has a program that speaks like it",
     "ros2 run ": "rmw_zenoh is not among ROS's wheels; the tests have a zenoh router of their own",
-    "ros2 launch ": "is not among ROS's wheels; tests/clients/ros2/test_rclpy.py runs the launch file's command",
+    "ros2 launch ": "is not among ROS's wheels; tests/clients/ros2/test_rclpy.py runs the file's command",
     "opentelemetry-instrument ": "needs taxel[otel]; tests/server/test_traces.py compares the spans",
-    "taxel loop --model xgb --repository REPO": "a pattern; the same page and docs/start.md run the command",
+    "taxel loop --model xgb --repository REPO": "a pattern; this page and docs/start.md run the command",
     "taxel loop-trial --ground ": "trains a model on recordings that are not shipped, for two minutes",
-    "taxel loop-trial --trials 20 --sensitivity": "plays each round 25 times; tests/models/recovery does so",
+    "taxel loop-trial --trials 20 --sensitivity": "plays a round 25 times; tests/models/recovery does so",
 }
+
+if not ROS.exists():
+    NAMED["python -m taxel.ros2.rclpy_node "] = "ROS's wheels are not installed: `make .venv/.ros2`"
+if not LASA.is_dir():
+    NAMED["python -m taxel_models.twin.measured_comparison "] = "the real recordings are not here"
 
 KEPT: Final = {
     # Pages whose commands made results that are kept, in hours and of recordings that are not shipped.
@@ -41,7 +51,7 @@ KEPT: Final = {
     "docs/results/recovery.md": "160 rounds on real recordings",
     "docs/results/reload/README.md": "100 loads; tests/bench/reload runs `bench reload`",
     "docs/results/replicas/README.md": "servers are killed; tests/server/test_replicas.py does so",
-    "docs/results/study.md": "95 minutes on slide recordings; docs/study.md and docs/cluster.md run in small",
+    "docs/results/study.md": "95 minutes on slide recordings; docs/study.md runs in small",
 }
 
 TEXTS: Final = {
@@ -120,9 +130,11 @@ _TREES: Final = f"mkdir repository && cp -r {_SHIPPED}/xgb repository/\n"
 _GAZEBO: Final = str(ROOT / "tests" / "exporters" / "gazebo" / "conftest.py")
 _MATERIALS: Final = """{"name": "materials", "repeat": 4, "steps": [
   {"kind": "column", "column": "material", "value": 1},
-  {"kind": "press", "place": {"along_mm": -4, "around_deg": 0}, "force_n": 2, "speed_n_s": 20, "hold_s": 3},
+  {"kind": "press", "place": {"along_mm": -4, "around_deg": 0}, "force_n": 2,
+   "speed_n_s": 20, "hold_s": 3},
   {"kind": "column", "column": "material", "value": 2},
-  {"kind": "press", "place": {"along_mm": -4, "around_deg": 0}, "force_n": 3, "speed_n_s": 20, "hold_s": 3}]}"""
+  {"kind": "press", "place": {"along_mm": -4, "around_deg": 0}, "force_n": 3,
+   "speed_n_s": 20, "hold_s": 3}]}"""
 _ROUTER: Final = (
     "python -c 'import zenoh, time; settings = zenoh.Config();"
     ' settings.insert_json5("mode", "\\"router\\"");'
@@ -135,15 +147,14 @@ GIVEN: Final = {
     # What is there before a page's first command.
     "docs/calibration.md": "taxel twin --rows 30000 --seed 1 -o mine.csv && cp mine.csv day1.csv\n"
     "taxel twin --rows 12000 --seed 2 -o day2.csv\n",
-    "docs/cluster.md": TWIN + "cp mine.csv recording.csv\n",
+    "docs/cluster.md": TWIN.replace("3000", "6000") + "cp mine.csv recording.csv\n",
     "docs/gazebo.md": f"""
 python -c "import pathlib, runpy; runpy.run_path('{_GAZEBO}')['network_b']().write(pathlib.Path('.'))"
 """,
     "docs/gazebo_bridge.md": _ROUTER,
     "docs/load.md": _TREES,
-    "docs/models.md": TWIN
-    + "taxel train --model ffnn --inputs 1 --data mine.csv -o dense --set epochs=1"
-    " --set neurons=[256,256] --set activations='[\"relu\",\"relu\"]'\n",
+    "docs/models.md": TWIN + "taxel train --model ffnn --inputs 1 --data mine.csv -o dense --set epochs=1"
+    ' --set neurons=[256,256] --set activations=\'["relu","relu"]\'\n',
     "docs/next_recording.md": "taxel twin --rows 6000 --seed 3 --effect drift:1 -o measured.csv\n" + _TREES,
     "docs/recordings.md": "mkdir -p path/to && taxel twin --rows 300 -o path/to/the_file.csv\n",
     "docs/recovery.md": f"echo '{_MATERIALS}' > materials.json\n"
@@ -153,7 +164,7 @@ python -c "import pathlib, runpy; runpy.run_path('{_GAZEBO}')['network_b']().wri
     "docs/search.md": TWIN,
     "docs/security.md": _TREES + "python -m trustme -q -i localhost && mv client.pem ca.pem\n"
     "printf 'robot:…\\noperator:turns\\n' > users\n",
-    "docs/study.md": TWIN,
+    "docs/study.md": TWIN.replace("3000", "6000"),
     "docs/versions.md": _TREES + "for v in 2 3; do cp -r repository/xgb/1 repository/xgb/$v\n"
     'sed -i "s/\\"version\\": \\"1\\"/\\"version\\": \\"$v\\"/" repository/xgb/$v/manifest.json; done\n'
     "taxel serve --repository repository --listen tcp/127.0.0.1:7447\n",
@@ -162,7 +173,14 @@ python -c "import pathlib, runpy; runpy.run_path('{_GAZEBO}')['network_b']().wri
 }
 
 TOGETHER: Final = frozenset(
-    {"docs/start.md", "docs/your_recordings.md", "docs/loop.md", "docs/twin.md", "docs/gazebo.md", "docs/security.md"}
+    {
+        "docs/start.md",
+        "docs/your_recordings.md",
+        "docs/loop.md",
+        "docs/twin.md",
+        "docs/gazebo.md",
+        "docs/security.md",
+    }
 )
 """Pages whose Python examples work on what their commands have made. Others are one Python program."""
 
@@ -178,6 +196,7 @@ STAND_INS: Final = {
     "--connect ENDPOINT": f"--connect {ENDPOINT}",
     "tcp://HOST:": "tcp://127.0.0.1:",
     "tcp/ROBOT:": "tcp/127.0.0.1:",
+    "LASA_FOLDER": str(LASA),
     "--into RECORDING": "--into recording.csv",
     "npm ci && npm run build": "npm run build",
     "taxel export trained --repository models": "taxel export dense --repository models",
@@ -187,18 +206,19 @@ STAND_INS: Final = {
 _EFFECTS: Final = "".join(f" --exclude {name}" for name in NAMES if name not in ("creep", "offset"))
 _LITTLE_LOOP: Final = f"--stability 0{_EFFECTS}"
 _LITTLE_STUDY: Final = (
-    "--models network-b,xgb --inputs 1 --folds 2 --rows 2000 --set xgb.n_estimators=2 --set xgb.max_depth=3"
+    "--models network-b,xgb --inputs 1 --folds 3 --set xgb.n_estimators=2 --set xgb.max_depth=3"
     " --set network-b.epochs=1 --set network-b.position_column=[4] --set network-b.force_column=[4]"
     " --set network-b.temperature_column=[2] --set network-b.trunk=[4] --set network-b.batch_size=4096"
 )
 _LITTLE_NETWORKS: Final = (
-    "--set transformer.epochs=1 --set transformer.layers=1 --set transformer.embedding=12 --set transformer.heads=2"
-    " --set transformer.hidden=8"
+    "--set transformer.epochs=1 --set transformer.layers=1 --set transformer.embedding=12"
+    " --set transformer.heads=2 --set transformer.hidden=8"
 )
 
 SMALLER: Final = {
     # What is added to commands that begin so; of options that are given twice, the last counts.
-    "bench capacity": "--models xgb,ffnn --rates 100 --seconds 0.1 --most 1 --repository repository --json > capacity.json",
+    "bench capacity": "--models xgb,ffnn --rates 100 --seconds 0.1 --most 1 --repository repository --json"
+    " > capacity.json",
     "bench capacity --models": "--seconds 0.1 --most 1 --repository repository",
     "bench churn": "--clients 2 --rows 64 --repository repository",
     "bench lane": "--rounds 1 --seconds 0.05 --gap-ms 0",
@@ -225,7 +245,8 @@ SMALLER: Final = {
     "taxel serve --websocket": f"--repository repository --listen {ENDPOINT}",
     "taxel study": _LITTLE_STUDY,
     "taxel train  --model ffnn": "--set epochs=1",
-    "taxel train --model ensemble --members ffnn": "--members ffnn:1,xgb:1 --set ffnn.epochs=1 --set xgb.n_estimators=2 --overwrite",
+    "taxel train --model ensemble --members ffnn": "--members ffnn:1,xgb:1 --set ffnn.epochs=1"
+    " --set xgb.n_estimators=2",
     "taxel train --model ensemble --members transformer": f"--members transformer:2 {_LITTLE_NETWORKS}",
     "taxel train --model xgb": "--set n_estimators=20",
     "taxel twin --rows 60000": "--rows 12000",

@@ -1,4 +1,4 @@
-"""The fenced blocks of README and docs: each has a language, and runs, is read or is named with a reason."""
+"""The fenced blocks of README and docs: each has a language, and runs, is read or is named."""
 
 import json
 import re
@@ -105,7 +105,11 @@ def test_commands_are_understood(where: str, words: list[str]) -> None:
 
 
 def test_a_synopsis_names_real_options() -> None:
-    (synopsis,) = (block for block in blocks("docs/recordings.md") if block.language == "text" and block.text.startswith("taxel "))
+    (synopsis,) = (
+        block
+        for block in blocks("docs/recordings.md")
+        if block.language == "text" and block.text.startswith("taxel ")
+    )
     _understood(str(synopsis), re.sub(r"[\[\]]", "", synopsis.text).split())
 
 
@@ -116,7 +120,9 @@ def test_the_readme_example_is_short() -> None:
 
 def test_damaged_recordings_are_refused_in_these_words(tmp_path: Path) -> None:
     """The first three lines of that block; tests of each format have the others."""
-    (shown,) = (block.text for block in blocks("docs/recordings.md") if block.text.startswith("run.csv:812"))
+    (shown,) = (
+        block.text for block in blocks("docs/recordings.md") if block.text.startswith("run.csv:812")
+    )
     whole = tmp_path / "run.csv"
     write_ruppel(simulate(820, 1), whole)
     rows = [line.split(",") for line in whole.read_text().splitlines()]

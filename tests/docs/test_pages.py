@@ -1,7 +1,6 @@
 """README and docs are followed: their commands and examples run in small, and print what is shown."""
 
 import shutil
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -9,8 +8,8 @@ from typing import Final
 import pytest
 
 from .blocks import ALL, ROOT, blocks
-from .following import SERVE, Follower, compare, in_small, is_named
-from .given import CHECKS, KEPT, PRELUDES, ROS, TOGETHER
+from .following import SERVE, Follower, compare
+from .given import CHECKS, KEPT, PRELUDES, TOGETHER
 from .warm import warm_programs
 
 PYTHON_PAGES: Final = sorted({one.page for one in ALL if one.language == "python"} - TOGETHER)

@@ -1,8 +1,8 @@
 """Commands in forks of one process that has imported what they need.
 
-Small as the tests make a page's commands, importing PyTorch takes each of them longer than its work. So they are
-started by a small program of the same name. It hands its arguments, folder, environment and files to this process,
-whose fork does the work, and ends as that one ends.
+Small as the tests make a page's commands, importing PyTorch takes each of them longer than its work. So a
+small program of the same name stands on the PATH. It hands its arguments, folder, environment and files to
+this process, whose fork does the work, and ends as that one ends.
 """
 
 import atexit
@@ -29,7 +29,12 @@ IMPORTED: Final = (
     *("distributed", "matplotlib.pyplot", "mujoco", "onnxscript", "scipy.optimize"),
     *("scipy.stats", "smac", "statsmodels.stats.multitest", "torch", "xgboost", "zenoh"),
     *("taxel.commands.cli", "taxel.mujoco", "taxel.remote", "taxel.torch", "taxel_bench.commands"),
-    *("taxel_exporters.export", "taxel_exporters.loop", "taxel_models.calibration", "taxel_models.loop.pipeline"),
+    *(
+        "taxel_exporters.export",
+        "taxel_exporters.loop",
+        "taxel_models.calibration",
+        "taxel_models.loop.pipeline",
+    ),
     *("taxel_models.recovery.benchmark", "taxel_models.search.run", "taxel_models.study.run"),
     *("taxel_models.training.train", "taxel_server.local", "taxel_server.service"),
 )
@@ -161,8 +166,8 @@ def _run(words: list[str], folder: str, environment: dict[str, str]) -> None:
 
 
 if __name__ == "__main__":
-    # A fork has one thread only: a lock that another one held would never be let go. pyarrow starts one for its
-    # memory; so does onnxruntime, and OpenBLAS one for each further core.
+    # A fork has one thread only: a lock that another one held would never be let go. pyarrow, onnxruntime and
+    # OpenBLAS start threads when they are imported.
     sys.modules["pyarrow"] = None  # type: ignore[assignment]
     for each in IMPORTED:
         try:
