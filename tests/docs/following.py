@@ -33,13 +33,19 @@ SERVE: Final = f"taxel serve --listen {ENDPOINT}"
 PORTS: Final = re.compile(r"(?<=[:/ ])(7447|7448|7449|7450|8786)\b")
 """What the pages call ports. The tests take free ones."""
 
-_PATIENCE_S: Final = 60.0
+_PATIENCE_S: Final = 240.0
+
+
+def stood_in(text: str) -> str:
+    """A page's text with what a test has instead of a reader's own things."""
+    for shown, there in STAND_INS.items():
+        text = text.replace(shown, there)
+    return text
 
 
 def in_small(line: str) -> str:
     """A page's line with its stand-ins, and what makes it small."""
-    for shown, there in STAND_INS.items():
-        line = line.replace(shown, there)
+    line = stood_in(line)
     known = [begin for begin in SMALLER if line.startswith(begin)]
     if not known:
         return line
@@ -109,7 +115,7 @@ class Follower:
 
     def python(self, program: str, where: str) -> None:
         """A Python program."""
-        self._again = partial(self._run, ["python", "-c", self._placed(program)], where)
+        self._again = partial(self._run, ["python", "-c", self._placed(stood_in(program))], where)
         self.printed = self._again()
 
     def typescript(self, block: Block, where: str) -> None:
@@ -129,8 +135,6 @@ class Follower:
         compare(self.printed, shown, where)
 
     def _placed(self, text: str) -> str:
-        for shown, there in STAND_INS.items():
-            text = text.replace(shown, there)
         return PORTS.sub(lambda found: str(self.port(found[0])), text)
 
     def _foreground(self, lines: list[str], where: str) -> None:
@@ -192,7 +196,7 @@ def _end(process: subprocess.Popen[bytes], log: Path, where: str) -> None:
 def _runs_elsewhere(line: str, page: str) -> bool:
     """Whether the loop, which takes longest, runs in the same words where the first page is followed."""
     first = "docs/start.md"
-    return line.startswith("taxel loop --") and page != first and line in (ROOT / first).read_text()
+    return line.startswith("taxel loop --") and page != first and line in (ROOT / first).read_text().splitlines()
 
 
 def compare(printed: str, shown: str, where: str) -> None:

@@ -35,6 +35,7 @@ NAMED: Final = {
     "ros2 launch ": "is not among ROS's wheels; tests/clients/ros2/test_rclpy.py runs the file's command",
     "opentelemetry-instrument ": "needs taxel[otel]; tests/server/test_traces.py compares the spans",
     "taxel loop --model xgb --repository REPO": "a pattern; this page and docs/start.md run the command",
+    "taxel twin --protocol report/next-1-": "which pairs a recording leaves open depends on it; tests/models/loop",
     "taxel loop-trial --ground ": "trains a model on recordings that are not shipped, for two minutes",
     "taxel loop-trial --trials 20 --sensitivity": "plays a round 25 times; tests/models/recovery does so",
 }
@@ -154,8 +155,11 @@ python -c "import pathlib, runpy; runpy.run_path('{_GAZEBO}')['network_b']().wri
     "docs/gazebo_bridge.md": _ROUTER,
     "docs/load.md": _TREES,
     "docs/models.md": TWIN + "taxel train --model ffnn --inputs 1 --data mine.csv -o dense --set epochs=1"
-    ' --set neurons=[256,256] --set activations=\'["relu","relu"]\'\n',
-    "docs/next_recording.md": "taxel twin --rows 6000 --seed 3 --effect drift:1 -o measured.csv\n" + _TREES,
+    ' --set neurons=[128,128,32] --set activations=\'["relu","relu","relu"]\'\n',
+    "docs/next_recording.md": "taxel twin --rows 6000 --seed 3 --effect drift:2 -o measured.csv\n"
+    + _TREES
+    + "mv repository/xgb repository/mine\n"
+    'sed -i "s/\\"name\\": \\"xgb\\"/\\"name\\": \\"mine\\"/" repository/mine/1/manifest.json\n',
     "docs/recordings.md": "mkdir -p path/to && taxel twin --rows 300 -o path/to/the_file.csv\n",
     "docs/recovery.md": f"echo '{_MATERIALS}' > materials.json\n"
     "taxel twin --protocol materials.json -o recording.csv\n",
@@ -205,6 +209,9 @@ STAND_INS: Final = {
 
 _EFFECTS: Final = "".join(f" --exclude {name}" for name in NAMES if name not in ("creep", "offset"))
 _LITTLE_LOOP: Final = f"--stability 0{_EFFECTS}"
+_TWO_CAUSES: Final = "--stability 0" + "".join(
+    f" --exclude {name}" for name in NAMES if name not in ("drift", "temperature")
+)
 _LITTLE_STUDY: Final = (
     "--models network-b,xgb --inputs 1 --folds 3 --set xgb.n_estimators=2 --set xgb.max_depth=3"
     " --set network-b.epochs=1 --set network-b.position_column=[4] --set network-b.force_column=[4]"
@@ -237,7 +244,8 @@ SMALLER: Final = {
     "taxel demo": "--seconds 1 --rows 200",
     "taxel gazebo": "--router tcp/127.0.0.1:7447",
     "taxel load": f"--connect {ENDPOINT}",
-    "taxel loop --model mine": _LITTLE_LOOP,
+    "taxel loop --model mine --repository repository --data measured.csv -o report": _TWO_CAUSES,
+    "taxel loop --model mine --repository repository --data measured.csv -o report --export": _LITTLE_LOOP,
     "taxel loop --model network-b": _LITTLE_LOOP,
     "taxel loop-trial": "--trials 1 --rows 5000",
     "taxel search": "--trials 2 --budget 1 --least-budget 1 --set learning_rate=0.001",

@@ -166,7 +166,7 @@ def _run(words: list[str], folder: str, environment: dict[str, str]) -> None:
 
 
 if __name__ == "__main__":
-    # A fork has one thread only: a lock that another one held would never be let go. pyarrow, onnxruntime and
+    # A fork has one thread only: a lock that another held would never be let go. pyarrow, onnxruntime and
     # OpenBLAS start threads when they are imported.
     sys.modules["pyarrow"] = None  # type: ignore[assignment]
     for each in IMPORTED:
