@@ -196,7 +196,11 @@ def _end(process: subprocess.Popen[bytes], log: Path, where: str) -> None:
 def _runs_elsewhere(line: str, page: str) -> bool:
     """Whether the loop, which takes longest, runs in the same words where the first page is followed."""
     first = "docs/start.md"
-    return line.startswith("taxel loop --") and page != first and line in (ROOT / first).read_text().splitlines()
+    return (
+        line.startswith("taxel loop --")
+        and page != first
+        and line in (ROOT / first).read_text().splitlines()
+    )
 
 
 def compare(printed: str, shown: str, where: str) -> None:

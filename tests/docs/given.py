@@ -168,7 +168,7 @@ python -c "import pathlib, runpy; runpy.run_path('{_GAZEBO}')['network_b']().wri
     "docs/search.md": TWIN,
     "docs/security.md": _TREES + "python -m trustme -q -i localhost && mv client.pem ca.pem\n"
     "printf 'robot:…\\noperator:turns\\n' > users\n",
-    "docs/study.md": TWIN.replace("3000", "6000"),
+    "docs/study.md": TWIN.replace("3000", "9000"),
     "docs/versions.md": _TREES + "for v in 2 3; do cp -r repository/xgb/1 repository/xgb/$v\n"
     'sed -i "s/\\"version\\": \\"1\\"/\\"version\\": \\"$v\\"/" repository/xgb/$v/manifest.json; done\n'
     "taxel serve --repository repository --listen tcp/127.0.0.1:7447\n",
