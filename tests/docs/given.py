@@ -35,7 +35,7 @@ NAMED: Final = {
     "ros2 launch ": "is not among ROS's wheels; tests/clients/ros2/test_rclpy.py runs the file's command",
     "opentelemetry-instrument ": "needs taxel[otel]; tests/server/test_traces.py compares the spans",
     "taxel loop --model xgb --repository REPO": "a pattern; this page and docs/start.md run the command",
-    "taxel twin --protocol report/next-1-": "which pairs a recording leaves open depends on it; tests/models/loop",
+    "taxel twin --protocol report/next-1-": "tests/models/loop/next_recording has such protocols",
     "taxel loop-trial --ground ": "trains a model on recordings that are not shipped, for two minutes",
     "taxel loop-trial --trials 20 --sensitivity": "plays a round 25 times; tests/models/recovery does so",
 }
@@ -232,7 +232,7 @@ SMALLER: Final = {
     "bench lane --model xgb --size paper": "--model network-b --rounds 1 --seconds 0.05",
     "bench load": "--queries 24 --repository repository",
     "bench load --scenario server": "--duration 0.2 --repository repository",
-    "bench scale": "--measured capacity.json --requests 10000",
+    "bench scale": "--measured capacity.json --requests 10000 --latency-bound 1000",
     "bench simulator --json": "--fingers 1,2 --models xgb --seconds 0.1",
     "bench simulator --fingers": "--fingers 2 --seconds 0.1",
     "dask scheduler": "--port 8786 --no-dashboard",
