@@ -202,6 +202,9 @@ STAND_INS: Final = {
     "tcp/ROBOT:": "tcp/127.0.0.1:",
     "LASA_FOLDER": str(LASA),
     "--into RECORDING": "--into recording.csv",
+    # The newest version answers by now; a shadow needs another one that does.
+    "taxel load xgb/3 --shadow": f"taxel load xgb/1 --connect {ENDPOINT} &&"
+    f" taxel unload xgb/3 --connect {ENDPOINT} && taxel load xgb/3 --shadow",
     "npm ci && npm run build": "npm run build",
     "taxel export trained --repository models": "taxel export dense --repository models",
     "python -m taxel.ros2.rclpy_node": f"{ROS} -m taxel.ros2.rclpy_node",
@@ -272,7 +275,7 @@ STARTED: Final = {
     "taxel ros2": "takes contacts of",
     "taxel serve": "listening on",
     "taxel watch": "Ctrl-C ends it",
-    f"{ROS} -m taxel.ros2.rclpy_node": "is not published",
+    f"{ROS} -m taxel.ros2.rclpy_node": ": STALE: ",
 }
 
 TELLING: Final = ("taxel check", "taxel doctor")
