@@ -189,7 +189,11 @@ class Follower:
 
 def _end(process: subprocess.Popen[bytes], log: Path, where: str) -> None:
     process.terminate()
-    process.wait(60)
+    try:
+        process.wait(60)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        raise
     assert "Traceback" not in log.read_text(), f"{where}: {log.read_text()}"
 
 

@@ -175,7 +175,7 @@ if __name__ == "__main__":
         except ImportError:
             continue
     del sys.modules["pyarrow"]
-    assert len(list(Path("/proc/self/task").iterdir())) == 1
+    assert len(list(Path("/proc/self/task").glob("*"))) <= 1
     gc.collect()
     gc.freeze()
     _leave(_ended(**_asked(sys.argv[1])))
