@@ -227,14 +227,15 @@ _LITTLE_NETWORKS: Final = (
 
 SMALLER: Final = {
     # What is added to commands that begin so; of options that are given twice, the last counts.
-    "bench capacity": "--models xgb,ffnn --rates 100 --seconds 0.1 --most 1 --repository repository --json"
+    "bench capacity": "--models xgb,ffnn --rates 100 --seconds 0.1 --most 1"
+    " --clients 1 --repository repository --json"
     " > capacity.json",
-    "bench capacity --models": "--seconds 0.1 --most 1 --repository repository",
+    "bench capacity --models": "--seconds 0.1 --most 1 --clients 1 --repository repository",
     "bench churn": "--clients 2 --rows 64 --repository repository",
     "bench lane": "--rounds 1 --seconds 0.05 --gap-ms 0",
     "bench lane --model xgb --size paper": "--model network-b --rounds 1 --seconds 0.05",
     "bench load": "--queries 24 --repository repository",
-    "bench load --scenario server": "--duration 0.2 --repository repository",
+    "bench load --scenario server": "--duration 0.2 --clients 1 --repository repository",
     "bench scale": "--measured capacity.json --requests 10000 --latency-bound 1000",
     "bench simulator --json": "--fingers 1,2 --models xgb --seconds 0.1",
     "bench simulator --fingers": "--fingers 2 --seconds 0.1",
