@@ -39,14 +39,17 @@ class MisalignedTwin:
     found: Calibration
 
     @classmethod
-    def calibrated(cls, seed: int, standoff: float | None = None) -> "MisalignedTwin":
+    def calibrated(
+        cls, seed: int, standoff: float | None = None, rows: int = PAPER_ROWS
+    ) -> "MisalignedTwin":
         """Add an error and estimate it.
 
         Args:
             seed: seed of the twin and of the error.
             standoff: given to the calibration, mm; estimated if None. The twin's is 0.
+            rows: of the twin; those of the paper's recording if not given.
         """
-        twin = simulate(PAPER_ROWS, seed)
+        twin = simulate(rows, seed)
         recorded = moved(twin, misalignment(seed))
         return cls(twin, recorded, calibrate([recorded], standoff=standoff))
 
@@ -83,16 +86,19 @@ def main(
     standoff: Annotated[
         float | None, typer.Option(help="Told to the calibration, mm; the twin's is 0. Else estimated.")
     ] = None,
+    rows: Annotated[
+        int, typer.Option(min=20_000, help="Of each twin; those of the paper's recording if not given.")
+    ] = PAPER_ROWS,
     as_json: Json = False,
 ) -> None:
     """Print how far each twin's contacts are from their true place after calibration, mm."""
     numbers = track(
         range(seed, seed + twins), "twins", console=Console(stderr=True, quiet=as_json), transient=True
     )
-    off = {number: MisalignedTwin.calibrated(number, standoff).off_mm for number in numbers}
+    off = {number: MisalignedTwin.calibrated(number, standoff, rows).off_mm for number in numbers}
     distances = np.array(list(off.values()))
     if as_json:
-        print_json({"seeds": list(off), "standoff": standoff, "off_mm": distances.tolist()})
+        print_json({"seeds": list(off), "rows": rows, "standoff": standoff, "off_mm": distances.tolist()})
         return
     table = Table("seed", "off, mm")
     for number, distance in off.items():

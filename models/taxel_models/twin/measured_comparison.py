@@ -10,7 +10,7 @@ underside close to an electrode, as a flat plate always does.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 import typer
@@ -118,9 +118,12 @@ def table(folder: Path, rows: int, seed: int) -> Table:
     return lines
 
 
-def main(folder: Path) -> None:
+def main(
+    folder: Path,
+    rows: Annotated[int, typer.Option(min=10_000, help="Of the twin; 100 are a second.")] = 300_000,
+) -> None:
     """Print the twin beside the LASA recordings in FOLDER."""
-    Console().print(table(folder, rows=300_000, seed=7))
+    Console().print(table(folder, rows, seed=7))
 
 
 if __name__ == "__main__":
