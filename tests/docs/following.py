@@ -63,13 +63,12 @@ class Follower:
 
     Args:
         folder: where they run.
-        programs: a folder with `taxel`, `bench` and `python`, which comes first on the PATH.
         server: the port of a server of the shipped models; None while that one is started.
     """
 
-    def __init__(self, folder: Path, programs: Path, server: int | None = None) -> None:
+    def __init__(self, folder: Path, server: int | None = None) -> None:
         self._folder, self._server = folder, server
-        path = os.pathsep.join([str(programs), str(Path(sys.executable).parent), os.environ["PATH"]])
+        path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
         self._environment = {**os.environ, "PATH": path, "COLUMNS": "120", "TAXEL_PYTHON": sys.executable}
         self._ports: dict[str, int] = {} if server is None else {"7447": server}
         self._running = ExitStack()

@@ -10,7 +10,6 @@ import pytest
 from .blocks import ALL, ROOT, blocks
 from .following import SERVE, Follower, compare
 from .given import CHECKS, KEPT, PRELUDES, TOGETHER
-from .warm import warm_programs
 
 PYTHON_PAGES: Final = sorted({one.page for one in ALL if one.language == "python"} - TOGETHER)
 
@@ -18,24 +17,17 @@ FOLLOWED: Final = sorted({one.page for one in ALL if one.language in ("sh", "ts"
 
 
 @pytest.fixture(scope="module")
-def programs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """A folder with `taxel`, `bench` and `python`, which need not import anything."""
-    with warm_programs(tmp_path_factory.mktemp("warm")) as folder:
-        yield folder
-
-
-@pytest.fixture(scope="module")
-def server(programs: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     """The port of the server that README starts."""
     assert any(SERVE in block.text for block in blocks("README.md"))
-    with Follower(tmp_path_factory.mktemp("server"), programs) as starting:
+    with Follower(tmp_path_factory.mktemp("server")) as starting:
         starting.shell(SERVE, "README.md", "README.md")
         yield starting.port("7447")
 
 
 @pytest.fixture
-def follower(programs: Path, server: int, tmp_path: Path) -> Iterator[Follower]:
-    with Follower(tmp_path, programs, server) as following:
+def follower(server: int, tmp_path: Path) -> Iterator[Follower]:
+    with Follower(tmp_path, server) as following:
         yield following
 
 
