@@ -1,8 +1,10 @@
 """The engine: what a repository offers, and that a damaged artifact harms no other."""
 
+import gc
 import re
 import shutil
 import sys
+import weakref
 from collections.abc import Callable
 from dataclasses import astuple
 from pathlib import Path
@@ -11,8 +13,9 @@ import numpy as np
 import pytest
 
 from taxel.errors import ArtifactError, MissingDependency, NotFound, Unavailable
+from taxel_models.shipped import shipped_repository
 from taxel_server import engine as engine_module
-from taxel_server.engine import Engine
+from taxel_server.engine import Engine, load_model
 from taxel_server.runtimes import Runtime
 
 
@@ -37,6 +40,20 @@ def test_a_loaded_model_names_its_evaluators(engine: Engine) -> None:
         assert "" not in (model.one_row, model.many_rows, model.instruction_set)
         assert (model.one_row, model.instruction_set) == astuple(runtime.evaluator(1))
         assert model.many_rows == runtime.evaluator(1024).name
+
+
+@pytest.mark.parametrize("name", ["xgb", "ffnn", "transformer", "network-a", "network-b"])
+def test_an_unloaded_model_needs_no_garbage_collector(name: str) -> None:
+    """A server's collector never looks at what was there when it began to serve."""
+    model = load_model(shipped_repository() / name / "1")
+    gc.collect()
+    gc.disable()
+    try:
+        left = weakref.ref(model), weakref.ref(model.runtime)
+        del model
+        assert [each() for each in left] == [None, None]
+    finally:
+        gc.enable()
 
 
 def test_an_artifact_that_was_not_loaded_names_no_evaluator(repository: Path) -> None:
