@@ -6,6 +6,7 @@ import pytest
 import taxel
 from taxel.artifacts import folder_of, read
 from taxel.predictor import DEFAULT_MODEL
+from taxel.skin import Fingertip
 from taxel_models.evaluation.metrics import ErrorMetrics
 from taxel_models.shipped import shipped_repository
 from taxel_models.training.dataset import examples
@@ -36,7 +37,7 @@ def test_the_default_is_causal_and_knows_its_training() -> None:
     assert manifest.training is not None
     contacts = manifest.training.contacts
     assert contacts is not None
-    assert contacts.on_skin == 1.0
+    assert (contacts.skin_radius, contacts.on_skin) == (Fingertip.biotac_2p().radius, 1.0)
     assert contacts.period_ms == 10.0
 
 

@@ -49,7 +49,9 @@ class TrainedContacts(Schema):
         x, y, z: of places that are touched with at least `TOUCHED_N`, sensor's frame, m.
         fx, fy, fz, force: the force's axes and its magnitude, N.
         extras: of further recorded columns that the model may take, such as `tdc`, counts.
-        on_skin: the share of touched places that lie on `taxel.skin`, within `OFF_SKIN_M`.
+        skin_radius: of the skin that they were compared with, a cylinder along -x that a hemisphere closes
+            (`taxel.skin`), m; None where an older Taxel trained the model.
+        on_skin: the share of touched places that lie on this skin, within `OFF_SKIN_M`.
         pressing: the share of touches whose force points into the finger.
     """
 
@@ -62,6 +64,7 @@ class TrainedContacts(Schema):
     fz: Range
     force: Range
     extras: dict[str, Range] = Field(default_factory=dict)
+    skin_radius: Positive | None = None
     on_skin: Share
     pressing: Share
 
@@ -87,6 +90,7 @@ class TrainedContacts(Schema):
             **ranges,
             force=Range.of(magnitude),
             extras={name: Range.of(column) for name, column in extras.items()},
+            skin_radius=skin.radius,
             on_skin=float((np.abs(skin.height(places)) <= OFF_SKIN_M).mean()),
             pressing=float((outward(places, pushes) < 0.0).mean()),
         )
