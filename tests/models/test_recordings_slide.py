@@ -44,7 +44,7 @@ def write_trial(
         lines = []
         for message in range(rows):
             at_ms = 3 + 10 * message
-            linear = [factor * at_ms for factor in (1, 2, -1)]
+            linear = [factor * at_ms / 1000 for factor in (1, 2, -1)]
             rest = ["-nan"] * 3 if stream == "cv" else ["0"] * (header.count(",") - 2)
             lines.append(",".join([stamp(start_ns + at_ms * 1_000_000), *map(str, linear), *rest]))
         (folder / f"{name}_{stream}.csv").write_text("\n".join([f"timestamp,{header}", *lines, ""]))
@@ -55,10 +55,10 @@ def test_a_trial_lies_on_the_tactile_clock_to_the_nanosecond(tmp_path: Path) -> 
     recording = read_slide(tmp_path)
     assert recording.samples.time_ns.tolist() == [START_NS + 10_000_000 * row for row in range(1, 12)]
     at_ms = 10.0 * np.arange(1, 12)
-    linear = np.column_stack([at_ms, 2 * at_ms, -at_ms])
+    linear = np.column_stack([at_ms, 2 * at_ms, -at_ms]) / 1000
     np.testing.assert_allclose(recording.samples.position, linear, rtol=1e-12)
     np.testing.assert_allclose(recording.samples.force, linear, rtol=1e-12)
-    np.testing.assert_allclose(recording.covariates["velocity_y"], 2 * at_ms, rtol=1e-12)
+    np.testing.assert_allclose(recording.covariates["velocity_y"], 2 * at_ms / 1000, rtol=1e-12)
     np.testing.assert_allclose(recording.covariates["robot_gap"], 0.01)
     assert recording.dropped == {OUTSIDE: 1}
 
@@ -154,8 +154,8 @@ def test_a_missing_stream_is_named(tmp_path: Path, stream: str) -> None:
         ("bio", ".224555703,1,", ".224555703,x,", "3: column 'tdc': 'x' is not a number; expected"),
         ("bio", ".224555703,1,", ".224555703,", "3: 44 columns; expected 45"),
         ("bio", ".224555703,1,", ".214555703,1,", r"3: time \d+ ns follows \d+ ns; expected time to incr"),
-        ("cw", "703,13,", "703,nan,", "3: column 'fx': nan is not finite; expected"),
-        ("cv", "703,13,", "703,-nan,", "3: column 'x': nan is not finite; expected"),
+        ("cw", "703,0.013,", "703,nan,", "3: column 'fx': nan is not finite; expected"),
+        ("cv", "703,0.013,", "703,-nan,", "3: column 'x': nan is not finite; expected"),
         ("cp", ".227555703", ".200000000", r"3: time \d+ ns follows \d+ ns; expected time to increase"),
     ],
 )
