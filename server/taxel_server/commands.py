@@ -33,8 +33,6 @@ _LOG: Final = logging.getLogger(__name__)
 
 STOPPING: Final = (signal.SIGINT, signal.SIGTERM)
 
-_SIGNAL_CHECK_S: Final = 0.1
-
 _AFTER_DRAINING_S: Final = 0.3
 """The longest time that stopping takes after draining, even if something hangs."""
 
@@ -155,9 +153,10 @@ def _serve_until(
     stop: Event, hangup: Event, service: "Service", loader: "Loader", manager: ServiceManager
 ) -> bool:
     """Give the watchdog its signs until a signal comes. Returns whether it was SIGHUP."""
+    from taxel.zenoh_process import SIGNAL_CHECK_S
+
     loading = True
-    # The kernel may give a signal to one of zenoh's threads, which does not wake this one.
-    while not stop.wait(_SIGNAL_CHECK_S):
+    while not stop.wait(SIGNAL_CHECK_S):
         if hangup.is_set():
             hangup.clear()
             return True

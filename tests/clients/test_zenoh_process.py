@@ -1,5 +1,7 @@
 """How a session of zenoh ends, also where zenoh's own end does not come."""
 
+import subprocess
+import sys
 import threading
 import time
 from typing import Any
@@ -47,3 +49,17 @@ def test_a_session_that_does_not_end_is_left_behind() -> None:
 def test_an_error_of_the_end_is_nobodys() -> None:
     failing: Any = FailingSession()
     assert close_session(failing)
+
+
+def test_a_session_is_closed_while_the_interpreter_ends() -> None:
+    """Then, Python 3.12 starts no thread any more."""
+    program = """
+import atexit, zenoh
+from taxel.zenoh_process import close_session, open_session
+config = zenoh.Config()
+config.insert_json5("scouting/multicast/enabled", "false")
+session = open_session(config)
+atexit.register(lambda: print(close_session(session), session.is_closed()))
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    assert (done.stdout, done.stderr) == ("True True\n", "")

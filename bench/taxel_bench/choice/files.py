@@ -24,7 +24,7 @@ def write_files(
 def markdown(compared: Sequence[ComparedModel]) -> str:
     """One row for each model, the fastest answers first."""
     lines = [
-        "| model | inputs | delay | warm-up | norm. MAE | one window | size |",
+        "| model | inputs | delay | warm-up | norm. MAE | one window | parameters |",
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]
     lines += [

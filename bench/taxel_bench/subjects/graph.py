@@ -11,10 +11,10 @@ from taxel_bench.peers.peer import GraphModel
 from taxel_bench.peers.selection import PeerChoice, open_peers
 from taxel_bench.published_way.eager import eager_engine
 from taxel_bench.published_way.networks import network_of
-from taxel_bench.subjects.comparison import Comparison
+from taxel_bench.subjects.other_engines import OtherEngines
 
 
-def compare_graph(artifact: Artifact, choice: PeerChoice) -> Comparison:
+def engines_beside_graph(artifact: Artifact, choice: PeerChoice) -> OtherEngines:
     """The published way and the chosen peers of an artifact with an ONNX graph."""
     graph = onnx.load(artifact.model_path)
     flops, notes = _graph_operations(graph)
@@ -29,7 +29,7 @@ def compare_graph(artifact: Artifact, choice: PeerChoice) -> Comparison:
             notes.append("paper: other weights of the same architecture: compares speed, not values")
         model = GraphModel(artifact, graph, network, same_weights)
         published = eager_engine(network, artifact.manifest, SAME_ANSWERS if same_weights else None)
-    return Comparison(published, flops, notes, *open_peers(choice, GRAPH_PEERS, model))
+    return OtherEngines(published, flops, notes, *open_peers(choice, GRAPH_PEERS, model))
 
 
 def _graph_operations(model: onnx.ModelProto) -> tuple[int | None, list[str]]:

@@ -17,7 +17,7 @@ from taxel_bench.engines import Engine, base_engine, taxel_engine
 from taxel_bench.forests import TreeShape
 from taxel_bench.paper_size import PAPER_MODELS, write_paper_sized
 from taxel_bench.peers.selection import NO_PEERS, PeerChoice
-from taxel_bench.subjects.comparison import Comparison
+from taxel_bench.subjects.other_engines import OtherEngines
 from taxel_bench.subjects.threads import pinned_threads
 from taxel_models.shipped import shipped_repository
 from taxel_server.engine import load_model
@@ -128,8 +128,8 @@ def _subject(model: str, size: Size, trees: TreeShape | None, folder: Path, choi
     loaded = load_model(folder)
     if manifest.effects and choice.names != ():
         raise SettingsError(f"--peers: {model} is corrected by effects, which no peer evaluates")
-    compared = _comparison(artifact, choice)
-    baseline, flops, notes = compared.baseline, compared.flops, compared.notes
+    others = _other_engines(artifact, choice)
+    baseline, flops, notes = others.baseline, others.flops, others.notes
     if manifest.effects:
         baseline = base_engine(artifact, flops)
         notes = [note for note in notes if not note.startswith("paper:")]
@@ -141,23 +141,23 @@ def _subject(model: str, size: Size, trees: TreeShape | None, folder: Path, choi
         manifest=manifest,
         taxel=taxel_engine(loaded, flops),
         baseline=baseline,
-        peers=compared.peers,
-        skipped=compared.skipped,
+        peers=others.peers,
+        skipped=others.skipped,
         predict=LocalPredictor(LocalSource(folder.parents[1]), loaded).predict,
         evaluator=loaded.runtime.evaluator,
         notes=tuple(notes),
     )
 
 
-def _comparison(artifact: Artifact, choice: PeerChoice) -> Comparison:
+def _other_engines(artifact: Artifact, choice: PeerChoice) -> OtherEngines:
     # Each side imports libraries for seconds that the other has no use for: XGBoost and torch.
     if artifact.manifest.platform == "xgboost_json":
-        from taxel_bench.subjects.forest import compare_forest as compare
+        from taxel_bench.subjects.forest import engines_beside_forest as beside
     else:
-        from taxel_bench.subjects.graph import compare_graph as compare
+        from taxel_bench.subjects.graph import engines_beside_graph as beside
     # Again, for the libraries that came with it.
     with pinned_threads():
-        return compare(artifact, choice)
+        return beside(artifact, choice)
 
 
 def _correction_notes(manifest: Manifest, flops: int | None) -> list[str]:

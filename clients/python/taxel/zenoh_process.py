@@ -22,6 +22,11 @@ AFTER_FORK: Final = (
 """What to do in a process that was forked from one with a session."""
 
 
+SIGNAL_CHECK_S: Final = 0.1
+"""A main thread that waits must wake so often: the kernel may give Ctrl-C to one of zenoh's threads, which
+does not wake it."""
+
+
 class HoldsSessions(Protocol):
     """Has zenoh's objects that must not end in a forked process."""
 
@@ -65,7 +70,11 @@ def close_session(session: zenoh.Session, *, patience_s: float = 1.0) -> bool:
             session.close()  # type: ignore[no-untyped-call]
 
     farewell = Thread(target=close, name="taxel-farewell", daemon=True)
-    farewell.start()
+    try:
+        farewell.start()
+    except RuntimeError:  # The interpreter is ending: from Python 3.12 on, it starts no thread any more.
+        close()
+        return True
     farewell.join(patience_s)
     return not farewell.is_alive()
 

@@ -22,15 +22,13 @@ from taxel.gazebo.settings import BridgeSettings
 from taxel.gazebo.tactile_bridge import Prediction, TactileBridge
 from taxel.input_checks import warn
 from taxel.predictor import Predictor
-from taxel.zenoh_process import close_session, open_session
+from taxel.zenoh_process import SIGNAL_CHECK_S, close_session, open_session
 
 _WAITING_MESSAGES: Final = 10_000
 """Messages that wait for the predictor; further ones are dropped, and counted."""
 
 _SILENCE_S: Final = 5.0
 """After so long without a clock, what must fit is told."""
-
-_SIGNAL_CHECK_S: Final = 0.1
 
 
 class _Input(NamedTuple):
@@ -141,8 +139,7 @@ class ZenohBridge:
         warns_at = time.monotonic() + _SILENCE_S
         while True:
             try:
-                # The kernel may give Ctrl-C to one of zenoh's threads, which does not wake this one.
-                event = self._arrived.get(timeout=_SIGNAL_CHECK_S)
+                event = self._arrived.get(timeout=SIGNAL_CHECK_S)
             except queue.Empty:
                 if time.monotonic() < warns_at:
                     continue

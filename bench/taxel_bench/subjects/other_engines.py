@@ -1,4 +1,4 @@
-"""What a model is compared with, and what is known of its operations."""
+"""The engines that a model is timed beside, and what is known of its operations."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ from taxel_bench.engines import Engine
 
 
 @dataclass(frozen=True)
-class Comparison:
+class OtherEngines:
     """The engines beside ours.
 
     Attributes:
