@@ -14,7 +14,7 @@ PIECE_ROWS: Final = 256
 """Of the spectrum: 2.56 s, so that lines are 0.4 Hz apart."""
 
 _AROUND: Final = 8
-_LOBE: Final = 2
+LOBE: Final = 2
 """A line spreads over so many frequencies to each side (Hann window)."""
 
 _FEWEST_AROUND: Final = 3
@@ -60,11 +60,7 @@ def find_lines(values: Floats, wanted: list[slice]) -> LineTest | None:
     Returns:
         None where no stretch is as long as a piece.
     """
-    pieces = [
-        slice(start, start + PIECE_ROWS)
-        for stretch in wanted
-        for start in range(stretch.start, stretch.stop - PIECE_ROWS + 1, PIECE_ROWS // 2)
-    ]
+    pieces = _pieces(wanted)
     if not pieces:
         return None
     total = np.zeros((PIECE_ROWS // 2 + 1, values.shape[1]))
@@ -78,15 +74,49 @@ def find_lines(values: Floats, wanted: list[slice]) -> LineTest | None:
     excess, chance = np.zeros_like(total), np.ones_like(total)
     for place in range(len(total)):
         reach = min(_AROUND, place - 1, len(total) - 2 - place)
-        if reach < _LOBE + _FEWEST_AROUND:
+        if reach < LOBE + _FEWEST_AROUND:
             continue
-        offsets = np.arange(_LOBE + 1, reach + 1)
+        offsets = np.arange(LOBE + 1, reach + 1)
         near = total[np.concatenate([place - offsets, place + offsets])]
         usual = np.median(near, axis=0) * freedom / stats.chi2.median(freedom)
         ratio = total[place] / np.maximum(usual, 1e-12)
         chance[place] = stats.f.sf(ratio, freedom, freedom * len(near) * _OF_MEDIAN)
         excess[place] = total[place] - usual
     return LineTest(np.asarray(frequencies), excess, chance)
+
+
+def coherence(first: Floats, second: Floats, wanted: list[slice], frequency: float) -> tuple[Floats, int]:
+    """How much of one signal's power at a frequency, Hz, follows another signal with a constant phase.
+
+    The magnitude-squared coherence over the pieces of the stretches (Carter 1987): of two signals that
+    have nothing to do with each other, it is near one over the number of pieces.
+
+    Args:
+        first: (n, a).
+        second: (n, b).
+
+    Returns:
+        (a, b) shares, and the number of independent pieces.
+    """
+    pieces = _pieces(wanted)
+    window = signal.get_window("hann", PIECE_ROWS)
+    wave = window * np.exp(-2j * np.pi * frequency * TICK_S * np.arange(PIECE_ROWS))
+    one, other = (
+        np.array([wave @ signal.detrend(values[piece], axis=0) for piece in pieces])
+        for values in (first, second)
+    )
+    cross = np.abs(one.T @ other.conj()) ** 2
+    power = np.outer((np.abs(one) ** 2).sum(axis=0), (np.abs(other) ** 2).sum(axis=0))
+    independent = max(1, round(len(pieces) * _INDEPENDENT))
+    return np.asarray(cross / np.maximum(power, 1e-24)), independent
+
+
+def _pieces(wanted: list[slice]) -> list[slice]:
+    return [
+        slice(start, start + PIECE_ROWS)
+        for stretch in wanted
+        for start in range(stretch.start, stretch.stop - PIECE_ROWS + 1, PIECE_ROWS // 2)
+    ]
 
 
 def sharpest(

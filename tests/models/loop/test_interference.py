@@ -105,6 +105,46 @@ def test_slow_waves_are_not_it(smooth: Any, recording: Recording, hz: float) -> 
     assert forms(smooth, with_wave(recording, hz, [3, 4, 5], 20.0)) == []
 
 
+def shaken(smooth: Any, recording: Recording, frequency: float) -> Recording:
+    """A recording of many contacts, in each of which the force shakes at a frequency, with its own phase."""
+    ticks = recording.ticks()
+    parts = ticks.rows(np.arange(len(ticks)) % 700 >= 20)
+    random = np.random.default_rng(1)
+    force, counts = parts.samples.force.copy(), parts.channels.copy()
+    residual = counts - smooth.counts(parts.samples.position, force)
+    for part in parts.segments:
+        time = TICK * np.arange(part.stop - part.start)
+        force[part, 2] += 0.2 * np.sin(2 * np.pi * (frequency * time + random.random()))
+    counts = smooth.counts(parts.samples.position, force) + residual
+    samples = replace(parts.samples, force=force)
+    return replace(parts, samples=samples, channels=np.clip(np.rint(counts), 0, 4095))
+
+
+def test_it_is_found_where_the_force_shakes_at_its_frequency(smooth: Any, make: Make) -> None:
+    """The force's wave starts anew in each contact; the interference goes on."""
+    moving = shaken(smooth, make(20_000), 17.3)
+    assert forms(smooth, moving) == []
+    assert [one.form for one in forms(smooth, with_wave(moving, 17.3, [4, 9], 8.0))] == [
+        "17.3 Hz in e3, e8"
+    ]
+
+
+def test_what_the_model_lacks_of_a_shaking_force_is_not_it(smooth: Any, make: Make) -> None:
+    moving = shaken(smooth, make(20_000), 17.3)
+    pressed = moving.samples.force[:, 2]
+    wrong = moving.channels.copy()
+    wrong[:, [4, 9]] = np.rint(wrong[:, [4, 9]] + 60.0 * (pressed - pressed.mean())[:, None])
+    assert forms(smooth, replace(moving, channels=wrong)) == []
+
+
+def test_a_weaker_line_is_found_beside_one_of_the_movement(smooth: Any, make: Make) -> None:
+    moving = shaken(smooth, make(20_000), 17.3)
+    wrong = moving.channels.copy()
+    wrong[:, 4:12] = np.rint(wrong[:, 4:12] + 200.0 * (moving.samples.force[:, 2:] - 1.0))
+    wave = with_wave(replace(moving, channels=np.clip(wrong, 0, 4095)), 29.1, [15, 16], 8.0)
+    assert [one.form for one in forms(smooth, wave)] == ["29.1 Hz in e14, e15"]
+
+
 def test_each_segment_has_its_own_phase(smooth: Any, recording: Recording) -> None:
     ticks = recording.ticks()
     parts = ticks.rows(np.arange(len(ticks)) % 700 >= 100)

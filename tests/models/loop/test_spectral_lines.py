@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 import pytest
 
-from taxel_models.loop.spectral_lines import find_lines, segments, sharpest
+from taxel_models.loop.spectral_lines import coherence, find_lines, segments, sharpest
 
 TICK: Final = 0.01
 
@@ -37,3 +37,24 @@ def test_the_sharpest_wave_is_between_the_ends() -> None:
     assert sharpest(wave, segment, rows, 4.0, 4.8) == pytest.approx(4.37, abs=0.005)
     assert sharpest(wave, segment, rows, 4.4, 4.8) is None
     assert segments(segment) == [slice(0, 800), slice(800, 1600), slice(1600, 2400)]
+
+
+def test_waves_with_one_phase_between_them_are_coherent() -> None:
+    random = np.random.default_rng(0)
+    pieces = [slice(start, start + 256) for start in range(0, 20 * 256, 256)]
+    time = TICK * np.arange(256)
+    phases = random.random((20, 2))
+    first, second = (
+        np.concatenate([np.sin(2 * np.pi * (7.3 * time + phase)) for phase in phases[:, column]])
+        for column in range(2)
+    )
+    noise = 0.1 * random.normal(size=(2, 20 * 256))
+    delayed = np.concatenate([np.sin(2 * np.pi * (7.3 * time + phase + 0.2)) for phase in phases[:, 0]])
+    share, count = coherence(
+        (first + noise[0])[:, None], np.column_stack([3.0 * delayed, second, noise[1]]), pieces, 7.3
+    )
+    assert share.shape == (1, 3)
+    assert 15 <= count <= 20
+    assert share[0, 0] > 0.98
+    assert (share[0, 1:] < 0.3).all()
+    assert not coherence(np.zeros((512, 1)), np.ones((512, 1)), [slice(0, 512)], 7.3)[0].any()

@@ -13,7 +13,7 @@ from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.blocks import GUARD_ROWS
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.observations import Observations
-from taxel_models.loop.spectral_lines import LineTest, find_lines, segments, sharpest
+from taxel_models.loop.spectral_lines import LOBE, LineTest, coherence, find_lines, segments, sharpest
 from taxel_models.loop.spectrum import stretches
 
 LOWEST_HZ: Final = 2.0
@@ -38,7 +38,12 @@ _MULTIPLES: Final = 20
 _LASTS: Final = 0.3
 """The least of what the wave explains in the median second over its mean: a line that passes is none."""
 
-_SAME_HZ: Final = 0.05
+FOLLOWS: Final = 0.3
+"""Share of a wave's power that follows the movement, from where on it is no interference."""
+
+MOST_LINES: Final = 8
+"""So many lines are looked at, the strongest first: those before may be of the movement."""
+
 _SLOWEST_HZ: Final = 0.2
 _FEWEST_ROWS: Final = 50
 
@@ -62,21 +67,36 @@ class Interference(Effect):
         passed = able[:, None] & (test.p_value < CHANCE / (able.sum() * len(CHANNELS) + 1))
         if not passed.any():
             return
-        line = int(np.argmax(np.where(passed, test.excess, 0.0).sum(axis=1)))
-        frequency = _refined(observations, remaining, test.frequencies[line], passed[line])
-        if (
-            frequency is None
-            or _moves(observations, remaining.fit, wanted, frequency)
-            or _repeats(observations, remaining.fit, frequency)
-        ):
-            return
+        for line in _strongest(test, passed):
+            found = self._at(line, test, observations, remaining, wanted, passed[line])
+            if found is not None:
+                yield found
+                return
+
+    def _at(
+        self,
+        line: int,
+        test: LineTest,
+        observations: Observations,
+        remaining: Remaining,
+        wanted: list[slice],
+        passed: NDArray[np.bool_],
+    ) -> Candidate | None:
+        """The interference at one line; None where it is something else."""
+        frequency = _refined(observations, remaining, test.frequencies[line], passed)
+        if frequency is None:
+            return None
         channels = test.p_value[test.nearest(frequency)] < CHANCE / len(CHANNELS)
+        channels &= ~_follows(observations, remaining, wanted, frequency)
+        if not channels.any() or _repeats(observations, remaining.fit, frequency):
+            return None
         orders = [1, *_harmonics(test, frequency, channels)]
         gain = _held_out_gain(observations, remaining, frequency, orders)
         channels &= gain.mean(axis=0) >= LEAST_SHARE
         own = gain[:, channels].sum(axis=1)
-        if channels.any() and np.median(own) >= _LASTS * own.mean():
-            yield self._with(observations, remaining, frequency, orders, channels)
+        if not channels.any() or np.median(own) < _LASTS * own.mean():
+            return None
+        return self._with(observations, remaining, frequency, orders, channels)
 
     def _with(
         self,
@@ -193,20 +213,27 @@ def _harmonics(test: LineTest, frequency: float, channels: NDArray[np.bool_]) ->
     return found
 
 
-def _moves(
-    observations: Observations, fit: NDArray[np.bool_], wanted: list[slice], frequency: float
-) -> bool:
-    """Whether the force or the prediction has a line at the frequency."""
+def _strongest(test: LineTest, passed: NDArray[np.bool_]) -> list[int]:
+    """The places of the strongest lines, the strongest first, each far enough from those before it."""
+    size = np.where(passed, test.excess, 0.0).sum(axis=1)
+    chosen: list[int] = []
+    for place in np.argsort(-size).tolist():
+        if size[place] <= 0 or len(chosen) == MOST_LINES:
+            break
+        if all(abs(place - other) > LOBE for other in chosen):
+            chosen.append(place)
+    return chosen
+
+
+def _follows(
+    observations: Observations, remaining: Remaining, wanted: list[slice], frequency: float
+) -> NDArray[np.bool_]:
+    """(21,) whether a channel's wave keeps its phase to one of the force or of the prediction."""
     moving = np.hstack([observations.force, observations.pressed[:, None], observations.predicted])
-    found = find_lines(moving, wanted)
-    assert found is not None
-    place = found.nearest(frequency)
-    lines = (found.p_value[place - 1 : place + 2] < CHANCE / found.p_value.size).any(axis=0)
-    if not lines.any():
-        return False
-    scaled = moving[:, lines] / np.maximum(moving[fit][:, lines].std(axis=0), 1e-9)
-    own = sharpest(scaled, observations.segment, fit, frequency - 0.4, frequency + 0.4)
-    return own is not None and abs(own - frequency) < _SAME_HZ
+    share, pieces = coherence(remaining.residual, moving, wanted, frequency)
+    # Of unrelated signals, (1 - share)^(pieces - 1) is the chance of a share as large.
+    by_chance = 1.0 - (CHANCE / share.size) ** (1.0 / max(pieces - 1, 1))
+    return np.asarray((share > max(by_chance, FOLLOWS)).any(axis=1))
 
 
 def _repeats(observations: Observations, fit: NDArray[np.bool_], frequency: float) -> bool:
