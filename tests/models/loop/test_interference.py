@@ -106,7 +106,7 @@ def test_slow_waves_are_not_it(smooth: Any, recording: Recording, hz: float) -> 
 
 
 def shaken(smooth: Any, recording: Recording, frequency: float) -> Recording:
-    """A recording of many contacts, in each of which the force shakes at a frequency, with its own phase."""
+    """A recording of many contacts; in each, the force shakes at a frequency, with a phase of its own."""
     ticks = recording.ticks()
     parts = ticks.rows(np.arange(len(ticks)) % 700 >= 20)
     random = np.random.default_rng(1)

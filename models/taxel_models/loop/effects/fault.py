@@ -1,4 +1,4 @@
-"""Fault: a channel is dead, stuck or intermittent."""
+"""Fault: a channel is dead, stuck or intermittent, or whole frames are repeated."""
 
 from collections.abc import Iterable, Sequence
 from typing import Final
@@ -12,6 +12,7 @@ from taxel.corrections import Fault as FaultTerm
 from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.observations import Observations
+from taxel_models.loop.repeated_frames import held, repeated_frames
 from taxel_models.loop.stuck_at import JUMP, Kind, StuckChannel, stuck_channels
 
 CLIPPED: Final = 0.01
@@ -53,14 +54,15 @@ def _gets_there(measured: Floats, stuck: NDArray[np.bool_]) -> bool:
 
 
 class Fault(Effect):
-    """The channel reads a constant value: always, from some time on, or from time to time."""
+    """A channel keeps a value: always, from some time on, or off and on. Or all channels repeat frames."""
 
     name = "fault"
     looks_at_residual = True
     equation = "measured_c = v_c"
     source = "stuck channels and unconnected fingers in public logs"
     signature = (
-        "one value for longer than chance allows, reached by a jump or kept while the prediction moves"
+        "one value for longer than chance allows, reached by a jump or kept while the prediction moves; "
+        "or all electrodes repeat their counts at once"
     )
 
     @override
@@ -73,6 +75,22 @@ class Fault(Effect):
             ]
             if some:
                 yield self._with(some, kind, remaining.residual)
+        repeated = repeated_frames(observations)
+        if repeated.any():
+            yield self._repeating(repeated, observations)
+
+    def _repeating(self, repeated: NDArray[np.bool_], observations: Observations) -> Candidate:
+        change = held(observations.predicted, repeated) - observations.predicted
+        return Candidate(
+            self.name,
+            "repeated frames",
+            Own(change[:, :, None].astype(np.float32)),
+            fitting=Fitting(fixed=True),
+            form_parameters={"rows affected": (float(repeated.mean()), "share")},
+            online=lambda _: Online(),
+            certain=True,
+            again=lambda other: self._repeating(repeated, other),
+        )
 
     def _with(self, found: Sequence[StuckChannel], kind: Kind, residual: Floats) -> Candidate:
         values = np.zeros((*residual.shape, 1), np.float32)
