@@ -17,9 +17,10 @@ class Constants:
             are one half and all.
         robust: a block counts less if its error is more than so many times the median block's.
         least_t: t over held-out folds that an effect must reach (Nadeau and Bengio 2003).
-        least_share: share of the held-out whitened squared error that an effect must remove.
+        least_share: share of the held-out whitened squared error that an effect must remove. Offsets of
+            contacts, which no model predicts, must remove five times as much.
         least_channel_share: likewise in one channel, where it changes few; that channel must pass the test
-            by itself. Offsets of contacts, which no model predicts, must remove as much in the mean.
+            by itself.
         carries: a simpler effect is named first if it explains this share of what the likeliest does.
         either: two effects are not told apart if one explains this share of what the other does.
         simpler: a simpler effect has at most this share of the other's parameters.
@@ -33,7 +34,7 @@ class Constants:
     robust: float = 1.0
     least_t: float = 3.0
     least_share: float = 0.03
-    least_channel_share: float = 0.15
+    least_channel_share: float = 0.05
     carries: float = 0.67
     either: float = 0.8
     simpler: float = 0.5

@@ -201,7 +201,9 @@ class Scoring:
             simple = tested(max(simpler, key=lambda option: option[0]))
             most = self.constants.simpler * simple.freedom
             if simple.log_evidence > 0:
-                best = self.simplest(best, [simple])
+                # Many weights can make a form likely that does not repeat, though a simpler one does.
+                repeats = best.t < self.constants.least_t <= simple.t
+                best = simple if repeats else self.simplest(best, [simple])
         sizes = tuple((form.freedom(int(own.changes.sum())), value) for value, form, _, own, _ in weighed)
         return replace(best, log_evidence=total, most_gain=most_gain, forms=sizes)
 

@@ -8,6 +8,7 @@ channel, since a trained model has absorbed the mean of what it lacks.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from scipy import stats
@@ -24,6 +25,9 @@ from taxel_models.loop.inference.parameter_correlation import parameter_correlat
 from taxel_models.loop.inference.score import Score, Taken, t_over_folds
 from taxel_models.loop.inference.scoring import REFITS, Progress, Scoring
 from taxel_models.loop.observations import Observations
+
+CONTACT_OFFSETS: Final = 5
+"""They must remove so many times the least share of the error: no model predicts them."""
 
 
 class JointSelection:
@@ -100,7 +104,7 @@ class JointSelection:
             some = changes & (score.worth >= least) & (score.channel_t >= self._least_channel_t(score))
             enough = score.worth.mean() >= constants.least_share or some.any()
         else:
-            enough = score.worth.mean() >= constants.least_channel_share
+            enough = score.worth.mean() >= CONTACT_OFFSETS * constants.least_share
         if not enough or score.t < constants.least_t:
             return False
         return not self._scoring.contradicts(score, self._taken)
