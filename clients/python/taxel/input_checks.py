@@ -8,7 +8,7 @@ model was trained on (`taxel.trained_contacts`). What looks wrong is told once, 
 import sys
 import warnings
 from collections.abc import Iterable
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -157,7 +157,7 @@ def _sign_findings(
     return [Finding("wrong sign", f"the forces of {len(places):,} touches {wrong}")]
 
 
-def extra_findings(trained: TrainedContacts, name: str, values: NDArray[np.float64]) -> list[Finding]:
+def extra_findings(trained: TrainedContacts, name: str, values: NDArray[Any]) -> list[Finding]:
     """What looks wrong in an extra feature, (n,)."""
     known = trained.extras.get(name)
     if known is None:
@@ -236,11 +236,13 @@ class InputCheck:
 
     def take(
         self,
-        position: NDArray[np.float64],
-        force: NDArray[np.float64],
+        position: NDArray[Any],
+        force: NDArray[Any],
         seconds: ArrayLike | None = None,
     ) -> None:
         """Take finite samples (k, 3), m, and (k, 3), N, always the same k; `seconds` since the last ones.
+
+        They are of any real type, and are written down as float64 until they are looked at.
 
         Raises:
             InvalidArgument: it is strict, and something looks wrong.
@@ -263,7 +265,7 @@ class InputCheck:
                     )
                 )
 
-    def extra(self, name: str, values: NDArray[np.float64]) -> None:
+    def extra(self, name: str, values: NDArray[Any]) -> None:
         """Take the values of an extra feature, (k,); raises as `take`."""
         self.tell(extra_findings(self._trained, name, values))
 
