@@ -143,6 +143,30 @@ def test_a_check_warns_once_however_samples_come(count: int, steps: int) -> None
     assert [(warning.category, str(warning.message)[:5]) for warning in told] == [(InputWarning, "m/1: ")]
 
 
+def test_what_looks_wrong_stands_until_later_touches_look_right() -> None:
+    check = InputCheck("m/1", TRAINED, 0.01, ticks=True, strict=False, most_rows=8)
+    place, press = np.array([[0.0, 0.0, -0.007]]), np.array([[0.0, 0.0, 1.0]])
+
+    def take(force: NDArray[np.float64], steps: int) -> list[str]:
+        for _ in range(steps):
+            check.take(np.repeat(place, 4, axis=0), np.repeat(force, 4, axis=0))
+        return check.standing
+
+    assert take(press, 10) == []
+    with pytest.warns(InputWarning, match="grams"):
+        assert take(press * 101.97, 2) == [
+            "m/1: forces up to 102 look like grams: expected newtons, up to 8.81"
+        ]
+    # Where nothing touches, nothing can be told.
+    assert len(take(0.0 * press, 50)) == 1
+    with pytest.warns(InputWarning, match="a sample every 50 ms"):
+        check = InputCheck("m/1", TRAINED, 0.05, ticks=True, strict=False, most_rows=40)
+    assert len(check.standing) == 1
+    with pytest.warns(InputWarning, match="grams"):
+        assert len(take(press * 101.97, 40)) == 2
+    assert [text.partition(" every ")[0] for text in take(press, 40)] == ["m/1: a sample"]
+
+
 def test_each_sample_is_looked_at() -> None:
     check = InputCheck("m/1", TRAINED, 0.01, ticks=True, strict=True)
     right, press = np.array([[0.0, 0.0, -0.007]]), np.array([[0.0, 0.0, 1.0]])

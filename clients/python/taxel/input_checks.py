@@ -217,17 +217,27 @@ class InputCheck:
         period_s: the interval at which samples are to come, s.
         ticks: whether each sample is taken as a tick.
         strict: whether a finding is an error.
+        most_rows: about so many samples are kept until they are looked at together.
 
     Raises:
         InvalidArgument: it is strict, and samples are to come too slowly.
     """
 
     def __init__(
-        self, label: str, trained: TrainedContacts, period_s: float, *, ticks: bool, strict: bool
+        self,
+        label: str,
+        trained: TrainedContacts,
+        period_s: float,
+        *,
+        ticks: bool,
+        strict: bool,
+        most_rows: int = _MOST_ROWS,
     ) -> None:
         self._label, self._trained, self._strict = label, trained, strict
-        self._period_s, self._ticks = period_s, ticks
+        self._period_s, self._ticks, self._most_rows = period_s, ticks, most_rows
         self._told: set[str] = set()
+        self._of_contacts: dict[str, str] = {}
+        self._of_others: dict[str, str] = {}
         self._position = np.empty((0, 3))
         self._force = np.empty((0, 3))
         self._held = 0
@@ -249,15 +259,15 @@ class InputCheck:
         """
         count = len(position)
         if not len(self._position):
-            self._position = np.empty((_MOST_ROWS + count, 3))
-            self._force = np.empty((_MOST_ROWS + count, 3))
+            self._position = np.empty((self._most_rows + count, 3))
+            self._force = np.empty((self._most_rows + count, 3))
         stop = self._held + count
         self._position[self._held : stop] = position
         self._force[self._held : stop] = force
         self._held = stop
         if stop >= self._due:
-            self._held, self._due = 0, min(2 * self._due, _MOST_ROWS)
-            self.tell(contact_findings(self._trained, self._position[:stop], self._force[:stop]))
+            self._held, self._due = 0, min(2 * self._due, self._most_rows)
+            self._look(self._position[:stop], self._force[:stop])
             if seconds is not None:
                 self.tell(
                     interval_findings(
@@ -265,12 +275,34 @@ class InputCheck:
                     )
                 )
 
+    @property
+    def standing(self) -> list[str]:
+        """What looks wrong, as it was seen last.
+
+        What was seen in contacts stands until some 20 touches are looked at that do not have it.
+        """
+        return [*self._of_others.values(), *self._of_contacts.values()]
+
+    def _look(self, position: NDArray[np.float64], force: NDArray[np.float64]) -> None:
+        found = contact_findings(self._trained, position, force)
+        if self._of_contacts:
+            touches = np.count_nonzero(np.einsum("ij,ij->i", force, force) >= TOUCHED_N**2)
+            if touches >= _LEAST_TOUCHES:
+                self._of_contacts.clear()
+        self._tell(found)
+        self._of_contacts |= {name: f"{self._label}: {text}" for name, text in found}
+
     def extra(self, name: str, values: NDArray[Any]) -> None:
         """Take the values of an extra feature, (k,); raises as `take`."""
         self.tell(extra_findings(self._trained, name, values))
 
     def tell(self, findings: Iterable[Finding]) -> None:
-        """Warn of what was not told before; or raise, if strict."""
+        """Warn of what was not told before, and does not lie in contacts; or raise, if strict."""
+        found = list(findings)
+        self._tell(found)
+        self._of_others |= {name: f"{self._label}: {text}" for name, text in found}
+
+    def _tell(self, findings: Iterable[Finding]) -> None:
         for name, text in findings:
             if self._strict:
                 raise InvalidArgument(f"{self._label}: {text}")
