@@ -41,8 +41,8 @@ _SLOWER: Final = 2.5
 _RATE_TOLERANCE: Final = 0.15
 """How far the median interval may be from the one that was told."""
 
-_MOST_ROWS: Final = 4096
-"""About so many samples are kept until they are looked at together."""
+_MOST_ROWS, _MOST_STEPS = 4096, 100
+"""About so many samples, and of at most so many steps, are kept until they are looked at together."""
 
 
 class Finding(NamedTuple):
@@ -209,7 +209,9 @@ def interval_findings(seconds: float, told_s: float, *, ticks: bool) -> list[Fin
 
 
 class InputCheck:
-    """Looks at what comes into a stream, at first often, then every few thousand samples.
+    """Looks at what comes into a stream: at first often, later every 100 steps or 4096 samples.
+
+    If it is strict, it looks at each sample before that is used.
 
     Args:
         label: the model's name, for the text.
@@ -217,7 +219,6 @@ class InputCheck:
         period_s: the interval at which samples are to come, s.
         ticks: whether each sample is taken as a tick.
         strict: whether a finding is an error.
-        most_rows: about so many samples are kept until they are looked at together.
 
     Raises:
         InvalidArgument: it is strict, and samples are to come too slowly.
@@ -231,17 +232,16 @@ class InputCheck:
         *,
         ticks: bool,
         strict: bool,
-        most_rows: int = _MOST_ROWS,
     ) -> None:
         self._label, self._trained, self._strict = label, trained, strict
-        self._period_s, self._ticks, self._most_rows = period_s, ticks, most_rows
+        self._period_s, self._ticks = period_s, ticks
         self._told: set[str] = set()
         self._of_contacts: dict[str, str] = {}
         self._of_others: dict[str, str] = {}
         self._position = np.empty((0, 3))
         self._force = np.empty((0, 3))
         self._held = 0
-        self._due = 1
+        self._due = self._most = 1
         self.tell(rate_findings(trained, period_s))
 
     def take(
@@ -259,21 +259,26 @@ class InputCheck:
         """
         count = len(position)
         if not len(self._position):
-            self._position = np.empty((self._most_rows + count, 3))
-            self._force = np.empty((self._most_rows + count, 3))
+            self._most = min(_MOST_ROWS, _MOST_STEPS * count)
+            self._position = np.empty((self._most + count, 3))
+            self._force = np.empty((self._most + count, 3))
         stop = self._held + count
         self._position[self._held : stop] = position
         self._force[self._held : stop] = force
         self._held = stop
-        if stop >= self._due:
-            self._held, self._due = 0, min(2 * self._due, self._most_rows)
-            self._look(self._position[:stop], self._force[:stop])
-            if seconds is not None:
-                self.tell(
-                    interval_findings(
-                        float(np.median(np.asarray(seconds, np.float64))), self._period_s, ticks=self._ticks
-                    )
-                )
+        due = stop >= self._due
+        if due:
+            self._held, self._due = 0, min(2 * self._due, self._most)
+        if due or self._strict:
+            try:
+                self._look(self._position[:stop], self._force[:stop])
+            except InvalidArgument:
+                # What is refused must not stand against later samples.
+                self._held = 0
+                raise
+        if due and seconds is not None:
+            median = float(np.median(np.asarray(seconds, np.float64)))
+            self.tell(interval_findings(median, self._period_s, ticks=self._ticks))
 
     @property
     def standing(self) -> list[str]:

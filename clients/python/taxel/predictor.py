@@ -136,14 +136,13 @@ class BasePredictor:
         check = self.input_check(rate_hz, strict=strict)
         return WindowStream(self.window, rate_hz=rate_hz, fingers=fingers, extras=extras, check=check)
 
-    def input_check(self, rate_hz: float, *, strict: bool, of: str = "", **more: int) -> InputCheck | None:
+    def input_check(self, rate_hz: float, *, strict: bool, of: str = "") -> InputCheck | None:
         """Compares samples that come at this rate with the training's; None if those are not known.
 
         Args:
             rate_hz: how often samples come.
             strict: whether what looks wrong is an error.
             of: whose samples they are, for the text.
-            more: `most_rows` of `InputCheck`.
 
         Raises:
             InvalidArgument: it is strict, and they are to come too slowly.
@@ -154,7 +153,7 @@ class BasePredictor:
         label = f"{of}{self.manifest.name}/{self.manifest.version}"
         period_ns = period_of(rate_hz)
         ticks = rows_are_ticks(period_ns)
-        return InputCheck(label, training.contacts, period_ns / 1e9, ticks=ticks, strict=strict, **more)
+        return InputCheck(label, training.contacts, period_ns / 1e9, ticks=ticks, strict=strict)
 
     def check_gives_spread(self) -> None:
         """Raise if the model gives no spread.

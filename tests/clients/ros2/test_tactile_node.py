@@ -207,16 +207,7 @@ def test_contacts_that_look_wrong_are_told_in_diagnostics_until_they_look_right(
     assert node.statuses(27.0)[1].level is Level.OK
 
 
-@pytest.mark.parametrize(
-    ("place", "force", "text"),
-    [
-        *WRONG[:2],
-        # Each place is looked at by itself.
-        (*WRONG[2][:2], "finger ff: a contact 6993 mm from the skin: expected metres"),
-        (*WRONG[3][:2], "finger ff: a contact 4.5 mm from the skin"),
-        WRONG[4],
-    ],
-)
+@pytest.mark.parametrize(("place", "force", "text"), WRONG)
 def test_a_strict_node_ends_at_the_first_contact_that_looks_wrong(
     predictor: Predictor, place: Vector, force: Vector, text: str
 ) -> None:

@@ -1,7 +1,7 @@
 """The fingertips of a ROS 2 node, whatever carries its messages."""
 
 from collections.abc import Mapping
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,6 @@ from taxel.ros2.messages import Level, Status
 from taxel.ros2.settings import NodeSettings
 from taxel.windows import WindowStream
 from taxel.windows.samples import gap_of
-
-_LOOKED_AT: Final = 100
-"""So many contacts of a finger are looked at together, so that diagnostics follow them."""
 
 
 class Prediction(NamedTuple):
@@ -87,7 +84,6 @@ class TactileNode:
             self.settings.rate_hz,
             strict=self.settings.strict,
             of=f"finger {finger}, ",
-            most_rows=_LOOKED_AT,
         )
         return FingerInput(finger, self.settings, check)
 

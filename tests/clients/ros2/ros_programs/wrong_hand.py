@@ -1,8 +1,8 @@
-"""Publishes contacts in ROS 2 until diagnostics say a text of `ff`; run by ROS's Python.
+"""Publishes contacts in ROS 2 until diagnostics say a text of `ff` at a level; run by ROS's Python.
 
-    python wrong_hand.py TEXT PLACE_Z FORCE_Z --ros-args -r __ns:=/rh
+    python wrong_hand.py LEVEL TEXT PLACE_Z FORCE_Z --ros-args -r __ns:=/rh
 
-stdout: [level, message], or [-1, the last message] after a minute
+stdout: the last [level, message], after a minute at the latest
 """
 
 import json
@@ -13,7 +13,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, WrenchStamped
 
-text, place, force = sys.argv[1], float(sys.argv[2]), float(sys.argv[3])
+level, text, place, force = int(sys.argv[1]), sys.argv[2], float(sys.argv[3]), float(sys.argv[4])
 rclpy.init()
 node = rclpy.create_node("hand")
 wrenches = node.create_publisher(WrenchStamped, "ff/wrench", 50)
@@ -21,15 +21,20 @@ points = node.create_publisher(PointStamped, "ff/point", 50)
 told = [-1, ""]
 
 
+def is_told() -> bool:
+    return told[0] == level and text in str(told[1])
+
+
 def hear(message: DiagnosticArray) -> None:
     for status in message.status:
-        if status.name == "taxel: ff" and told[0] < 0:
-            told[:] = [status.level[0] if text in status.message else -1, status.message]
+        # A fault of the start, when only one of the finger's two topics was found, is told once.
+        if status.name == "taxel: ff" and not is_told():
+            told[:] = [status.level[0], status.message]
 
 
 node.create_subscription(DiagnosticArray, "/diagnostics", hear, 10)
 for step in range(6000):
-    if told[0] >= 0:
+    if is_told():
         break
     point, wrench = PointStamped(), WrenchStamped()
     for message in (point, wrench):
