@@ -206,6 +206,20 @@ def test_the_warning_names_the_line_of_the_user() -> None:
     assert told[0].filename == __file__
 
 
+def test_what_fingers_begin_with_is_looked_at() -> None:
+    with taxel.load() as models:
+        predictor = models.predictor()
+        fingers = predictor.fingers(3)
+        with pytest.warns(InputWarning, match="1 of 1 touched places look like millimetres"):
+            fingers.prime([[0.0, 0.0, -7.0]], [[0.0, 0.0, 1.0]], [1])
+        strict, expected = predictor.fingers(3, strict=True), predictor.fingers(3)
+        with pytest.raises(InvalidArgument, match="look like millimetres"):
+            strict.prime([[0.0, 0.0, -7.0]], [[0.0, 0.0, 1.0]], [1])
+        strict.prime(np.empty((0, 3)), np.empty((0, 3)), np.empty(0, np.int64))
+        rest = np.tile([0.0, 0.0, -0.007], (3, 1)), np.zeros((3, 3))
+        np.testing.assert_array_equal(strict.step(*rest), expected.step(*rest))
+
+
 def test_strict_streams_and_fingers_take_nothing_that_looks_wrong() -> None:
     with taxel.load() as models:
         predictor = models.predictor("xgb")

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 _LARGEST: Final = float(np.finfo(np.float32).max)
 
+_LONGEST_S: Final = 1e6
+"""A step takes no longer, so that nanoseconds fit into a clock."""
+
 _least: Final = np.minimum.reduce
 _most: Final = np.maximum.reduce
 """Both are NaN where a number is."""
@@ -130,8 +133,9 @@ class Fingers:
         places = _numbers("position", position, (count, 3))
         forces = _numbers("force", force, (count, 3))
         seconds = None if dt is None else _numbers("dt", dt, (count,))
-        if seconds is not None and (seconds <= 0.0).any():
-            raise InvalidArgument(f"dt is {seconds.min()}: expected more than 0 s")
+        if seconds is not None and not ((seconds > 0.0) & (seconds <= _LONGEST_S)).all():
+            wrong = seconds[(seconds <= 0.0) | (seconds > _LONGEST_S)][0]
+            raise InvalidArgument(f"dt is {wrong}: expected more than 0 s, and at most {_LONGEST_S:g} s")
         given = {name: _numbers(name, values, (count,)) for name, values in (extras or {}).items()}
         self._check_names(given)
         if self._check is not None:
@@ -159,7 +163,7 @@ class Fingers:
         channels[which] = np.nan
         self.channels = channels
         if self._prime_at_rest:
-            self.prime(np.tile(np.array(PAD), (len(which), 1)), np.zeros((len(which), 3)), which)
+            self._prime(np.tile(np.array(PAD), (len(which), 1)), np.zeros((len(which), 3)), which)
 
     def prime(self, position: ArrayLike, force: ArrayLike, ids: ArrayLike | None = None) -> None:
         """Begin again as if these fingertips had been touched so, without a change, for long.
@@ -170,13 +174,19 @@ class Fingers:
             ids: (m,) fingertips; all if not given.
 
         Raises:
-            InvalidArgument: a shape is wrong, a number is not finite, or there is no such fingertip.
+            InvalidArgument: a shape is wrong, a number is not finite, there is no such fingertip, or
+                something looks wrong and they are strict. Nothing is changed.
         """
         which = self._ids(ids)
         places = _numbers("position", position, (len(which), 3))
         forces = _numbers("force", force, (len(which), 3))
-        self._windows.prime(which, places, forces)
-        self._forget(which)
+        if self._check is not None:
+            self._check.look(places, forces)
+        self._prime(places, forces, which)
+
+    def _prime(self, places: NDArray[Any], forces: NDArray[Any], ids: NDArray[np.int64]) -> None:
+        self._windows.prime(ids, places, forces)
+        self._forget(ids)
 
     def _forget(self, ids: NDArray[np.int64]) -> None:
         """Do not take answers that these fingertips still wait for."""

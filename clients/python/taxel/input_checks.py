@@ -288,6 +288,11 @@ class InputCheck:
         """
         return [*self._of_others.values(), *self._of_contacts.values()]
 
+    def look(self, position: NDArray[Any], force: NDArray[Any]) -> None:
+        """Look now at finite samples of any number, which `take` does not get; raises as `take`."""
+        if len(position):
+            self._look(np.asarray(position, np.float64), np.asarray(force, np.float64))
+
     def _look(self, position: NDArray[np.float64], force: NDArray[np.float64]) -> None:
         found = contact_findings(self._trained, position, force)
         if self._of_contacts:
