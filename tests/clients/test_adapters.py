@@ -14,6 +14,7 @@ import taxel.adapters
 from taxel.adapters import isaac_lab, maniskill, mjlab
 from taxel.adapters.frames import Mount, rotations
 from taxel.contacts import ContactSample, fingertip_contacts
+from taxel.errors import InputWarning, InvalidArgument
 from taxel.skin import PAD, Fingertip
 
 ENVIRONMENTS, TIPS = 3, 2
@@ -116,6 +117,45 @@ def test_maniskill() -> None:
     expected = np.tile([[0, 0, -radius], [radius, 0, 0], PAD], (2, 1))
     np.testing.assert_allclose(found.position, expected, atol=1e-6)
     assert found.touched.tolist() == [True, True, False] * 2
+
+
+def far_away(adapter: str, strict: bool) -> ContactSample:
+    """Contacts that are not on the skin, by each adapter."""
+    points, forces, origins, turned = touches(5, 1)
+    points = points + 7.0
+    quaternion = turned.as_quat(scalar_first=True)
+    shape = (ENVIRONMENTS, TIPS)
+    if adapter == "isaac_lab":
+        data = SimpleNamespace(
+            pos_w=tensor(origins, *shape, 3),
+            quat_w=tensor(turned.as_quat(), *shape, 4),
+            force_matrix_w=tensor(forces, *shape, 1, 3),
+            contact_pos_w=tensor(points, *shape, 1, 3),
+        )
+        return isaac_lab.contact_sample(data, strict=strict)
+    if adapter == "mjlab":
+        data = SimpleNamespace(
+            found=tensor(np.ones(COUNT), *shape),
+            force=tensor(-forces, *shape, 3),
+            pos=tensor(points, *shape, 3),
+        )
+        return mjlab.contact_sample(
+            data, tensor(origins, *shape, 3), tensor(quaternion, *shape, 4), strict=strict
+        )
+    # Its places are made from forces: one that pushes out of the base is on no skin.
+    scene = SimpleNamespace(
+        get_pairwise_contact_forces=lambda *_: tensor(turned.apply([1.0, 0.0, 0.0]), COUNT, 3)
+    )
+    pose = SimpleNamespace(p=tensor(origins, COUNT, 3), q=tensor(quaternion, COUNT, 4))
+    return maniskill.contact_sample(scene, SimpleNamespace(pose=pose), ["cube"], strict=strict)
+
+
+@pytest.mark.parametrize("adapter", ["isaac_lab", "mjlab", "maniskill"])
+def test_strict_makes_an_error_of_a_warning(adapter: str) -> None:
+    with pytest.warns(InputWarning, match="more than 4 mm off the skin"):
+        far_away(adapter, strict=False)
+    with pytest.raises(InvalidArgument, match="more than 4 mm off the skin"):
+        far_away(adapter, strict=True)
 
 
 def test_an_adapter_is_read_at_a_glance() -> None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -104,6 +105,9 @@ def test_the_skin_lies_over_the_electrodes() -> None:
     [
         ([[0, 0, 0]], [], {}, "1 points and 0 forces"),
         ([[0, 0]], [[0, 0]], {}, r"points has shape \(1, 2\): expected \(k, 3\)"),
+        (None, [[0, 0, 1]], {}, r"points has shape \(\): expected \(k, 3\)"),
+        ("here", [[0, 0, 1]], {}, "points: could not convert string to float"),
+        ([[0, 0, 0]], torch.zeros(1, 3, requires_grad=True), {}, "forces: .*detach"),
         ([[0, 0, np.inf]], [[0, 0, 1]], {}, r"points\[0\] is \[0.0, 0.0, inf\]: expected finite"),
         ([[0, 0, 0]], [[0, 0, 1]], {"finger": [1]}, "finger is 1 to 1: expected 0 to 0"),
         ([[0, 0, 0]], [[0, 0, 1]], {"last": np.zeros((2, 3))}, "last has 2 places"),

@@ -1,5 +1,7 @@
 """Many fingertips at once are as many streams, each alone."""
 
+import tracemalloc
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,8 @@ from numpy.typing import NDArray
 
 import taxel
 from taxel.errors import InvalidArgument
-from taxel.fingers import Fingers
+from taxel.fingers import Fingers, _numbers
+from taxel.input_checks import InputCheck
 from taxel.local import shipped_repository
 from taxel.windows import WindowSpec, WindowStream
 from taxel.windows.extras import ExtraFeature
@@ -163,20 +166,101 @@ def test_torch_tensors_are_taken() -> None:
     assert channels.data_ptr() == given.ctypes.data
 
 
-def test_tensors_are_not_copied(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A tensor of float64, which windows are built in, is read where it lies."""
+COUNT, MANY = 4096, 32_768
+KINDS: list[Any] = [
+    lambda rows: rows,
+    torch.from_numpy,
+    # Not one after the other in memory, and read-only.
+    lambda rows: torch.from_numpy(rows.T.copy()).T,
+    lambda rows: np.broadcast_to(rows[:1], rows.shape),
+]
+
+
+def pressed(dtype: Any, rows: int = COUNT) -> tuple[NDArray[Any], NDArray[Any]]:
+    random = np.random.default_rng(3)
+    position = np.tile([-0.002, 0.0, -0.007], (rows, 1)) + random.normal(0.0, 1e-4, (rows, 3))
+    return position.astype(dtype), random.uniform(0.5, 1.0, (rows, 3)).astype(dtype)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_an_array_is_read_where_it_lies(monkeypatch: pytest.MonkeyPatch, dtype: Any, kind: Any) -> None:
+    """Up to where its numbers are written down: by the check, and as the newest samples."""
+    position, force = map(kind, pressed(dtype))
+    read: list[NDArray[Any]] = []
+
+    def spy(owner: type, name: str) -> None:
+        original = getattr(owner, name)
+
+        def call(self: Any, place: NDArray[Any], push: NDArray[Any], *others: Any) -> Any:
+            read.extend([place, push])
+            return original(self, place, push, *others)
+
+        monkeypatch.setattr(owner, name, call)
+
+    spy(InputCheck, "take")
+    spy(FingerWindows, "step")
+    with taxel.load() as models:
+        fingers = models.predictor().fingers(COUNT, rate_hz=1000)
+        fingers.step(position, force)
+    given = [np.from_dlpack(each) if isinstance(each, torch.Tensor) else each for each in (position, force)]
+    for one, own in zip(read, given * 2, strict=True):
+        assert one.__array_interface__["data"][0] == own.__array_interface__["data"][0]
+        assert (one.dtype, one.strides) == (own.dtype, own.strides)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_a_step_makes_no_copy_of_its_arrays(dtype: Any, kind: Any) -> None:
+    """Neither when they are read and checked, nor in a step between two ticks."""
+    position, force = map(kind, pressed(dtype, MANY))
+    windows = FingerWindows(WindowSpec.of(5), MANY, rate_hz=1000)
+    size = MANY * 3 * np.dtype(dtype).itemsize
+
+    def peak(call: Callable[[], Any]) -> int:
+        tracemalloc.reset_peak()
+        before, _ = tracemalloc.get_traced_memory()
+        call()
+        return tracemalloc.get_traced_memory()[1] - before
+
+    tracemalloc.start()
+    try:
+        reading = peak(lambda: _numbers("position", position, (MANY, 3)))
+        places, forces = (_numbers("", each, (MANY, 3)) for each in (position, force))
+        windows.step(places, forces, 1_000_000)
+        stepping = peak(lambda: windows.step(places, forces, 1_000_000))
+    finally:
+        tracemalloc.stop()
+    # NumPy goes through strided numbers in buffers, however many there are.
+    assert reading < 100_000 < size / 3
+    # For each fingertip a time of 8 bytes, and flags of one.
+    assert stepping < 16 * MANY < 2 * size
+
+
+@pytest.mark.parametrize("rate", [100.0, 500.0])
+def test_numbers_of_any_type_give_the_same_channels(rate: float) -> None:
+    random = np.random.default_rng(4)
+    with taxel.load() as models:
+        predictor = models.predictor()
+        expected, *others = (predictor.fingers(8, rate_hz=rate) for _ in range(3))
+        for _ in range(30):
+            position, force = pressed(np.float32, 8)
+            force *= np.float32(random.uniform())
+            dt = (random.uniform(0.9, 1.1, 8) / rate).astype(np.float32)
+            as_64 = [each.astype(np.float64) for each in (position, force, dt)]
+            channels = expected.step(*as_64)
+            np.testing.assert_array_equal(others[0].step(position, force, dt), channels)
+            tensors: list[Any] = [torch.from_numpy(each) for each in (position, force, dt)]
+            np.testing.assert_array_equal(others[1].step(*tensors), channels)
+            # The past is the fingers' own.
+            position[:], force[:] = 9.0, 9.0
+            assert not np.isnan(channels).any()
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.int64, np.bool_, np.dtype(">f4")])
+def test_other_real_numbers_are_taken(dtype: Any) -> None:
     fingers = Fingers(Echo(), 2, rate_hz=100)  # type: ignore[arg-type]
-    position, force = torch.rand(2, 3, dtype=torch.float64), torch.rand(2, 3, dtype=torch.float64)
-    read = []
-
-    def step(self: FingerWindows, place: Any, push: Any, *others: Any) -> Any:
-        read.extend([place.ctypes.data, push.ctypes.data])
-        return original(self, place, push, *others)
-
-    original = FingerWindows.step
-    monkeypatch.setattr(FingerWindows, "step", step)
-    fingers.step(position, force)  # type: ignore[arg-type]
-    assert read == [position.data_ptr(), force.data_ptr()]
+    assert (fingers.step(np.ones((2, 3), dtype), np.zeros((2, 3), dtype)) == 1.0).all()
 
 
 @pytest.mark.parametrize(
@@ -184,8 +268,12 @@ def test_tensors_are_not_copied(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         ({"position": np.zeros((2, 3))}, r"position has shape \(2, 3\): expected \(3, 3\)"),
         ({"force": np.full((3, 3), np.nan)}, r"force\[0\] is \[nan, nan, nan\]: expected finite"),
+        ({"force": np.full((3, 3), -np.inf, np.float32)}, r"force\[0\] is \[-inf, .*: expected finite"),
+        ({"force": np.full((3, 3), np.nan, np.float16)}, r"force\[0\] is \[nan, .*: expected finite"),
+        ({"force": np.full((3, 3), 1j)}, "force: complex numbers: expected numbers"),
         ({"force": np.full((3, 3), 1e300)}, r"force\[0\] is \[1e\+300, .*: expected finite"),
         ({"dt": 0.0}, "dt is 0.0: expected more than 0 s"),
+        ({"dt": [0.01, 1e30, 0.01]}, r"dt is 1e\+30: expected more than 0 s, and at most 1e\+06 s"),
         ({"dt": "soon"}, "dt: could not convert string"),
         ({"extras": {"heat": 1.0}}, "no extra feature 'heat'"),
         ({"position": torch.zeros(3, 3, requires_grad=True)}, "position: .*grad"),

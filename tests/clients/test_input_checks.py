@@ -143,15 +143,59 @@ def test_a_check_warns_once_however_samples_come(count: int, steps: int) -> None
     assert [(warning.category, str(warning.message)[:5]) for warning in told] == [(InputWarning, "m/1: ")]
 
 
-def test_each_sample_is_looked_at() -> None:
+def test_what_looks_wrong_stands_until_later_touches_look_right() -> None:
+    place, press = np.array([[0.0, 0.0, -0.007]]), np.array([[0.0, 0.0, 1.0]])
+    with pytest.warns(InputWarning, match="a sample every 50 ms"):
+        check = InputCheck("m/1", TRAINED, 0.05, ticks=True, strict=False)
+
+    def take(force: NDArray[np.float64], steps: int) -> list[str]:
+        for _ in range(steps):
+            check.take(place, force)
+        return check.standing
+
+    rate = "m/1: a sample every 50 ms: expected one every 10 ms or so"
+    assert take(press, 200) == [rate]
+    grams = "m/1: forces up to 102 look like grams: expected newtons, up to 8.81"
+    with pytest.warns(InputWarning, match="grams"):
+        assert take(press * 101.97, 200) == [rate, grams]
+    # Where nothing touches, nothing can be told.
+    assert take(0.0 * press, 500) == [rate, grams]
+    assert take(press, 200) == [rate]
+
+
+@pytest.mark.parametrize("before", [0, 20, 300])
+def test_a_strict_check_looks_at_each_sample_and_goes_on_where_they_are_right(before: int) -> None:
     check = InputCheck("m/1", TRAINED, 0.01, ticks=True, strict=True)
-    right, press = np.array([[0.0, 0.0, -0.007]]), np.array([[0.0, 0.0, 1.0]])
-    for _ in range(20):
-        check.take(right, press)
-    check.take(right * 1e3, press)
-    with pytest.raises(InvalidArgument, match="look like millimetres"):
-        for _ in range(20):
-            check.take(right, press)
+    place, press = np.array([[0.0, 0.0, -0.007]]), np.array([[0.0, 0.0, 1.0]])
+    for _ in range(before):
+        check.take(place, press)
+    for _ in range(3):
+        with pytest.raises(InvalidArgument, match=r"1 of .* touched places look like millimetres"):
+            check.take(1e3 * place, press)
+        check.take(place, press)
+    # A sign is judged of some 20 touches.
+    pulls = 0
+    with pytest.raises(InvalidArgument, match="pull at the skin"):
+        while pulls < 200:
+            pulls += 1
+            check.take(place, -press)
+    assert pulls > 10
+    for _ in range(200):
+        check.take(place, press)
+    assert check.standing == []
+
+
+def test_a_stream_of_one_fingertip_is_looked_at_within_100_steps() -> None:
+    with taxel.load() as models:
+        stream = models.predictor().stream()
+    for step in range(1000):
+        stream.push(0.01 * step, [0.0, 0.0, -0.007], [0.0, 0.0, 1.0])
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        for step in range(1000, 1101):
+            place = [0.0, 0.0, -7.0 if step == 1000 else -0.007]
+            stream.push(0.01 * step, place, [0.0, 0.0, 1.0])
+    assert ["1 of 100 touched places look like millimetres" in str(one.message) for one in told] == [True]
 
 
 def test_the_warning_names_the_line_of_the_user() -> None:
@@ -160,6 +204,20 @@ def test_the_warning_names_the_line_of_the_user() -> None:
         with pytest.warns(InputWarning, match="xgb/1: 1 of 1 touched places look like millimetres") as told:
             fingers.step([[0.0, 0.0, -7.0]], [[0.0, 0.0, 1.0]])
     assert told[0].filename == __file__
+
+
+def test_what_fingers_begin_with_is_looked_at() -> None:
+    with taxel.load() as models:
+        predictor = models.predictor()
+        fingers = predictor.fingers(3)
+        with pytest.warns(InputWarning, match="1 of 1 touched places look like millimetres"):
+            fingers.prime([[0.0, 0.0, -7.0]], [[0.0, 0.0, 1.0]], [1])
+        strict, expected = predictor.fingers(3, strict=True), predictor.fingers(3)
+        with pytest.raises(InvalidArgument, match="look like millimetres"):
+            strict.prime([[0.0, 0.0, -7.0]], [[0.0, 0.0, 1.0]], [1])
+        strict.prime(np.empty((0, 3)), np.empty((0, 3)), np.empty(0, np.int64))
+        rest = np.tile([0.0, 0.0, -0.007], (3, 1)), np.zeros((3, 3))
+        np.testing.assert_array_equal(strict.step(*rest), expected.step(*rest))
 
 
 def test_strict_streams_and_fingers_take_nothing_that_looks_wrong() -> None:

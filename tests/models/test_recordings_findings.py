@@ -161,8 +161,9 @@ def test_reading_warns_and_is_strict_if_asked(tmp_path: Path) -> None:
     with pytest.warns(InputWarning, match=r"mm: .* look like millimetres"):
         recording = read_recording(path)
     assert len(recording) == len(TWINS[0])
+    # A path may be text.
     with pytest.raises(RecordingError, match=r"mm: .* look like millimetres"):
-        read_recording(path, strict=True)
+        read_recording(str(path), strict=True)
 
 
 def run(*arguments: str) -> Result:

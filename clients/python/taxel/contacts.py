@@ -152,14 +152,19 @@ def _sample(
     return ContactSample(held, force, touched, height, left_out)
 
 
-def _rows(name: str, values: ArrayLike) -> NDArray[np.float64]:
+def _array(name: str, values: ArrayLike) -> NDArray[np.float64]:
     try:
-        array = np.asarray(values, dtype=np.float64)
-        rows = array.reshape(-1, 3) if array.size else np.empty((0, 3))
-    except (TypeError, ValueError):
-        raise InvalidArgument(f"{name} has shape {np.shape(values)}: expected (k, 3) numbers") from None
-    if array.ndim > 2 or (array.size and array.shape[-1] != 3):
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError, RuntimeError) as error:
+        # A tensor on a GPU, or with gradients, says itself what to do with it.
+        raise InvalidArgument(f"{name}: {error}: expected numbers on the CPU") from None
+
+
+def _rows(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    array = _array(name, values)
+    if array.ndim > 2 or (array.size and array.shape[-1:] != (3,)):
         raise InvalidArgument(f"{name} has shape {array.shape}: expected (k, 3)")
+    rows = array.reshape(-1, 3)
     finite = np.isfinite(rows)
     if not finite.all():
         row = int(np.argmin(finite.all(axis=1)))
@@ -169,13 +174,13 @@ def _rows(name: str, values: ArrayLike) -> NDArray[np.float64]:
 
 def _poses(positions: ArrayLike, rotations: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     origins = _rows("sensor_position", positions)
-    try:
-        turned = np.asarray(rotations, dtype=np.float64).reshape(len(origins), 3, 3)
-    except (TypeError, ValueError):
+    turned = _array("sensor_rotation", rotations)
+    if turned.size != 9 * len(origins):
         raise InvalidArgument(
-            f"sensor_rotation has shape {np.shape(rotations)}: expected ({len(origins)}, 3, 3), a matrix "
-            "for each sensor"
-        ) from None
+            f"sensor_rotation has shape {turned.shape}: expected ({len(origins)}, 3, 3), a matrix for each "
+            "sensor"
+        )
+    turned = turned.reshape(len(origins), 3, 3)
     near = np.abs(turned @ turned.transpose(0, 2, 1) - _IDENTITY) <= _ROTATION_TOLERANCE
     if not near.all() or (np.linalg.det(turned) < 0.0).any():
         wrong = ~near.all(axis=(1, 2)) | (np.linalg.det(turned) < 0.0)

@@ -20,6 +20,13 @@ if TYPE_CHECKING:
 
 _LARGEST: Final = float(np.finfo(np.float32).max)
 
+_LONGEST_S: Final = 1e6
+"""A step takes no longer, so that nanoseconds fit into a clock."""
+
+_least: Final = np.minimum.reduce
+_most: Final = np.maximum.reduce
+"""Both are NaN where a number is."""
+
 
 class _Asked(NamedTuple):
     """A request under way: for which fingertips, and how often each had been reset by then."""
@@ -95,7 +102,11 @@ class Fingers:
     ) -> NDArray[np.float32]:
         """Take one sample of every fingertip and give the newest channels.
 
-        Takes NumPy arrays, and CPU arrays of any library that speaks DLPack (torch, JAX).
+        Takes NumPy arrays, and CPU arrays of any library that speaks DLPack (torch, JAX), of any real type.
+        They are read where they lie, also float32 ones, whatever their strides: they are not converted
+        first. Their numbers go, as float64, straight into memory that the fingers keep: the newest sample
+        of each, and a buffer of the check. So the caller may change its arrays afterwards. Lists become
+        arrays first.
 
         Args:
             position: (count, 3), in each sensor's frame, m; `taxel.contacts` makes it from contacts.
@@ -122,15 +133,16 @@ class Fingers:
         places = _numbers("position", position, (count, 3))
         forces = _numbers("force", force, (count, 3))
         seconds = None if dt is None else _numbers("dt", dt, (count,))
-        if seconds is not None and (seconds <= 0.0).any():
-            raise InvalidArgument(f"dt is {seconds.min()}: expected more than 0 s")
+        if seconds is not None and not ((seconds > 0.0) & (seconds <= _LONGEST_S)).all():
+            wrong = seconds[(seconds <= 0.0) | (seconds > _LONGEST_S)][0]
+            raise InvalidArgument(f"dt is {wrong}: expected more than 0 s, and at most {_LONGEST_S:g} s")
         given = {name: _numbers(name, values, (count,)) for name, values in (extras or {}).items()}
         self._check_names(given)
         if self._check is not None:
             self._check.take(places, forces, seconds)
             for name, values in given.items():
                 self._check.extra(name, values)
-        dt_ns = self._windows.period_ns if seconds is None else np.rint(seconds * 1e9).astype(np.int64)
+        dt_ns = self._windows.period_ns if seconds is None else _nanoseconds(seconds)
         ids, windows = self._windows.step(places, forces, dt_ns, given)
         if wait:
             self._settle(ids, self._predictor.predict(windows, timeout=timeout) if len(ids) else None)
@@ -151,7 +163,7 @@ class Fingers:
         channels[which] = np.nan
         self.channels = channels
         if self._prime_at_rest:
-            self.prime(np.tile(np.array(PAD), (len(which), 1)), np.zeros((len(which), 3)), which)
+            self._prime(np.tile(np.array(PAD), (len(which), 1)), np.zeros((len(which), 3)), which)
 
     def prime(self, position: ArrayLike, force: ArrayLike, ids: ArrayLike | None = None) -> None:
         """Begin again as if these fingertips had been touched so, without a change, for long.
@@ -162,13 +174,19 @@ class Fingers:
             ids: (m,) fingertips; all if not given.
 
         Raises:
-            InvalidArgument: a shape is wrong, a number is not finite, or there is no such fingertip.
+            InvalidArgument: a shape is wrong, a number is not finite, there is no such fingertip, or
+                something looks wrong and they are strict. Nothing is changed.
         """
         which = self._ids(ids)
         places = _numbers("position", position, (len(which), 3))
         forces = _numbers("force", force, (len(which), 3))
-        self._windows.prime(which, places, forces)
-        self._forget(which)
+        if self._check is not None:
+            self._check.look(places, forces)
+        self._prime(places, forces, which)
+
+    def _prime(self, places: NDArray[Any], forces: NDArray[Any], ids: NDArray[np.int64]) -> None:
+        self._windows.prime(ids, places, forces)
+        self._forget(ids)
 
     def _forget(self, ids: NDArray[np.int64]) -> None:
         """Do not take answers that these fingertips still wait for."""
@@ -232,22 +250,37 @@ class Fingers:
         return which.astype(np.int64)
 
 
-def _numbers(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Checked float64 numbers of this shape; one number stands for all where `shape` has one axis."""
+def _numbers(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
+    """Checked real numbers of this shape, of the type that they have; a real array is not copied.
+
+    One number stands for all where `shape` has one axis.
+    """
     try:
         foreign: Any = values
         if not isinstance(foreign, np.ndarray) and hasattr(foreign, "__dlpack__"):
             foreign = np.from_dlpack(foreign)
-        array = np.asarray(foreign, dtype=np.float64)
+        array: NDArray[Any] = np.asarray(foreign)
+        if array.dtype.kind == "c":
+            raise TypeError("complex numbers")
+        if array.dtype.kind not in "fiub":
+            array = np.asarray(foreign, dtype=np.float64)
         if len(shape) == 1 and not array.ndim:
             array = np.full(shape, array)
     except (TypeError, ValueError, RuntimeError, BufferError) as error:
         raise InvalidArgument(f"{name}: {error}: expected numbers of shape {shape} on the CPU") from None
     if array.shape != shape:
         raise InvalidArgument(f"{name} has shape {array.shape}: expected {shape}")
-    # False for NaN, too. Windows are float32.
-    fits = np.abs(array) <= _LARGEST
-    if not fits.all():
+    # False for NaN, too. Windows are float32. Finding the two ends takes no further array.
+    if array.size and not (
+        float(_least(array, None)) >= -_LARGEST and float(_most(array, None)) <= _LARGEST
+    ):
+        fits = np.abs(array.astype(np.float64)) <= _LARGEST
         row = int(np.argmin(fits.reshape(len(array), -1).all(axis=1)))
         raise InvalidArgument(f"{name}[{row}] is {array[row].tolist()}: expected finite numbers")
     return array
+
+
+def _nanoseconds(seconds: NDArray[Any]) -> NDArray[np.int64]:
+    """Rounded from float64, since float32 has too few digits."""
+    exact: NDArray[np.float64] = np.multiply(seconds, 1e9, dtype=np.float64)
+    return np.rint(exact).astype(np.int64)

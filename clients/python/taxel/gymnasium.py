@@ -215,7 +215,7 @@ class _Touch:
             return place, touched.force
         try:
             position, force = (np.asarray(values, np.float64) for values in touched)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, RuntimeError) as error:
             raise InvalidArgument(f"contact gives {error}: expected places and forces") from None
         for name, values in (("places", position), ("forces", force)):
             if values.shape != (*self._shape, 3):

@@ -8,7 +8,7 @@ model was trained on (`taxel.trained_contacts`). What looks wrong is told once, 
 import sys
 import warnings
 from collections.abc import Iterable
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,8 +41,8 @@ _SLOWER: Final = 2.5
 _RATE_TOLERANCE: Final = 0.15
 """How far the median interval may be from the one that was told."""
 
-_MOST_ROWS: Final = 4096
-"""About so many samples are kept until they are looked at together."""
+_MOST_ROWS, _MOST_STEPS = 4096, 100
+"""About so many samples, and of at most so many steps, are kept until they are looked at together."""
 
 
 class Finding(NamedTuple):
@@ -157,7 +157,7 @@ def _sign_findings(
     return [Finding("wrong sign", f"the forces of {len(places):,} touches {wrong}")]
 
 
-def extra_findings(trained: TrainedContacts, name: str, values: NDArray[np.float64]) -> list[Finding]:
+def extra_findings(trained: TrainedContacts, name: str, values: NDArray[Any]) -> list[Finding]:
     """What looks wrong in an extra feature, (n,)."""
     known = trained.extras.get(name)
     if known is None:
@@ -209,7 +209,9 @@ def interval_findings(seconds: float, told_s: float, *, ticks: bool) -> list[Fin
 
 
 class InputCheck:
-    """Looks at what comes into a stream, at first often, then every few thousand samples.
+    """Looks at what comes into a stream: at first often, later every 100 steps or 4096 samples.
+
+    If it is strict, it looks at each sample before that is used.
 
     Args:
         label: the model's name, for the text.
@@ -223,52 +225,94 @@ class InputCheck:
     """
 
     def __init__(
-        self, label: str, trained: TrainedContacts, period_s: float, *, ticks: bool, strict: bool
+        self,
+        label: str,
+        trained: TrainedContacts,
+        period_s: float,
+        *,
+        ticks: bool,
+        strict: bool,
     ) -> None:
         self._label, self._trained, self._strict = label, trained, strict
         self._period_s, self._ticks = period_s, ticks
         self._told: set[str] = set()
+        self._of_contacts: dict[str, str] = {}
+        self._of_others: dict[str, str] = {}
         self._position = np.empty((0, 3))
         self._force = np.empty((0, 3))
         self._held = 0
-        self._due = 1
+        self._due = self._most = 1
         self.tell(rate_findings(trained, period_s))
 
     def take(
         self,
-        position: NDArray[np.float64],
-        force: NDArray[np.float64],
+        position: NDArray[Any],
+        force: NDArray[Any],
         seconds: ArrayLike | None = None,
     ) -> None:
         """Take finite samples (k, 3), m, and (k, 3), N, always the same k; `seconds` since the last ones.
+
+        They are of any real type, and are written down as float64 until they are looked at.
 
         Raises:
             InvalidArgument: it is strict, and something looks wrong.
         """
         count = len(position)
         if not len(self._position):
-            self._position = np.empty((_MOST_ROWS + count, 3))
-            self._force = np.empty((_MOST_ROWS + count, 3))
+            self._most = min(_MOST_ROWS, _MOST_STEPS * count)
+            self._position = np.empty((self._most + count, 3))
+            self._force = np.empty((self._most + count, 3))
         stop = self._held + count
         self._position[self._held : stop] = position
         self._force[self._held : stop] = force
         self._held = stop
-        if stop >= self._due:
-            self._held, self._due = 0, min(2 * self._due, _MOST_ROWS)
-            self.tell(contact_findings(self._trained, self._position[:stop], self._force[:stop]))
-            if seconds is not None:
-                self.tell(
-                    interval_findings(
-                        float(np.median(np.asarray(seconds, np.float64))), self._period_s, ticks=self._ticks
-                    )
-                )
+        due = stop >= self._due
+        if due:
+            self._held, self._due = 0, min(2 * self._due, self._most)
+        if due or self._strict:
+            try:
+                self._look(self._position[:stop], self._force[:stop])
+            except InvalidArgument:
+                # What is refused must not stand against later samples.
+                self._held = 0
+                raise
+        if due and seconds is not None:
+            median = float(np.median(np.asarray(seconds, np.float64)))
+            self.tell(interval_findings(median, self._period_s, ticks=self._ticks))
 
-    def extra(self, name: str, values: NDArray[np.float64]) -> None:
+    @property
+    def standing(self) -> list[str]:
+        """What looks wrong, as it was seen last.
+
+        What was seen in contacts stands until some 20 touches are looked at that do not have it.
+        """
+        return [*self._of_others.values(), *self._of_contacts.values()]
+
+    def look(self, position: NDArray[Any], force: NDArray[Any]) -> None:
+        """Look now at finite samples of any number, which `take` does not get; raises as `take`."""
+        if len(position):
+            self._look(np.asarray(position, np.float64), np.asarray(force, np.float64))
+
+    def _look(self, position: NDArray[np.float64], force: NDArray[np.float64]) -> None:
+        found = contact_findings(self._trained, position, force)
+        if self._of_contacts:
+            touches = np.count_nonzero(np.einsum("ij,ij->i", force, force) >= TOUCHED_N**2)
+            if touches >= _LEAST_TOUCHES:
+                self._of_contacts.clear()
+        self._tell(found)
+        self._of_contacts |= {name: f"{self._label}: {text}" for name, text in found}
+
+    def extra(self, name: str, values: NDArray[Any]) -> None:
         """Take the values of an extra feature, (k,); raises as `take`."""
         self.tell(extra_findings(self._trained, name, values))
 
     def tell(self, findings: Iterable[Finding]) -> None:
-        """Warn of what was not told before; or raise, if strict."""
+        """Warn of what was not told before, and does not lie in contacts; or raise, if strict."""
+        found = list(findings)
+        self._tell(found)
+        self._of_others |= {name: f"{self._label}: {text}" for name, text in found}
+
+    def _tell(self, findings: Iterable[Finding]) -> None:
         for name, text in findings:
             if self._strict:
                 raise InvalidArgument(f"{self._label}: {text}")

@@ -136,8 +136,13 @@ class BasePredictor:
         check = self.input_check(rate_hz, strict=strict)
         return WindowStream(self.window, rate_hz=rate_hz, fingers=fingers, extras=extras, check=check)
 
-    def input_check(self, rate_hz: float, *, strict: bool) -> InputCheck | None:
+    def input_check(self, rate_hz: float, *, strict: bool, of: str = "") -> InputCheck | None:
         """Compares samples that come at this rate with the training's; None if those are not known.
+
+        Args:
+            rate_hz: how often samples come.
+            strict: whether what looks wrong is an error.
+            of: whose samples they are, for the text.
 
         Raises:
             InvalidArgument: it is strict, and they are to come too slowly.
@@ -145,10 +150,10 @@ class BasePredictor:
         training = self.manifest.training
         if training is None or training.contacts is None:
             return None
-        label, period_ns = f"{self.manifest.name}/{self.manifest.version}", period_of(rate_hz)
-        return InputCheck(
-            label, training.contacts, period_ns / 1e9, ticks=rows_are_ticks(period_ns), strict=strict
-        )
+        label = f"{of}{self.manifest.name}/{self.manifest.version}"
+        period_ns = period_of(rate_hz)
+        ticks = rows_are_ticks(period_ns)
+        return InputCheck(label, training.contacts, period_ns / 1e9, ticks=ticks, strict=strict)
 
     def check_gives_spread(self) -> None:
         """Raise if the model gives no spread.

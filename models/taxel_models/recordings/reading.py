@@ -13,7 +13,7 @@ from taxel_models.recordings.slide import read_slide
 
 
 def read_recording(
-    path: Path,
+    path: str | Path,
     progress: Callable[[int, int], None] | None = None,
     *,
     finger: str | None = None,
@@ -39,7 +39,7 @@ def read_recording(
 
 
 def read_unchecked(
-    path: Path, progress: Callable[[int, int], None] | None = None, *, finger: str | None = None
+    path: str | Path, progress: Callable[[int, int], None] | None = None, *, finger: str | None = None
 ) -> Recording:
     """As `read_recording`, for callers that look at what is wrong themselves.
 
@@ -47,6 +47,7 @@ def read_unchecked(
         RecordingError: `path` does not exist, or is damaged; the text names the file, the line and
             what was expected.
     """
+    path = Path(path)
     if not path.exists():
         raise RecordingError(
             f"{path}: does not exist; expected a Ruppel CSV file, a BioTac slide folder or a bag of ROS"

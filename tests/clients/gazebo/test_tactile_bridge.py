@@ -1,6 +1,8 @@
 """From Gazebo's messages to channels, held against fingers that are given the same touches by hand."""
 
 import math
+import warnings
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +11,7 @@ from google.protobuf import json_format
 from numpy.typing import NDArray
 
 import taxel
-from taxel.errors import InputWarning
+from taxel.errors import InputWarning, InvalidArgument
 from taxel.gazebo.messages import CLOCK, CONTACTS, POSES
 from taxel.gazebo.settings import BridgeSettings, GazeboFinger, mount_of
 from taxel.gazebo.tactile_bridge import Prediction, TactileBridge, on_finger
@@ -287,6 +289,7 @@ def test_a_pose_that_changes_is_followed(world: World, predictor: Predictor) -> 
 
 def test_a_finger_without_a_pose_is_told_by_name(gz: Json, predictor: Predictor) -> None:
     world = World(gz, TactileBridge(predictor, SETTINGS))
+    world.poses({"name": "table", "orientation": {"w": 1}})
     world.step(contacts((PAD_PLACE, PRESS)))
     with pytest.warns(
         InputWarning, match="^/world/.*/contact: /world/w/dynamic_pose/info has no pose of 'hand'"
@@ -298,6 +301,75 @@ def test_a_finger_without_a_pose_is_told_by_name(gz: Json, predictor: Predictor)
     with pytest.warns(InputWarning, match="has two poses of 'tip': expected names that differ"):
         world.step()
     assert world.bridge.refused == 2
+
+
+def test_contacts_before_the_first_poses_are_waited_with(gz: Json, predictor: Predictor) -> None:
+    world, by_hand = World(gz, TactileBridge(predictor, SETTINGS)), ByHand(predictor)
+    for _ in range(30):
+        world.step(contacts((PAD_PLACE, PRESS)))
+    assert world.given == []
+    world.poses(HAND, TIP)
+    for _ in range(30):
+        world.step(contacts((PAD_PLACE, PRESS)))
+        by_hand.step((PAD_PLACE, PRESS))
+    same(world, by_hand)
+    assert world.bridge.refused == 0
+
+
+def test_poses_that_never_come_are_told(gz: Json, predictor: Predictor) -> None:
+    world = World(gz, TactileBridge(predictor, SETTINGS))
+    for _ in range(1001):
+        world.step(contacts((PAD_PLACE, PRESS)))
+    assert world.bridge.refused == 0
+    with pytest.warns(InputWarning, match="/world/w/dynamic_pose/info has no pose of 'hand'"):
+        world.step()
+
+
+GRAMS = PRESS * 101.97
+STRICT = replace(SETTINGS, strict=True)
+
+
+@pytest.mark.parametrize(
+    ("touch", "text"),
+    [
+        ((PAD_PLACE, GRAMS), "forces up to 122.8 look like grams: expected newtons"),
+        ((PAD_PLACE * 1e3, PRESS), "look like millimetres, expected metres"),
+        ((np.array([0.0, 0.0, -0.03]), PRESS), "contacts are more than 4 mm off the skin"),
+        (b"nonsense", "/contact: bytes that are no gz.msgs.Contacts"),
+    ],
+)
+def test_a_strict_bridge_ends_at_the_first_input_that_looks_wrong(
+    gz: Json, predictor: Predictor, touch: Any, text: str
+) -> None:
+    with pytest.warns(InputWarning, match=text):
+        _told_of(World(gz, TactileBridge(predictor, SETTINGS)), touch)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(InvalidArgument, match=text):
+            _told_of(World(gz, TactileBridge(predictor, STRICT)), touch)
+
+
+def _told_of(world: World, touch: Any) -> None:
+    world.poses(HAND, TIP)
+    for _ in range(15):
+        world.step(None if isinstance(touch, bytes) else contacts(touch))
+        if isinstance(touch, bytes):
+            world.bridge.take_contacts(0, touch)
+
+
+def test_a_strict_bridge_takes_what_is_right(gz: Json, predictor: Predictor) -> None:
+    world, by_hand = World(gz, TactileBridge(predictor, STRICT)), ByHand(predictor)
+    world.poses(HAND, TIP)
+    for _ in range(60):
+        world.step(contacts((PAD_PLACE, PRESS)))
+        by_hand.step((PAD_PLACE, PRESS))
+    world.step()
+    same(world, by_hand)
+
+
+def test_a_strict_bridge_refuses_a_world_that_steps_too_slowly(predictor: Predictor) -> None:
+    with pytest.raises(InvalidArgument, match="a sample every 50 ms: expected one every 10 ms"):
+        TactileBridge(predictor, replace(STRICT, rate_hz=20.0))
 
 
 def test_contacts_of_another_frame_are_told(world: World) -> None:
@@ -340,3 +412,10 @@ def test_a_prediction_that_cannot_be_had_is_told_and_the_world_goes_on(gz: Json,
     with pytest.warns(InputWarning, match="no prediction: "):
         world.step()
     assert world.given == []
+
+
+def test_a_server_that_does_not_answer_does_not_end_a_strict_bridge(gz: Json, closed: Predictor) -> None:
+    world = World(gz, TactileBridge(closed, STRICT))
+    world.step()
+    with pytest.warns(InputWarning, match="no prediction: "):
+        world.step()

@@ -197,6 +197,33 @@ def test_the_command_bridges_until_it_is_interrupted(
     assert f"ff: {FF_TOPIC} gives /ff/tactile" in said
 
 
+def test_the_strict_command_ends_at_the_first_input_that_looks_wrong(
+    peer: zenoh.Session, endpoint: str, gz: Json
+) -> None:
+    options = ["--world", "w", "--partition", "lab", "--router", endpoint, "--strict"]
+    for name in ("ff", "th"):
+        options += ["--finger", f"{name}=hand/{name}_tip/touch"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "taxel", "gazebo", *options], stderr=subprocess.PIPE, text=True
+    ) as bridge:
+        try:
+            world = Publishing(peer, gz)
+            for message in published(10)[:-1]:
+                world.send(message)
+            far = json.loads(json.dumps(TOUCHING))
+            far["contact"][0]["position"][0]["x"] = 1.9
+            world.send({"topic": FF_TOPIC, "type": CONTACTS, "message": far})
+            for step in range(11, 22):
+                world.send({"topic": FF_TOPIC, "type": CONTACTS, "message": far})
+                world.send({"topic": CLOCK_TOPIC, "type": CLOCK, "message": clock(step)})
+            _, said = bridge.communicate(timeout=60)
+        finally:
+            bridge.kill()
+    assert "error: contacts are more than 4 mm off the skin" in said
+    assert "Traceback" not in said
+    assert bridge.returncode == 1
+
+
 def interrupt(process: int) -> None:
     """Ctrl-C as the kernel may give it: to a thread of zenoh, which does not wake Python's."""
     threads = sorted(int(task.name) for task in Path(f"/proc/{process}/task").glob("*"))

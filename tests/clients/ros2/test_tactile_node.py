@@ -1,6 +1,8 @@
 """A node's fingers, without a transport: pairs, frames of reference, rates, silence, and hands."""
 
+import re
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taxel.contacts import fingertip_contacts
-from taxel.errors import SettingsError, Unavailable
+from taxel.errors import InputWarning, InvalidArgument, SettingsError, Unavailable
 from taxel.predictor import Predictor
-from taxel.ros2.finger_input import ContactMessage, FingerInput, Sample
+from taxel.ros2.finger_input import ContactMessage, FingerInput, Sample, Vector
 from taxel.ros2.messages import Level, Status
 from taxel.ros2.settings import Inputs, NodeSettings
 from taxel.ros2.tactile_node import HandFrame, Prediction, TactileNode
@@ -162,6 +164,94 @@ def test_messages_give_the_channels_of_the_models_own_stream(predictor: Predicto
             expected.append(predictor.predict(window.values)[0])
     assert len(given) == len(expected) > 20
     np.testing.assert_array_equal([one.channels for one in given], expected)
+
+
+WRONG = [
+    (PLACE, (0.0, 0.0, -1.0), "finger ff, xgb/1: the forces of .* touches pull at the skin"),
+    (PLACE, (0.0, 0.0, 101.97), "finger ff, xgb/1: forces up to 102 look like grams: expected newtons"),
+    ((0.0, 0.0, -7.0), FORCE, "touched places look like millimetres, as 7: expected metres"),
+    ((0.0, 0.0, -0.0115), FORCE, "touched places are off the skin, one of them 4.5 mm outside it"),
+    (PLACE, (0.0, 0.0, 12.0), "fz of 12 N: expected -"),
+]
+TACTILE = NodeSettings(("ff", "th"), "tip", Inputs.TACTILE_CONTACT, stale_after_s=100.0)
+
+
+def play(node: TactileNode, start: int, steps: int, place: Vector, force: Vector) -> list[Prediction]:
+    given: list[Prediction] = []
+    for step in range(start, start + steps):
+        message = ContactMessage(START + step * TICK, "tip", place, force)
+        given += node.take("ff", message, step * 0.01).predictions
+        node.take("th", message._replace(place=PLACE, force=FORCE), step * 0.01)
+    return given
+
+
+@pytest.mark.parametrize(("place", "force", "text"), WRONG)
+def test_contacts_that_look_wrong_are_told_in_diagnostics_until_they_look_right(
+    predictor: Predictor, place: Vector, force: Vector, text: str
+) -> None:
+    node = TactileNode(predictor, TACTILE)
+    play(node, 0, 150, PLACE, FORCE)
+    _, right, _ = node.statuses(1.5)
+    assert (right.level, right.message) == (Level.OK, "contacts come as expected")
+    with pytest.warns(InputWarning, match=text):
+        given = play(node, 150, 300, place, force)
+    assert len(given) == 300
+    # Longer than a fault is reported: the warning came once, and what it says is so still.
+    _, wrong, other = node.statuses(9.0)
+    assert wrong.level is Level.WARN
+    assert re.search(text, wrong.message)
+    assert (other.level, other.message) == (Level.OK, "contacts come as expected")
+    play(node, 450, 300, PLACE, (0.0, 0.0, 0.0))
+    assert node.statuses(18.0)[1].level is Level.WARN
+    play(node, 750, 300, PLACE, FORCE)
+    assert node.statuses(27.0)[1].level is Level.OK
+
+
+@pytest.mark.parametrize(("place", "force", "text"), WRONG)
+def test_a_strict_node_ends_at_the_first_contact_that_looks_wrong(
+    predictor: Predictor, place: Vector, force: Vector, text: str
+) -> None:
+    node = TactileNode(predictor, replace(TACTILE, strict=True))
+    play(node, 0, 150, PLACE, FORCE)
+    with pytest.raises(InvalidArgument, match=text):
+        play(node, 150, 300, place, force)
+    status = node.statuses(4.5)[1]
+    assert status.level is Level.ERROR
+    assert re.search(text, status.message)
+
+
+def test_a_strict_node_ends_where_contacts_come_at_another_rate(predictor: Predictor) -> None:
+    def at_500_hz(settings: NodeSettings) -> TactileNode:
+        node = TactileNode(predictor, settings)
+        for step in range(120):
+            node.take("ff", ContactMessage(START + step * TICK // 5, "tip", PLACE, FORCE), 0.0)
+        return node
+
+    with pytest.raises(InvalidArgument, match=r"finger ff: samples come every 2 ms .* rate_hz=500"):
+        at_500_hz(replace(TACTILE, strict=True))
+    assert at_500_hz(TACTILE).statuses(0.0)[1].level is Level.ERROR
+    with pytest.raises(InvalidArgument, match="finger ff, xgb/1: a sample every 50 ms"):
+        TactileNode(predictor, replace(TACTILE, strict=True, rate_hz=20.0))
+
+
+def test_messages_that_are_refused_do_not_end_a_strict_node(predictor: Predictor) -> None:
+    node = TactileNode(predictor, replace(TACTILE, strict=True))
+    for message in (wrench(START, frame="world"), wrench(0, frame="tip"), point(START, frame="tip")):
+        node.take("ff", message._replace(force=message.force or FORCE, place=PLACE), 0.0)
+    # Once more at the same time, and far back in time.
+    for step in (0, 0, -1000):
+        play(node, step, 1, PLACE, FORCE)
+    assert node.statuses(0.0)[1].level is Level.ERROR
+
+
+def test_a_strict_node_of_a_model_without_known_contacts_looks_at_the_skin_alone(
+    predictor: Predictor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(type(predictor), "input_check", lambda *_, **__: None)
+    node = TactileNode(predictor, replace(TACTILE, strict=True))
+    play(node, 0, 20, PLACE, (0.0, 0.0, 300.0))
+    with pytest.raises(InvalidArgument, match="finger ff: a contact 6993 mm from the skin"):
+        play(node, 20, 1, (0.0, 0.0, -7.0), FORCE)
 
 
 def hands(node: TactileNode, fingers: Iterable[str], step: int) -> list[HandFrame]:

@@ -184,6 +184,64 @@ def test_what_is_wrong_is_told_in_diagnostics(node: ZenohNode, session: zenoh.Se
     assert diagnosed(diagnostics, "taxel: th", "no contact yet").level == 3
 
 
+@pytest.mark.filterwarnings("ignore::taxel.errors.InputWarning")
+@pytest.mark.parametrize(
+    ("place", "force", "text"),
+    [
+        ((0.0, 0.0, -0.007), (0.0, 0.0, -1.0), "pull at the skin: expected the force on the finger"),
+        ((0.0, 0.0, -0.007), (0.0, 0.0, 150.0), "forces up to 150 look like grams: expected newtons"),
+        ((0.0, 0.0, -7.0), (0.0, 0.0, 1.0), "touched places look like millimetres, as 7: expected metres"),
+    ],
+)
+def test_contacts_that_look_wrong_are_told_in_diagnostics(
+    node: ZenohNode,
+    session: zenoh.Session,
+    place: tuple[float, float, float],
+    force: tuple[float, float, float],
+    text: str,
+) -> None:
+    diagnostics = listen(session, key("/diagnostics", DIAGNOSTICS))
+    send_wrench, send_point = sender(session, "ff/wrench", WRENCH), sender(session, "ff/point", POINT)
+    for step in range(120):
+        send_point(point(START + step * TICK, place, "rh_fftip"))
+        send_wrench(wrench(START + step * TICK, force, "rh_fftip"))
+    diagnosed(diagnostics, "taxel: ff", text)
+    # Nothing comes any more, and yet that is not forgotten.
+    for _ in range(2):
+        status = statuses(decode(diagnostics.get(timeout=60).payload.to_bytes(), DIAGNOSTICS))["taxel: ff"]
+        assert text in status.message
+        assert status.level in (1, 3)
+
+
+def test_the_strict_command_ends_at_the_first_contact_that_looks_wrong(
+    router: str, session: zenoh.Session
+) -> None:
+    diagnostics = listen(session, key("/diagnostics", DIAGNOSTICS))
+    options = ["--router", router, "--domain", "3", "--namespace", "/rh", "--fingers", "ff", "--strict"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "taxel", "ros2", *options], stderr=subprocess.PIPE, text=True
+    ) as command:
+        try:
+            send_wrench, send_point = (
+                sender(session, "ff/wrench", WRENCH),
+                sender(session, "ff/point", POINT),
+            )
+            for step in range(6000):
+                if command.poll() is not None:
+                    break
+                send_point(point(START + step * TICK, (0.0, 0.0, -0.007), "ff_biotac"))
+                send_wrench(wrench(START + step * TICK, (0.0, 0.0, 150.0), "ff_biotac"))
+                time.sleep(0.01)
+            _, said = command.communicate(timeout=60)
+        finally:
+            command.kill()
+    text = "finger ff, xgb-causal/1: forces up to 150 look like grams: expected newtons"
+    assert f"error: {text}" in said
+    assert "Traceback" not in said
+    assert command.returncode == 1
+    assert diagnosed(diagnostics, "taxel: ff", text).level == 2
+
+
 def test_a_publisher_of_another_type_is_told(node: ZenohNode, session: zenoh.Session) -> None:
     diagnostics = listen(session, key("/diagnostics", DIAGNOSTICS))
     token = session.liveliness().declare_token(

@@ -14,7 +14,7 @@ from taxel.contacts import ContactSample, fingertip_contacts
 
 
 def contact_sample(
-    data: Any, *, mount: Mount = ON_THE_BODY, last: ArrayLike | None = None
+    data: Any, *, mount: Mount = ON_THE_BODY, last: ArrayLike | None = None, strict: bool = False
 ) -> ContactSample:
     """What touches the fingertips, environments x sensors of them in a row.
 
@@ -23,6 +23,7 @@ def contact_sample(
             scalar last, `force_matrix_w` and `contact_pos_w` (n, s, filters, 3), NaN where nothing touches.
         mount: the sensor's frame on the body; by default, the body's own.
         last: (n * s, 3), the places of the last step.
+        strict: contacts off the skin are an error, not a warning.
     """
     quaternion = array(data.quat_w).reshape(-1, 4)[:, [3, 0, 1, 2]]
     frames = mount.frames(array(data.pos_w).reshape(-1, 3), quaternion)
@@ -31,5 +32,5 @@ def contact_sample(
     forces, points = forces.reshape(-1, 3), points.reshape(-1, 3)
     touching = np.isfinite(points).all(axis=1) & np.isfinite(forces).all(axis=1)
     return fingertip_contacts(
-        points[touching], forces[touching], *frames, finger=finger[touching], last=last
+        points[touching], forces[touching], *frames, finger=finger[touching], last=last, strict=strict
     )

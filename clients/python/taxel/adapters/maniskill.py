@@ -16,7 +16,12 @@ from taxel.skin import Fingertip
 
 
 def contact_sample(
-    scene: Any, link: Any, objects: Sequence[Any], mount: Mount = ON_THE_BODY, last: ArrayLike | None = None
+    scene: Any,
+    link: Any,
+    objects: Sequence[Any],
+    mount: Mount = ON_THE_BODY,
+    last: ArrayLike | None = None,
+    strict: bool = False,
 ) -> ContactSample:
     """What touches one fingertip in each of n environments.
 
@@ -25,12 +30,11 @@ def contact_sample(
         link: the fingertip; `pose.p` is (n, 3), `pose.q` (n, 4), the scalar first.
         objects: what may touch it; each makes one contact.
         mount: the sensor's frame on the link; by default, the link's own.
-        last: (n, 3), the places of the last step.
+        last: (n, 3), the places of the last step. strict: what looks wrong is an error.
     """
-    origins, turned = mount.frames(array(link.pose.p), array(link.pose.q))
+    frames = mount.frames(array(link.pose.p), array(link.pose.q))
     forces = np.stack([array(scene.get_pairwise_contact_forces(link, each)) for each in objects], axis=1)
-    size = np.linalg.norm(forces, axis=2, keepdims=True)
-    facing = -forces / np.where(size > 0.0, size, 1.0)
-    points = (origins[:, None] + Fingertip.biotac_2p().radius * facing).reshape(-1, 3)
-    finger = np.repeat(np.arange(len(origins)), len(objects))
-    return fingertip_contacts(points, forces.reshape(-1, 3), origins, turned, finger=finger, last=last)
+    facing = -forces / np.maximum(np.linalg.norm(forces, axis=2, keepdims=True), np.finfo(float).tiny)
+    points = (frames[0][:, None] + Fingertip.biotac_2p().radius * facing).reshape(-1, 3)
+    on = np.repeat(np.arange(len(forces)), len(objects))
+    return fingertip_contacts(points, forces.reshape(-1, 3), *frames, finger=on, last=last, strict=strict)

@@ -47,6 +47,9 @@ def gazebo(
     partition: Annotated[
         str | None, typer.Option(help="Of Gazebo's transport.  [default: GZ_PARTITION, or HOST:USER]")
     ] = None,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="End with an error at the first input that is or looks wrong.")
+    ] = False,
 ) -> None:
     """Take contacts from Gazebo's topics and publish the channels of fingertips. Ctrl-C ends it.
 
@@ -58,7 +61,7 @@ def gazebo(
     from taxel.gazebo.zenoh_bridge import ZenohBridge
 
     fingers = tuple(GazeboFinger.parsed(text, world) for text in finger)
-    settings = BridgeSettings(world, fingers, poses, mount_of(frame), rate)
+    settings = BridgeSettings(world, fingers, poses, mount_of(frame), rate, strict)
     with (
         open_source(connect, repository) as source,
         ZenohBridge(source.predictor(model), settings, partition=partition, router=router) as running,

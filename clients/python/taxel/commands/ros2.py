@@ -43,6 +43,10 @@ def ros2(
     stale_after: Annotated[
         float, typer.Option(help="After so long without a contact a finger is stale, s.")
     ] = _DEFAULTS.stale_after_s,
+    strict: Annotated[
+        bool,
+        typer.Option("--strict", help="End with an error at the first contact that looks wrong."),
+    ] = False,
 ) -> None:
     """Take contacts from ROS 2 topics and publish the channels of fingertips. Ctrl-C ends it.
 
@@ -53,7 +57,13 @@ def ros2(
     from taxel.ros2.zenoh_node import ZenohNode
 
     settings = NodeSettings(
-        tuple(name.strip() for name in fingers.split(",")), frame_id, inputs, rate, pair_within, stale_after
+        tuple(name.strip() for name in fingers.split(",")),
+        frame_id,
+        inputs,
+        rate,
+        pair_within,
+        stale_after,
+        strict,
     )
     with (
         open_source(connect, repository) as source,

@@ -64,6 +64,7 @@ class BridgeSettings:
         poses: the topic that brings poses; the world's own if None.
         mount: the sensor's frame (`taxel.skin`) in the links'.
         rate_hz: how often the world steps.
+        strict: the first warning of an input is an error.
 
     Raises:
         SettingsError: a finger is missing or comes twice, a name is none, or a number is out of range.
@@ -74,6 +75,7 @@ class BridgeSettings:
     poses: str | None = None
     mount: Mount = ON_THE_BODY
     rate_hz: float = 1000.0
+    strict: bool = False
 
     def __post_init__(self) -> None:
         names = [finger.name for finger in self.fingers]

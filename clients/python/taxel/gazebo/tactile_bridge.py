@@ -1,6 +1,6 @@
 """The fingertips of a world in Gazebo, whatever carries its messages."""
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ from taxel.input_checks import warn
 from taxel.predictor import Predictor
 from taxel.skin import PAD, Fingertip
 from taxel.windows.combinations import PERIOD_NS
+
+_POSES_WITHIN_NS: Final = 1_000_000_000
+"""So much simulated time may pass until the first poses; contacts before them are not used."""
 
 
 class Prediction(NamedTuple):
@@ -44,6 +47,10 @@ class TactileBridge:
 
     Attributes:
         refused: how many messages could not be used; each reason is told once, as an `InputWarning`.
+
+    Raises:
+        InvalidArgument: the settings are strict, and the world steps too slowly for the model. What takes a
+            message raises it, too, where it would warn of an input.
     """
 
     def __init__(self, predictor: Predictor, settings: BridgeSettings) -> None:
@@ -52,17 +59,19 @@ class TactileBridge:
         on_steps = PERIOD_NS % step_ns == 0
         self._least_ns = PERIOD_NS - step_ns // 2 if on_steps else 0
         rate_hz = 1e9 / PERIOD_NS if on_steps else settings.rate_hz
-        self._fingers = predictor.fingers(len(settings.fingers), rate_hz=rate_hz)
+        self._fingers = predictor.fingers(len(settings.fingers), rate_hz=rate_hz, strict=settings.strict)
         self._links = [_scopes(finger.link) for finger in settings.fingers]
         self._names = {name for link in self._links for scope in link for name in scope}
         self._pose_payload: bytes | None = None
         self._poses: dict[str, Pose | None] = {}
+        self._posed = False
         self._begin(None)
         self.refused = 0
 
     def _begin(self, now_ns: int | None) -> None:
         """Begin the fingers again, as if nothing had touched them for long."""
         self._now_ns = now_ns
+        self._begun_ns = now_ns or 0
         self._sampled_ns: int | None = None
         self._contacts: dict[int, bytes] = {}
         self._places = np.tile(np.array(PAD), (len(self._settings.fingers), 1))
@@ -70,7 +79,7 @@ class TactileBridge:
 
     def take_poses(self, payload: bytes) -> None:
         """Take a `Pose_V`: the poses of models in the world or in their models, and of links in models."""
-        self._pose_payload = payload
+        self._pose_payload, self._posed = payload, True
 
     def take_contacts(self, finger: int, payload: bytes) -> None:
         """Take the `Contacts` of a finger's sensor; `finger` is its number in the settings."""
@@ -94,6 +103,10 @@ class TactileBridge:
             return None
         self._now_ns = now_ns
         contacts, self._contacts = self._contacts, {}
+        if contacts and not self._posed and ended_ns - self._begun_ns < _POSES_WITHIN_NS:
+            # A bridge that comes to a running world hears contacts before poses.
+            self._sampled_ns = None
+            return None
         elapsed_ns = None if self._sampled_ns is None else ended_ns - self._sampled_ns
         if elapsed_ns is not None and elapsed_ns < self._least_ns:
             return None
@@ -106,14 +119,24 @@ class TactileBridge:
         try:
             channels = self._fingers.step(position, force, elapsed_ns and elapsed_ns / 1e9)
         except RequestError as error:
-            self.refuse(f"no prediction: {error}")
+            # Where a server does not answer there are no channels, which is nothing to be strict about.
+            if self._settings.strict and isinstance(error, InvalidArgument):
+                raise
+            self.refused += 1
+            warn(f"no prediction: {error}")
             return None
         return None if self._fingers.channels is before else Prediction(ended_ns, channels)
 
     def refuse(self, reason: str) -> None:
-        """Count a message that cannot be used, and warn of it."""
+        """Count a message that cannot be used, and warn of it; or raise, if the settings are strict."""
         self.refused += 1
-        warn(reason)
+        self.tell(reason)
+
+    def tell(self, text: str) -> None:
+        """Warn of an input; or raise, if the settings are strict."""
+        if self._settings.strict:
+            raise InvalidArgument(text)
+        warn(text)
 
     def _sample(self, contacts: dict[int, bytes]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Places and forces (n, 3) of the step that has ended, in the sensors' frames."""
@@ -139,7 +162,12 @@ class TactileBridge:
         table = np.vstack(rows)
         here = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
         sample = fingertip_contacts(
-            table[:, :3], table[:, 3:], *here, finger=np.array(fingers), last=self._places
+            table[:, :3],
+            table[:, 3:],
+            *here,
+            finger=np.array(fingers),
+            last=self._places,
+            strict=self._settings.strict,
         )
         self._places = sample.position
         return sample.position, sample.force

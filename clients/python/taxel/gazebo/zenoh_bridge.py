@@ -61,7 +61,8 @@ class ZenohBridge:
 
     Raises:
         SettingsError: a name is none that Gazebo allows, or zenoh's settings in the environment are wrong.
-        InvalidArgument: `router` is no endpoint.
+        InvalidArgument: `router` is no endpoint; or the settings are strict, and the world steps too slowly
+            for the model.
         Unavailable: no router listens there.
     """
 
@@ -135,6 +136,9 @@ class ZenohBridge:
 
         Args:
             on_prediction: called with whatever was published.
+
+        Raises:
+            InvalidArgument: the settings are strict, and an input is or looks wrong, or was dropped.
         """
         warns_at = time.monotonic() + _SILENCE_S
         while True:
@@ -175,12 +179,14 @@ class ZenohBridge:
         source = event.source
         # As Gazebo's own subscribers do.
         if event.type != source.type:
-            warn(f"{source.topic} carries {event.type or 'untyped messages'}: expected {source.type}")
+            self._bridge.tell(
+                f"{source.topic} carries {event.type or 'untyped messages'}: expected {source.type}"
+            )
             return None
         prediction = source.take(event.payload)
         if prediction is not None:
             for publisher, channels in zip(self._publishers, prediction.channels, strict=True):
                 publisher.put(channel_payload(channels, prediction.stamp_ns), attachment=CHANNELS.encode())
         if self.dropped:
-            warn("messages were dropped: they come faster than predictions")
+            self._bridge.tell("messages were dropped: they come faster than predictions")
         return prediction

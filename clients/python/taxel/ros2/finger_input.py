@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.errors import InvalidArgument
+from taxel.input_checks import InputCheck
 from taxel.ros2.messages import Level, Status
 from taxel.ros2.settings import Inputs, NodeSettings
 from taxel.skin import PAD, Fingertip
-
-FAR_FROM_SKIN_M: Final = 0.005
-"""A contact that is further from the skin is not on this sensor, or not in metres, or in another frame."""
+from taxel.trained_contacts import OFF_SKIN_M
 
 RATE_TOLERANCE: Final = 0.15
 """How far the mean rate of contacts may be off."""
@@ -74,6 +73,7 @@ class FingerInput:
     Args:
         finger: its name.
         settings: of the node.
+        check: looks at contacts as they come, before they are moved to the skin.
 
     Attributes:
         samples: how many samples there were.
@@ -81,8 +81,9 @@ class FingerInput:
         last_s: when the last sample came, s of the clock that `take` is given; None if none has come.
     """
 
-    def __init__(self, finger: str, settings: NodeSettings) -> None:
+    def __init__(self, finger: str, settings: NodeSettings, check: InputCheck | None = None) -> None:
         self.finger = finger
+        self._check = check
         self._settings = settings
         self._frame = settings.frame_of(finger)
         self._within_ns = round(settings.pair_within_s * 1e9)
@@ -97,15 +98,23 @@ class FingerInput:
         self.last_s: float | None = None
 
     def take(self, message: ContactMessage, now_s: float) -> Sample | None:
-        """Take a message that came at `now_s`; gives a sample if it completes one."""
+        """Take a message that came at `now_s`; gives a sample if it completes one.
+
+        Raises:
+            InvalidArgument: the settings are strict, and the contact looks wrong.
+        """
         try:
             contact = self._paired(self._checked(message), now_s)
-            if contact is None:
-                return None
-            sample = self._sample(contact, now_s)
         except InvalidArgument as error:
             self.refuse(str(error), now_s)
             return None
+        if contact is None:
+            return None
+        try:
+            sample = self._sample(contact, now_s)
+        except InvalidArgument as error:
+            self.refuse(str(error), now_s)
+            raise
         self._measure(sample.stamp_ns)
         self.samples += 1
         self.last_s = now_s
@@ -136,6 +145,8 @@ class FingerInput:
             if kind not in self._told or now_s - fault.seen_s <= REPORTED_S
         ]
         self._told = set(self._faults)
+        standing = [] if self._check is None else self._check.standing
+        faults += [_Fault(Level.WARN, text, now_s) for text in standing]
         if self.is_stale(now_s):
             silent = (
                 "no contact yet" if self.last_s is None else f"no contact for {now_s - self.last_s:.1f} s"
@@ -214,10 +225,14 @@ class FingerInput:
         force = np.array(contact.force, np.float64)
         if contact.place is not None and force.any():
             skin, places = Fingertip.biotac_2p(), np.array([contact.place], np.float64)
+            if self._check is not None:
+                self._check.take(places, force[None])
             self._place, height = skin.nearest(places)[0], float(skin.height(places)[0])
-            if abs(height) > FAR_FROM_SKIN_M:
+            if abs(height) > OFF_SKIN_M:
                 text = (
-                    f"a contact {height * 1e3:.0f} mm from the skin: expected metres, in the sensor's frame"
+                    f"a contact {height * 1e3:.4g} mm from the skin: expected metres, in the sensor's frame"
                 )
+                if self._settings.strict:
+                    raise InvalidArgument(f"finger {self.finger}: {text}")
                 self.report("height", Level.WARN, text, now_s)
         return Sample(contact.stamp_ns, self._place, force)

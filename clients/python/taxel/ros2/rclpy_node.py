@@ -13,12 +13,14 @@ from typing import Any, Final
 
 import rclpy
 from numpy.typing import NDArray
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from taxel.commands.models import open_source
-from taxel.errors import SettingsError, TaxelError
+from taxel.errors import InvalidArgument, SettingsError, TaxelError
 from taxel.predictor import DEFAULT_MODEL
 from taxel.ros2.messages import Status, biotac_all, channel_array, diagnostic_array
 from taxel.ros2.settings import Inputs, NodeSettings
@@ -36,6 +38,7 @@ from taxel.ros2.topics import (
 
 _INPUT_QOS: Final = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 _OUTPUT_QOS: Final = QoSProfile(depth=10)
+_ANY_TYPE: Final = ParameterDescriptor(dynamic_typing=True)
 
 
 class RclpyTypes:
@@ -87,20 +90,32 @@ class FingertipNode(Node):  # type: ignore[misc]
         self._timer = self.create_timer(DIAGNOSTICS_EVERY_S, self._diagnose)
 
     def _text(self, name: str, default: str) -> str:
-        return str(self.declare_parameter(name, default).value)
+        return str(self._value(name, default))
+
+    def _number(self, name: str, default: float) -> float:
+        # 500 is a whole number to ROS, and means 500.0.
+        value: Any = self.declare_parameter(name, default, _ANY_TYPE).value
+        return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+    def _value(self, name: str, default: Any) -> Any:
+        try:
+            return self.declare_parameter(name, default).value
+        except InvalidParameterTypeException as error:
+            raise SettingsError(f"the parameter {name}: {error}") from None
 
     def _declared_settings(self) -> NodeSettings:
         default = NodeSettings()
-        fingers = self.declare_parameter("fingers", list(default.fingers)).value
+        # An empty list has no type in ROS, and comes as None.
+        fingers = self._value("fingers", list(default.fingers)) or ()
         inputs = self._text("inputs", default.inputs.value)
         if inputs not in [known.value for known in Inputs]:
             raise SettingsError(f"inputs is {inputs!r}: expected {' or '.join(Inputs)}")
         numbers = {
-            name: float(self.declare_parameter(name, getattr(default, name)).value)
+            name: self._number(name, getattr(default, name))
             for name in ("rate_hz", "pair_within_s", "stale_after_s")
         }
-        frame_id = self._text("frame_id", default.frame_id)
-        return NodeSettings(tuple(fingers), frame_id, Inputs(inputs), **numbers)
+        frame_id, strict = self._text("frame_id", default.frame_id), self._value("strict", default.strict)
+        return NodeSettings(tuple(fingers), frame_id, Inputs(inputs), **numbers, strict=strict)
 
     def _publisher(self, name: str, kind: str) -> Any:
         try:
@@ -113,7 +128,11 @@ class FingertipNode(Node):  # type: ignore[misc]
     def _subscription(self, topic: InputTopic) -> Any:
         def take(message: Any) -> None:
             now_s = time.monotonic()
-            output = self._node.take(topic.finger, contact_of(message, topic.type), now_s)
+            try:
+                output = self._node.take(topic.finger, contact_of(message, topic.type), now_s)
+            except InvalidArgument:
+                self._diagnose()
+                raise
             for prediction in output.predictions:
                 self._publish(channel_topic(topic.finger), channel_array(self._types, prediction.channels))
             if self._outputs.get(HAND_TOPIC) is not None:
@@ -159,7 +178,7 @@ class FingertipNode(Node):  # type: ignore[misc]
 
 
 def main() -> None:
-    """Run a node until it is interrupted."""
+    """Run a node until it is interrupted, or a strict one until a contact looks wrong."""
     rclpy.init()
     try:
         node = FingertipNode()
@@ -169,6 +188,8 @@ def main() -> None:
         rclpy.spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except TaxelError as error:
+        raise SystemExit(f"taxel: {error}") from None
     finally:
         node.close()
         rclpy.try_shutdown()

@@ -33,6 +33,7 @@ class NodeSettings:
         rate_hz: how often a finger's contacts come.
         pair_within_s: a wrench and a point are one contact if their stamps differ by no more, s.
         stale_after_s: after so long without a contact a finger is stale, s.
+        strict: a contact that looks wrong ends the node.
 
     Raises:
         SettingsError: a name cannot be part of a topic's name or comes twice, or a number is out of range.
@@ -44,6 +45,7 @@ class NodeSettings:
     rate_hz: float = 100.0
     pair_within_s: float = 0.005
     stale_after_s: float = 0.5
+    strict: bool = False
 
     def __post_init__(self) -> None:
         if not self.fingers or len(set(self.fingers)) < len(self.fingers):

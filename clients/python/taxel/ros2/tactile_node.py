@@ -11,6 +11,7 @@ from taxel.predictor import Predictor
 from taxel.ros2.finger_input import REPORTED_S, ContactMessage, FingerInput, Sample
 from taxel.ros2.messages import Level, Status
 from taxel.ros2.settings import NodeSettings
+from taxel.windows import WindowStream
 from taxel.windows.samples import gap_of
 
 
@@ -56,13 +57,21 @@ class TactileNode:
     Args:
         predictor: predicts the channels.
         settings: the fingers.
+
+    Raises:
+        InvalidArgument: the settings are strict, and contacts are to come too slowly for the model.
     """
 
     def __init__(self, predictor: Predictor, settings: NodeSettings) -> None:
         self.settings = settings
         self._predictor = predictor
-        self._inputs = {finger: FingerInput(finger, settings) for finger in settings.fingers}
-        self._streams = {finger: predictor.stream(rate_hz=settings.rate_hz) for finger in settings.fingers}
+        self._inputs = {finger: self._input(finger) for finger in settings.fingers}
+        # Without a check: samples lie on the skin, wherever their contacts were.
+        extras = predictor.manifest.window.extras
+        self._streams = {
+            finger: WindowStream(predictor.window, rate_hz=settings.rate_hz, extras=extras)
+            for finger in settings.fingers
+        }
         self._last_ns = dict.fromkeys(settings.fingers, 0)
         self._gap_ns = gap_of(round(1e9 / settings.rate_hz))
         self._frame: dict[str, Prediction] = {}
@@ -70,8 +79,21 @@ class TactileNode:
         self._predicted = 0
         self._failure: tuple[str, float] | None = None
 
+    def _input(self, finger: str) -> FingerInput:
+        check = self._predictor.input_check(
+            self.settings.rate_hz,
+            strict=self.settings.strict,
+            of=f"finger {finger}, ",
+        )
+        return FingerInput(finger, self.settings, check)
+
     def take(self, finger: str, message: ContactMessage, now_s: float) -> Output:
-        """Take a message of one finger that came at `now_s`, s of a clock that never goes back."""
+        """Take a message of one finger that came at `now_s`, s of a clock that never goes back.
+
+        Raises:
+            InvalidArgument: the settings are strict, and the contact looks wrong, or contacts come at
+                another rate. The finger's status says so, too.
+        """
         sample = self._inputs[finger].take(message, now_s)
         predictions = [] if sample is None else self._predict(finger, sample, now_s)
         hand: list[HandFrame] = []
@@ -127,6 +149,9 @@ class TactileNode:
             windows = stream.push_ns(sample.stamp_ns, sample.position, sample.force)
         except InvalidArgument as error:
             own.refuse(str(error), now_s)
+            # Time that stands still makes no channels; contacts at another rate make wrong ones.
+            if self.settings.strict and behind_ns < 0:
+                raise InvalidArgument(f"finger {finger}: {error}") from None
             return []
         self._last_ns[finger] = sample.stamp_ns
         if not windows:

@@ -90,7 +90,8 @@ class ZenohNode:
 
     Raises:
         SettingsError: a name is none that ROS allows.
-        InvalidArgument: `router` is no endpoint.
+        InvalidArgument: `router` is no endpoint; or the settings are strict, and contacts are to come too
+            slowly for the model.
         Unavailable: no router listens there.
     """
 
@@ -165,6 +166,9 @@ class ZenohNode:
 
         Args:
             on_output: called with whatever was published.
+
+        Raises:
+            InvalidArgument: the settings are strict, and a contact looks wrong; diagnostics have told it.
         """
         due = time.monotonic() + DIAGNOSTICS_EVERY_S
         while True:
@@ -180,7 +184,11 @@ class ZenohNode:
             if isinstance(event, _Token):
                 self._look(event)
                 continue
-            output = self._take(event)
+            try:
+                output = self._take(event)
+            except InvalidArgument:
+                self._publish_statuses()
+                raise
             if on_output is not None:
                 on_output(output)
 

@@ -1,7 +1,7 @@
 """Windows of many fingertips at once, each with a clock of its own."""
 
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,8 @@ class FingerWindows:
         self._column_of = {name: _SECONDS + place for place, name in enumerate(self.given)}
         self._defaults = np.array([0.0] * _SECONDS + [e.default for e in extras if e.history is None])
         self._previous = np.tile(self._defaults, (fingers, 1))
+        # The next sample is written here; then the two change places.
+        self._spare = self._previous.copy()
 
     def reset(self, ids: NDArray[np.int64]) -> None:
         """Forget all samples of these fingertips, as at the start of an episode."""
@@ -73,9 +75,7 @@ class FingerWindows:
         self._started[ids] = False
         self._previous[ids] = self._defaults
 
-    def prime(
-        self, ids: NDArray[np.int64], position: NDArray[np.float64], force: NDArray[np.float64]
-    ) -> None:
+    def prime(self, ids: NDArray[np.int64], position: NDArray[Any], force: NDArray[Any]) -> None:
         """Begin as if these fingertips had been touched so, without a change, for long.
 
         Args:
@@ -97,11 +97,11 @@ class FingerWindows:
     def _sample(
         self,
         sample: NDArray[np.float64],
-        position: NDArray[np.float64],
-        force: NDArray[np.float64],
-        given: Mapping[str, NDArray[np.float64]] | None = None,
+        position: NDArray[Any],
+        force: NDArray[Any],
+        given: Mapping[str, NDArray[Any]] | None = None,
     ) -> NDArray[np.float64]:
-        """Put values into samples (m, 6 + given); an extra feature that is not given keeps its last."""
+        """Put values of any real type into samples (m, 6 + given), in place."""
         sample[:, :3], sample[:, 3:6] = position, force
         for name, values in (given or {}).items():
             sample[:, self._column_of[name]] = values
@@ -109,15 +109,15 @@ class FingerWindows:
 
     def step(
         self,
-        position: NDArray[np.float64],
-        force: NDArray[np.float64],
+        position: NDArray[Any],
+        force: NDArray[Any],
         dt_ns: "NDArray[np.int64] | int",
-        given: Mapping[str, NDArray[np.float64]] | None = None,
+        given: Mapping[str, NDArray[Any]] | None = None,
     ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         """Take the next sample of every fingertip.
 
         Args:
-            position: (fingers, 3), m, in each sensor's frame.
+            position: (fingers, 3), m, in each sensor's frame; of any real type, as the others.
             force: (fingers, 3), N.
             dt_ns: the time since each one's last sample, (fingers,) or one for all; of a first sample it
                 does not count.
@@ -126,7 +126,10 @@ class FingerWindows:
         Returns:
             The fingertips whose newest window is complete and new, (m,), and these windows, (m, f) float32.
         """
-        sample = self._sample(self._previous.copy(), position, force, given)
+        if self.given:
+            # An extra feature that is not given now keeps its value.
+            self._spare[:, _SECONDS:] = self._previous[:, _SECONDS:]
+        sample = self._sample(self._spare, position, force, given)
         first = ~self._started
         now, begins = self._now_ns + dt_ns, first | (dt_ns > self._gap_ns)
         if first.any():
@@ -137,7 +140,7 @@ class FingerWindows:
             ready = np.flatnonzero(self._count >= self._needed)
         else:
             ready = self._tick_between(now, sample, begins)
-        self._now_ns, self._previous = now, sample
+        self._now_ns, self._previous, self._spare = now, sample, self._previous
         return ready, self._windows(ready)
 
     def _tick_between(

@@ -169,6 +169,9 @@ class WindowStream:
     def _checked(self, name: str, values: ArrayLike) -> NDArray[np.float64]:
         try:
             array = np.asarray(values, dtype=np.float64).reshape(self.fingers, 3)
+        except RuntimeError as error:
+            # A tensor with gradients says itself what to do with it.
+            raise InvalidArgument(f"{name}: {error}: expected numbers on the CPU") from None
         except (TypeError, ValueError):
             expected = "(3,)" if self.fingers == 1 else f"({self.fingers}, 3)"
             raise InvalidArgument(
