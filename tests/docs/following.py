@@ -5,7 +5,7 @@ import re
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -13,11 +13,13 @@ from typing import Final
 
 from taxel_bench.server_process import free_port
 
-from .blocks import ROOT, Block, blocks, joined_lines
+from .blocks import ALL, ROOT, Block, blocks, joined_lines
 from .given import (
     CHECKS,
+    ELSEWHERE,
     ENDPOINT,
     GIVEN,
+    MEASURED,
     NAMED,
     PRELUDES,
     SMALLER,
@@ -30,8 +32,23 @@ from .given import (
 SERVE: Final = f"taxel serve --listen {ENDPOINT}"
 """A server of the shipped models, as README starts it. All pages have the same one."""
 
-PORTS: Final = re.compile(r"(?<=[:/ ])(7447|7448|7449|7450|8786)\b")
+PORTS: Final = re.compile(r"(?<=[:/ ])(7447|7448|7449|7450|7461|8786)\b")
 """What the pages call ports. The tests take free ones."""
+
+FOLLOWED: Final = sorted({one.page for one in ALL if one.language in ("sh", "ts")} - {*MEASURED})
+"""Pages with something to follow, on any machine."""
+
+
+def _pages_with(command: str) -> list[str]:
+    lines = {(one.page, line) for one in ALL if one.language == "sh" for line in joined_lines(one.text)}
+    return sorted({page for page, line in lines if re.search(rf"\b{command} ", line)} & {*FOLLOWED})
+
+
+INSTALLING: Final = _pages_with("pip install")
+"""Those that install Taxel: test_install_pages.py follows them."""
+
+MEASURING: Final = sorted({*_pages_with("bench")} - {*INSTALLING})
+"""Those that measure: test_bench_pages.py follows them."""
 
 _PATIENCE_S: Final = 240.0
 
@@ -45,17 +62,16 @@ def stood_in(text: str) -> str:
 
 def in_small(line: str) -> str:
     """A page's line with its stand-ins, and what makes it small."""
-    line = stood_in(line)
     known = [begin for begin in SMALLER if line.startswith(begin)]
     if not known:
-        return line
-    command, _, _ = line.partition("  #")
+        return stood_in(line)
+    command, _, _ = stood_in(line).partition("  #")
     return f"{command} {SMALLER[max(known, key=len)]}"
 
 
 def is_named(line: str) -> bool:
-    """Whether a line is not run, with a reason."""
-    return line.startswith(tuple(NAMED))
+    """Whether a line is not run here, with a reason."""
+    return line.startswith((*NAMED, *ELSEWHERE))
 
 
 class Follower:
@@ -63,13 +79,22 @@ class Follower:
 
     Args:
         folder: where they run.
-        server: the port of a server of the shipped models; None while that one is started.
+        server: the port of a server of the shipped models; None where a page starts its own.
+        variables: of its shell, beside those of the tests.
     """
 
-    def __init__(self, folder: Path, server: int | None = None) -> None:
+    def __init__(
+        self, folder: Path, server: int | None = None, variables: Mapping[str, str] | None = None
+    ) -> None:
         self._folder, self._server = folder, server
         path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-        self._environment = {**os.environ, "PATH": path, "COLUMNS": "120", "TAXEL_PYTHON": sys.executable}
+        self._environment = {
+            **os.environ,
+            "PATH": path,
+            "COLUMNS": "120",
+            "TAXEL_PYTHON": sys.executable,
+            **(variables or {}),
+        }
         self._ports: dict[str, int] = {} if server is None else {"7447": server}
         self._running = ExitStack()
         self._again: Callable[[], str] | None = None
@@ -100,11 +125,13 @@ class Follower:
 
     def shell(self, text: str, where: str, page: str) -> None:
         """The lines of a block: one shell for those between two that are started and go on."""
+        shown = [line for line in joined_lines(text) if not is_named(line)]
+        self.lines([line for line in shown if not _runs_elsewhere(line, page)], where)
+
+    def lines(self, shown: list[str], where: str) -> None:
+        """The same, for lines of which none is left out."""
         waiting: list[str] = []
-        for shown in joined_lines(text):
-            if is_named(shown) or _runs_elsewhere(shown, page):
-                continue
-            line = in_small(shown)
+        for line in map(in_small, shown):
             if line.startswith(tuple(STARTED)):
                 self._foreground(waiting, where)
                 self._start(line, where)
@@ -158,6 +185,8 @@ class Follower:
         )
         assert done.returncode in ((0, 1) if telling else (0,)), f"{where}: {done.stderr}\n{done.stdout}"
         assert "Traceback" not in done.stderr, f"{where}: {done.stderr}"
+        # pip installs the rest and ends well.
+        assert "does not provide the extra" not in done.stderr, f"{where}: {done.stderr}"
         return done.stdout
 
     def _start(self, line: str, where: str) -> None:

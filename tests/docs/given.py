@@ -3,7 +3,7 @@
 A block that is new runs, whole and as it stands, unless one of these tables says otherwise.
 """
 
-import os
+import shutil
 import sys
 from pathlib import Path
 from typing import Final
@@ -17,43 +17,36 @@ ENDPOINT: Final = "tcp/127.0.0.1:7447"
 
 ROS: Final = Path(sys.prefix) / "ros2" / "bin" / "python"
 
-_DATA: Final = Path(os.environ.get("TAXEL_DATA", ROOT.parent / "shared" / "data"))
-LASA: Final = next((place for place in (_DATA, _DATA / "data") if place.is_dir()), _DATA) / "lasa_contact"
-"""Real recordings, which are not shipped."""
+ELSEWHERE: Final = {
+    # Lines that another test runs, by how they begin.
+    "make ": "test_make.py, in a copy of the checkout",
+    "taxel loop-trial --ground ": "test_measured_pages.py, where real recordings are",
+    "python -m taxel_models.twin.measured_comparison ": "test_measured_pages.py, where real recordings are",
+}
+
+MEASURED: Final = (
+    # Pages whose commands need real recordings, which are not shipped: test_measured_pages.py follows them.
+    "docs/results/README.md",
+    "docs/results/recovery.md",
+    "docs/results/study.md",
+)
 
 NAMED: Final = {
     # Lines that are not run, by how they begin, and why.
-    "make ": "sets up .venv, where the tests run; a test looks for the target",
-    "pip install ": "needs a package index; `make matrix` installs the wheel and its extras",
-    "apt install ": "changes the machine",
-    "python3 -m venv /opt/": "changes the machine; tests/packaging/test_service_unit.py checks the unit",
-    "mkdir /etc/": "changes the machine",
-    "cp packaging/taxel.service ": "changes the machine",
-    "systemctl ": "changes the machine",
     "gz ": "Gazebo is not here; tests/clients/gazebo has a program that speaks like it",
     "ros2 run ": "rmw_zenoh is not among ROS's wheels; the tests have a zenoh router of their own",
     "ros2 launch ": "is not among ROS's wheels; tests/clients/ros2/test_rclpy.py runs the file's command",
     "opentelemetry-instrument ": "needs taxel[otel]; tests/server/test_traces.py compares the spans",
-    "taxel loop --model xgb --repository REPO": "a pattern; this page and docs/start.md run the command",
-    "taxel twin --protocol report/next-1-": "tests/models/loop/next_recording has such protocols",
-    "taxel loop-trial --ground ": "trains a model on recordings that are not shipped, for two minutes",
-    "taxel loop-trial --trials 20 --sensitivity": "plays a round 25 times; tests/models/recovery does so",
+    "taxel loop-trial --trials 20 --sensitivity": "takes minutes; tests/models/recovery does so",
 }
 
+# What some machines lack.
 if not ROS.exists():
     NAMED["python -m taxel.ros2.rclpy_node "] = "ROS's wheels are not installed: `make .venv/.ros2`"
-if not LASA.is_dir():
-    NAMED["python -m taxel_models.twin.measured_comparison "] = "the real recordings are not here"
-
-KEPT: Final = {
-    # Pages whose commands made results that are kept, in hours and of recordings that are not shipped.
-    "docs/results/README.md": "full-size models on slide recordings",
-    "docs/results/chaos/README.md": "a flood; tests/bench/test_chaos.py has its parts",
-    "docs/results/recovery.md": "160 rounds on real recordings",
-    "docs/results/reload/README.md": "100 loads; tests/bench/reload runs `bench reload`",
-    "docs/results/replicas/README.md": "servers are killed; tests/server/test_replicas.py does so",
-    "docs/results/study.md": "95 minutes on slide recordings; docs/study.md runs in small",
-}
+if shutil.which("systemctl") is None:
+    NAMED["systemctl "] = "systemd is not here"
+if not any(Path("/var/lib/apt/lists").glob("*_Packages*")):
+    NAMED["apt install "] = "Debian's list of packages is not here"
 
 TEXTS: Final = {
     # Blocks of the language `text`, and `json5`, by page and how they begin, and who looks at them.
@@ -154,15 +147,25 @@ python -c "import pathlib, runpy; runpy.run_path('{_GAZEBO}')['network_b']().wri
 """,
     "docs/gazebo_bridge.md": _ROUTER,
     "docs/load.md": _TREES,
+    "docs/loop.md": TWIN.replace("mine.csv", "recording.csv") + _TREES,
     "docs/models.md": TWIN + "taxel train --model ffnn --inputs 1 --data mine.csv -o dense --set epochs=1"
     ' --set neurons=[128,128,32] --set activations=\'["relu","relu","relu"]\'\n',
-    "docs/next_recording.md": "taxel twin --rows 6000 --seed 3 --effect drift:2 -o measured.csv\n"
+    # One of the protocols that `taxel loop` chooses from: this loop has no reason to.
+    "docs/next_recording.md": 'python -c "from taxel_models.twin.protocol_menu import menu;'
+    ' print(menu(3.0)[0].model_dump_json())" > proposed.json\n'
+    "taxel twin --rows 6000 --seed 3 --effect drift:2 -o measured.csv\n"
     + _TREES
     + "mv repository/xgb repository/mine\n"
     'sed -i "s/\\"name\\": \\"xgb\\"/\\"name\\": \\"mine\\"/" repository/mine/1/manifest.json\n',
     "docs/recordings.md": "mkdir -p path/to && taxel twin --rows 300 -o path/to/the_file.csv\n",
+    "docs/results/README.md": "mkdir -p docs/results models/repository\n"
+    f"cp -r {_SHIPPED}/network-b models/repository/\n",
+    "docs/results/reload/README.md": _TREES,
+    "docs/results/replicas/README.md": _TREES,
     "docs/recovery.md": f"echo '{_MATERIALS}' > materials.json\n"
     "taxel twin --protocol materials.json -o recording.csv\n",
+    "docs/operations.md": "pip install 'taxel[server]'\ntaxel serve --listen tcp/127.0.0.1:7447\n"
+    "mkdir -p etc/systemd/system\n",
     "docs/ros2.md": _ROUTER,
     "docs/scale.md": _TREES + f"cp -r {_SHIPPED}/ffnn repository/\n",
     "docs/search.md": TWIN,
@@ -188,6 +191,9 @@ TOGETHER: Final = frozenset(
 )
 """Pages whose Python examples work on what their commands have made. Others are one Python program."""
 
+FEW: Final = "few"
+"""Of the real recordings, a few: a folder that holds `biotac_slide/` and `lasa_contact/`."""
+
 STAND_INS: Final = {
     # What a page calls a reader's own things, and what a test has instead.
     '["tcp/10.0.0.1:7447", "tcp/10.0.0.2:7447", "tcp/10.0.0.3:7447"]': f'["{ENDPOINT}"]',
@@ -200,13 +206,29 @@ STAND_INS: Final = {
     "--connect ENDPOINT": f"--connect {ENDPOINT}",
     "tcp://HOST:": "tcp://127.0.0.1:",
     "tcp/ROBOT:": "tcp/127.0.0.1:",
-    "LASA_FOLDER": str(LASA),
+    "LASA_FOLDER": f"{FEW}/lasa_contact",
+    "--data SLIDE": f"--data {FEW}/trials/biotac_slide",
+    "--data D ": f"--data {FEW}/trials/biotac_slide ",
+    "--data F ": f"--data {FEW}/trials/biotac_slide ",
+    "--model MODEL": "--model ffnn",
+    "slide-MODEL-1": "slide-ffnn-1",
+    "--effect NAME:5": "--effect creep:5",
+    "--repository REPO --data RECORDING -o report": "--repository repository --data recording.csv -o shown",
+    "report/next-1-drift-temperature.json": "proposed.json",
     "--into RECORDING": "--into recording.csv",
     # The newest version answers by now; a shadow needs another one that does.
     "taxel load xgb/3 --shadow": f"taxel load xgb/1 --connect {ENDPOINT} &&"
     f" taxel unload xgb/3 --connect {ENDPOINT} && taxel load xgb/3 --shadow",
     "npm ci && npm run build": "npm run build",
     "taxel export trained --repository models": "taxel export dense --repository models",
+    # What changes the machine is done in a folder instead.
+    "/opt/taxel": "opt/taxel",
+    "/etc/": "etc/",
+    "packaging/taxel.service": str(ROOT / "packaging" / "taxel.service"),
+    "systemctl daemon-reload && systemctl enable --now taxel": "systemctl --root=$PWD enable taxel &&"
+    " test -L etc/systemd/system/multi-user.target.wants/taxel.service &&"
+    " .$(sed -n 's/^ExecStart=\\(.* serve\\).*/\\1/p' etc/systemd/system/taxel.service) --help",
+    "apt install": "apt-cache show",
     "python -m taxel.ros2.rclpy_node": f"{ROS} -m taxel.ros2.rclpy_node",
 }
 
@@ -215,11 +237,26 @@ _LITTLE_LOOP: Final = f"--stability 0{_EFFECTS}"
 _TWO_CAUSES: Final = "--stability 0" + "".join(
     f" --exclude {name}" for name in NAMES if name not in ("drift", "temperature")
 )
+_LITTLE_COLUMNS: Final = (
+    "--set epochs=1 --set position_column=[4] --set force_column=[4] --set temperature_column=[2]"
+    " --set trunk=[4] --set batch_size=4096"
+)
 _LITTLE_STUDY: Final = (
     "--models network-b,xgb --inputs 1 --folds 3 --set xgb.n_estimators=2 --set xgb.max_depth=3"
     " --set network-b.epochs=1 --set network-b.position_column=[4] --set network-b.force_column=[4]"
     " --set network-b.temperature_column=[2] --set network-b.trunk=[4] --set network-b.batch_size=4096"
 )
+_LITTLE_FULL_STUDY: Final = (
+    f"{_LITTLE_STUDY} --models network-b,xgb,ffnn,transformer --folds 2 --rows 3000"
+    ' --set ffnn.epochs=1 --set ffnn.neurons=[8,8] --set ffnn.activations=\'["relu","relu"]\''
+    " --set transformer.epochs=1 --set transformer.layers=1 --set transformer.embedding=12"
+    " --set transformer.heads=2 --set transformer.hidden=8"
+)
+_LITTLE_DENSE: Final = '--set epochs=1 --set neurons=[32,32] --set activations=\'["relu","relu"]\''
+_LITTLE_TRANSFORMER: Final = (
+    "--set epochs=1 --set milestones=[] --set layers=1 --set embedding=12 --set heads=2 --set hidden=8"
+)
+_LITTLE_TREES: Final = "--overwrite --set n_estimators=10 --set max_depth=6"
 _LITTLE_NETWORKS: Final = (
     "--set transformer.epochs=1 --set transformer.layers=1 --set transformer.embedding=12"
     " --set transformer.heads=2 --set transformer.hidden=8"
@@ -231,11 +268,14 @@ SMALLER: Final = {
     " --clients 1 --repository repository --json"
     " > capacity.json",
     "bench capacity --models": "--seconds 0.1 --most 1 --clients 1 --repository repository",
+    "bench chaos": "--rows 64 --seconds 1",
     "bench churn": "--clients 2 --rows 64 --repository repository",
     "bench lane": "--rounds 1 --seconds 0.05 --gap-ms 0",
     "bench lane --model xgb --size paper": "--model network-b --rounds 1 --seconds 0.05",
     "bench load": "--queries 24 --repository repository",
     "bench load --scenario server": "--duration 0.2 --clients 1 --repository repository",
+    "bench reload": "--loads 1 --calm 1 --rate 50 --repository repository",
+    "bench replicas": "--count 2 --loops 1 --seconds 1 --repository repository",
     "bench scale": "--measured capacity.json --requests 10000 --latency-bound 1000",
     "bench simulator --json": "--fingers 1,2 --models xgb --seconds 0.1",
     "bench simulator --fingers": "--fingers 2 --seconds 0.1",
@@ -251,16 +291,32 @@ SMALLER: Final = {
     "taxel loop --model mine --repository repository --data measured.csv -o report": _TWO_CAUSES,
     "taxel loop --model mine --repository repository --data measured.csv -o report --export": _LITTLE_LOOP,
     "taxel loop --model network-b": _LITTLE_LOOP,
+    "taxel loop --model xgb --repository REPO": _LITTLE_LOOP,
+    "taxel loop --model slide": _LITTLE_LOOP,
+    "taxel loop --model slide --repository": f"{_LITTLE_LOOP} --exclude creep",
     "taxel loop-trial": "--trials 1 --rows 5000",
+    "taxel loop-trial --ground": f"--data {FEW} --trials 1 --jobs 2",
+    "taxel loop-trial --injector foreign": f"--data {FEW} --trials 1 --rows 5000 --jobs 2",
     "taxel search": "--trials 2 --budget 1 --least-budget 1 --set learning_rate=0.001",
     "taxel serve --lane": f"--repository repository --listen {ENDPOINT}",
     "taxel serve --websocket": f"--repository repository --listen {ENDPOINT}",
     "taxel study": _LITTLE_STUDY,
+    "taxel study --data SLIDE": _LITTLE_FULL_STUDY,
     "taxel train  --model ffnn": "--set epochs=1",
     "taxel train --model ensemble --members ffnn": "--members ffnn:1,xgb:1 --set ffnn.epochs=1"
     " --set xgb.n_estimators=2",
     "taxel train --model ensemble --members transformer": f"--members transformer:2 {_LITTLE_NETWORKS}",
+    "taxel train --model MODEL": f"--overwrite {_LITTLE_DENSE}",
+    "taxel train --model ensemble --members xgb": "--overwrite --members xgb:1,ffnn:1 --set ffnn.epochs=1"
+    " --set xgb.n_estimators=10 --set xgb.max_depth=6",
+    "taxel train --model ffnn --inputs 8": f"--overwrite {_LITTLE_DENSE}",
+    "taxel train --model network-b --inputs 8": f"--overwrite {_LITTLE_COLUMNS}",
+    "taxel train --model transformer": f"--overwrite {_LITTLE_TRANSFORMER}",
     "taxel train --model xgb": "--set n_estimators=20",
+    "taxel train --model xgb --inputs 1 --data D": _LITTLE_TREES,
+    "taxel train --model xgb --inputs 1 --data SLIDE": _LITTLE_TREES,
+    "taxel train --model xgb --inputs 8 --data SLIDE": _LITTLE_TREES,
+    "taxel twin --rows 200000": "--rows 6000",
     "taxel twin --rows 60000": "--rows 12000",
     "taxel twin --effect creep:1": "--rows 3000",
     "taxel unload": f"--connect {ENDPOINT}",
@@ -279,5 +335,5 @@ STARTED: Final = {
     f"{ROS} -m taxel.ros2.rclpy_node": ": STALE: ",
 }
 
-TELLING: Final = ("taxel check", "taxel doctor")
+TELLING: Final = ("bench reload", "bench replicas", "taxel check", "taxel doctor")
 """Commands whose exit code 1 tells of the machine that the test runs on."""

@@ -18,10 +18,10 @@ from taxel_models.recordings import read_recording, write_ruppel
 from taxel_models.twin import simulate
 
 from .blocks import ALL, COMMANDS, PAGES, ROOT, Block, blocks, joined_lines
-from .given import GIVEN, KEPT, NAMED, SMALLER, STAND_INS, STARTED, TEXTS, TOGETHER
+from .given import ELSEWHERE, GIVEN, MEASURED, NAMED, SMALLER, STAND_INS, STARTED, TEXTS, TOGETHER
 
 RUN: Final = {"sh", "ts", "python"}
-"""Languages that tests/docs/test_pages.py runs."""
+"""Languages that tests/docs/test_pages.py and its neighbours run."""
 
 READERS: Final[dict[str, Callable[[str], object]]] = {
     "json": json.loads,
@@ -57,7 +57,7 @@ def test_what_is_shown_is_compared() -> None:
     """An output stands on a page whose program before it is run."""
     for page in {block.page for block in ALL if block.language == "output"}:
         languages = [block.language for block in blocks(page)]
-        assert page not in KEPT, page
+        assert page not in MEASURED, page
         assert set(languages[: languages.index("output")]) & RUN, page
 
 
@@ -66,13 +66,14 @@ def test_the_tables_name_nothing_that_is_not_there() -> None:
     lines = [line for block in ALL if block.language == "sh" for line in joined_lines(block.text)]
     given = [line for text in GIVEN.values() for line in text.splitlines()]
     texts = "".join(block.text for block in ALL)
-    assert [begin for begin in NAMED if not any(line.startswith(begin) for line in lines)] == []
+    for table in (NAMED, ELSEWHERE):
+        assert [begin for begin in table if not any(line.startswith(begin) for line in lines)] == []
     assert [begin for begin in SMALLER if not any(line.startswith(begin) for line in lines)] == []
     started = [begin for begin in STARTED if "rclpy" not in begin]
     assert [begin for begin in started if not any(line.startswith(begin) for line in lines + given)] == []
     assert [shown for shown in STAND_INS if shown not in texts] == []
     assert [text for text in TEXTS if not any(text in _texts_of(block) for block in ALL)] == []
-    assert {*GIVEN, *TOGETHER, *(page for page in KEPT if "results" not in page)} <= set(PAGES)
+    assert {*GIVEN, *TOGETHER, *MEASURED} <= set(PAGES)
 
 
 def test_every_target_of_make_is_there() -> None:
@@ -84,6 +85,29 @@ def test_every_target_of_make_is_there() -> None:
         for target in re.findall(r"^make ([\w-]+)", block.text, re.MULTILINE)
     }
     assert {"test", "demo"} <= named <= targets
+
+
+def test_every_extra_that_is_named_is_there() -> None:
+    """In the texts, too: pip installs the rest of what it is asked for, and only warns."""
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    named = {
+        (page, extra)
+        for page in PAGES
+        for several in re.findall(r"taxel\[([a-z,0-9]+)\]", (ROOT / page).read_text())
+        for extra in several.split(",")
+    }
+    assert len(named) > 20
+    assert [each for each in sorted(named) if each[1] not in extras] == []
+
+
+def test_a_launch_file_has_the_arguments_that_are_named() -> None:
+    """`ros2 launch` itself is not here; tests/clients/ros2/test_rclpy.py runs the file's command."""
+    lines = [line.split() for block in ALL if block.language == "sh" for line in joined_lines(block.text)]
+    launched = [words[2:] for words in lines if words[:2] == ["ros2", "launch"]]
+    assert launched
+    for file, *given in launched:
+        arguments = {each.attrib["name"] for each in ElementTree.parse(ROOT / file).iter("arg")}
+        assert {one.partition(":=")[0] for one in given} <= arguments
 
 
 def _understood(where: str, words: list[str]) -> None:

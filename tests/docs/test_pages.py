@@ -1,34 +1,16 @@
 """README and docs are followed: their commands and examples run in small, and print what is shown."""
 
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 import pytest
 
 from .blocks import ALL, ROOT, blocks
-from .following import SERVE, Follower, compare
-from .given import CHECKS, KEPT, PRELUDES, TOGETHER
+from .following import FOLLOWED, INSTALLING, MEASURING, Follower, compare
+from .given import CHECKS, PRELUDES, TOGETHER
 
 PYTHON_PAGES: Final = sorted({one.page for one in ALL if one.language == "python"} - TOGETHER)
-
-FOLLOWED: Final = sorted({one.page for one in ALL if one.language in ("sh", "ts")} - set(KEPT))
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
-    """The port of the server that README starts."""
-    assert any(SERVE in block.text for block in blocks("README.md"))
-    with Follower(tmp_path_factory.mktemp("server")) as starting:
-        starting.shell(SERVE, "README.md", "README.md")
-        yield starting.port("7447")
-
-
-@pytest.fixture
-def follower(server: int, tmp_path: Path) -> Iterator[Follower]:
-    with Follower(tmp_path, server) as following:
-        yield following
 
 
 def _awaited(text: str) -> str:
@@ -49,7 +31,7 @@ def test_python_examples_run(page: str, follower: Follower) -> None:
         compare(follower.printed, "".join(expected), page)
 
 
-@pytest.mark.parametrize("page", FOLLOWED)
+@pytest.mark.parametrize("page", sorted({*FOLLOWED} - {*INSTALLING, *MEASURING}))
 def test_a_page_can_be_followed(page: str, follower: Follower, tmp_path: Path) -> None:
     """The commands and examples of a page work one after the other, and print what the page shows."""
     if page == "clients/typescript/README.md":

@@ -1,0 +1,11 @@
+"""Pages of measurements are followed, in a file of their own: it shares the time with test_pages.py."""
+
+import pytest
+
+from .following import MEASURING, Follower
+
+
+@pytest.mark.parametrize("page", MEASURING)
+def test_a_page_can_be_followed(page: str, follower: Follower) -> None:
+    """The commands and examples of a page work one after the other, and print what the page shows."""
+    follower.follow(page)
