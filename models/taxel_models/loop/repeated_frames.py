@@ -30,7 +30,7 @@ def repeated_frames(observations: Observations) -> NDArray[np.bool_]:
     """
     begins = np.diff(observations.segment, prepend=-1) != 0
     changed = _changed(observations.measured[:, ELECTRODE_COLUMNS], begins)
-    inputs = _changed(np.hstack([observations.force, observations.position]), begins) > 0
+    inputs = np.asarray(_changed(np.hstack([observations.force, observations.position]), begins) > 0)
     repeats = (changed == 0) & ~begins
     edges = np.diff(repeats.astype(np.int8), prepend=0, append=0)
     starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
@@ -57,4 +57,4 @@ def held(values: Floats, repeated: NDArray[np.bool_]) -> Floats:
 def _changed(values: Floats, begins: NDArray[np.bool_]) -> Floats:
     """(n,) share of the columns that differ from the row before; 1 where a segment begins."""
     changed = (np.diff(values, axis=0, prepend=values[:1]) != 0).mean(axis=1)
-    return np.where(begins, 1.0, changed)
+    return np.asarray(np.where(begins, 1.0, changed))

@@ -34,12 +34,13 @@ class Form:
         """k."""
         return int(self.unit.shape[1])
 
-    def freedom(self, channels: int) -> int:
-        """How many figures it fits where it changes so many channels."""
+    @property
+    def freedom(self) -> int:
+        """How many figures it can fit; a cause is not simpler because it shows in fewer channels."""
         fitting = self.candidate.fitting
         if fitting.fixed:
             return max(1, fitting.motion)
-        return self.size if fitting.pooled else self.size * channels
+        return self.size if fitting.pooled else self.size * len(CHANNELS)
 
     def weights(self, scaled: Floats) -> Floats:
         """(21, k) weights of the candidate's own regressors."""

@@ -56,8 +56,8 @@ class Score:
 
     @property
     def freedom(self) -> int:
-        """How many figures it fits."""
-        return self.form.freedom(int(self.weighed.changes.sum()))
+        """How many figures it can fit."""
+        return self.form.freedom
 
     @property
     def total_gain(self) -> float:

@@ -195,16 +195,14 @@ class Scoring:
         most_gain = best.total_gain
         total = float(logsumexp(logs) - np.log(len(logs)))
         most = self.constants.simpler * best.freedom
-        while simpler := [
-            option for option in weighed if 0 < option[1].freedom(int(option[3].changes.sum())) <= most
-        ]:
+        while simpler := [option for option in weighed if option[1].freedom <= most]:
             simple = tested(max(simpler, key=lambda option: option[0]))
             most = self.constants.simpler * simple.freedom
             if simple.log_evidence > 0:
                 # Many weights can make a form likely that does not repeat, though a simpler one does.
                 repeats = best.t < self.constants.least_t <= simple.t
                 best = simple if repeats else self.simplest(best, [simple])
-        sizes = tuple((form.freedom(int(own.changes.sum())), value) for value, form, _, own, _ in weighed)
+        sizes = tuple((form.freedom, value) for value, form, *_ in weighed)
         return replace(best, log_evidence=total, most_gain=most_gain, forms=sizes)
 
     def simplest(self, best: Score, scores: Sequence[Score]) -> Score:

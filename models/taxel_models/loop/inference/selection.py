@@ -118,7 +118,7 @@ class JointSelection:
     def _casts_doubt(self, other: Score, best: Score) -> bool:
         """Whether a likelier effect, about as simple, does not repeat: the best may only stand for it."""
         likelier = other is not best and other.log_evidence > best.log_evidence
-        simple = 0 < self._constants.simpler * other.freedom <= best.freedom
+        simple = self._constants.simpler * other.freedom <= best.freedom
         tried = (other.name, other.form.candidate.form) in self._tried
         return likelier and simple and not tried and other.t < self._constants.least_t
 

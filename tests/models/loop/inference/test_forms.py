@@ -58,9 +58,9 @@ def test_figures_are_counted_by_channel_unless_all_share_them(
     observations: Observations, whitening: Whitening
 ) -> None:
     alike, own = (next(prepared(one, whitening)) for one in forms_of(observations, "gain")[:2])
-    assert (alike.freedom(21), own.freedom(21), own.freedom(3)) == (1, 21, 3)
+    assert (alike.freedom, own.freedom) == (1, 21)
     fixed = replace(alike.candidate, fitting=Fitting(fixed=True, motion=3))
-    assert next(prepared(fixed, whitening)).freedom(21) == 3
+    assert next(prepared(fixed, whitening)).freedom == 3
 
 
 def test_only_a_form_with_a_mean_has_another_without_it(
