@@ -36,7 +36,7 @@ def _only_clipped(stuck: StuckChannel, observations: Observations) -> bool:
     others = ~stuck.rows & (measured != stuck.value)
     if others.sum() < 2 or not predicted[others].std() > 0:
         return False
-    if _gets_there(measured, stuck.rows):
+    if _gets_there(measured, stuck.rows, observations.segment):
         return True
     slope, constant = np.polyfit(predicted[others], measured[others], 1)
     scatter = float((measured[others] - slope * predicted[others] - constant).std())
@@ -45,12 +45,21 @@ def _only_clipped(stuck: StuckChannel, observations: Observations) -> bool:
     return bool(within.mean() >= LEADS_BEYOND)
 
 
-def _gets_there(measured: Floats, stuck: NDArray[np.bool_]) -> bool:
-    """Whether a channel (n,) comes to its limit and leaves it by usual steps: a loose contact jumps."""
-    steps = np.abs(np.diff(measured))
-    edges = stuck[1:] != stuck[:-1]
-    free = ~stuck[1:] & ~stuck[:-1]
-    return bool(edges.any() and np.median(steps[edges]) <= JUMP * max(float(steps[free].mean()), 1.0))
+def _gets_there(measured: Floats, stuck: NDArray[np.bool_], segment: NDArray[np.int64]) -> bool:
+    """Whether a channel (n,) comes to its limit and leaves it by usual steps: a loose contact jumps.
+
+    A channel that is at its limit for whole segments shows no jump.
+    """
+    steps, within = np.abs(np.diff(measured)), np.diff(segment) == 0
+    edges = within & (stuck[1:] != stuck[:-1])
+    free = within & ~stuck[1:] & ~stuck[:-1]
+    return bool(not edges.any() or np.median(steps[edges]) <= JUMP * max(float(steps[free].mean()), 1.0))
+
+
+def _errs_elsewhere(stuck: StuckChannel, residual: Floats) -> bool:
+    """Whether a channel that comes and goes errs no more in these rows than in others: its signal is weak."""
+    own = residual[:, stuck.channel] ** 2
+    return bool(stuck.kind == "intermittent" and own[stuck.rows].mean() <= own[~stuck.rows].mean())
 
 
 class Fault(Effect):
@@ -71,7 +80,11 @@ class Fault(Effect):
         kinds: tuple[Kind, ...] = ("stuck", "intermittent")
         for kind in kinds:
             some = [
-                stuck for stuck in found if stuck.kind == kind and not _only_clipped(stuck, observations)
+                stuck
+                for stuck in found
+                if stuck.kind == kind
+                and not _only_clipped(stuck, observations)
+                and not _errs_elsewhere(stuck, observations.residual)
             ]
             if some:
                 yield self._with(some, kind, remaining.residual)

@@ -20,7 +20,7 @@ class Constants:
         least_share: share of the held-out whitened squared error that an effect must remove. Offsets of
             contacts, which no model predicts, must remove five times as much.
         least_channel_share: likewise in one channel, where it changes few; that channel must pass the test
-            by itself.
+            by itself. A further effect must remove three times as much there.
         carries: a simpler effect is named first if it explains this share of what the likeliest does.
         either: two effects are not told apart if one explains this share of what the other does.
         simpler: a simpler effect has at most this share of the other's parameters.

@@ -26,6 +26,10 @@ from taxel_models.loop.inference.score import Score, Taken, t_over_folds
 from taxel_models.loop.inference.scoring import REFITS, Progress, Scoring
 from taxel_models.loop.observations import Observations
 
+FURTHER: Final = 3
+"""In one channel, a further effect must remove so many times as much: a named one whose form is not quite
+right leaves a little."""
+
 CONTACT_OFFSETS: Final = 5
 """They must remove so many times the least share of the error: no model predicts them."""
 
@@ -100,7 +104,8 @@ class JointSelection:
         if not changes.any():
             return False
         if score.effect.is_predictable:
-            least = max(constants.least_share, constants.least_channel_share)
+            further = FURTHER if self._taken else 1
+            least = max(constants.least_share, further * constants.least_channel_share)
             some = changes & (score.worth >= least) & (score.channel_t >= self._least_channel_t(score))
             enough = score.worth.mean() >= constants.least_share or some.any()
         else:
