@@ -57,7 +57,7 @@ def _gets_there(measured: Floats, stuck: NDArray[np.bool_], segment: NDArray[np.
 
 
 def _errs_elsewhere(stuck: StuckChannel, residual: Floats) -> bool:
-    """Whether a channel that comes and goes errs no more in these rows than in others: its signal is weak."""
+    """Whether a channel that comes and goes errs as much in its other rows: its signal is weak."""
     own = residual[:, stuck.channel] ** 2
     return bool(stuck.kind == "intermittent" and own[stuck.rows].mean() <= own[~stuck.rows].mean())
 
