@@ -31,11 +31,11 @@ def repeated_frames(observations: Observations) -> NDArray[np.bool_]:
     begins = np.diff(observations.segment, prepend=-1) != 0
     changed = _changed(observations.measured[:, ELECTRODE_COLUMNS], begins)
     inputs = np.asarray(_changed(np.hstack([observations.force, observations.position]), begins) > 0)
-    repeats = (changed == 0) & ~begins
+    repeats: NDArray[np.bool_] = (changed == 0) & ~begins
     edges = np.diff(repeats.astype(np.int8), prepend=0, append=0)
     starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     if not len(starts):
-        return np.zeros_like(repeats)
+        return np.zeros(len(repeats), np.bool_)
     after = np.minimum(stops, len(repeats) - 1)
     moved = np.add.reduceat(inputs, np.column_stack([starts, after]).ravel())[::2]
     # A run at an end of a segment has no edge there.
@@ -43,7 +43,7 @@ def repeated_frames(observations: Observations) -> NDArray[np.bool_]:
     whole_after = begins[after] | (stops == len(repeats)) | (changed[after] >= AT_ONCE)
     lost = whole_before & whole_after & (moved >= MOVING * (stops - starts))
     long = lost & (stops - starts >= LEAST_ROWS)
-    found = np.zeros_like(repeats)
+    found = np.zeros(len(repeats), np.bool_)
     if (stops - starts)[long].sum() >= LEAST_SHARE * len(repeats):
         found[repeats] = np.repeat(lost, stops - starts)
     return found
