@@ -71,7 +71,9 @@ def stuck_channels(measured: Floats, predicted: Floats, segment: NDArray[np.int6
         if calm:
             broken = own_runs.suspect(predicted[:, channel], FAR * still[channel], usual)
         else:
-            broken = own_runs.long & own_runs.endless(usual).any()
+            # A quiet channel comes to a value and leaves it by usual steps.
+            still_there = np.isnan(own_runs.steps).any(axis=0)
+            broken = own_runs.long & own_runs.endless(usual).any() & (own_runs.jumps | still_there)
         rows = np.repeat(broken, own_runs.lengths)
         if not rows.any():
             continue
@@ -139,10 +141,15 @@ class Runs:
 
     @cached_property
     def jumps(self) -> NDArray[np.bool_]:
-        """(runs,) got to or left by far more than the usual step."""
+        """(runs,) got to or left by far more than the usual step; both, at the end of the channel's range.
+
+        A fast press may lead to the end of the range by one large step; it does not leave it by another.
+        """
         inner = np.isfinite(self.steps[0])
         usual = self.steps[0][inner].mean() if inner.any() else 1.0
-        return np.asarray((self.steps > JUMP * usual).any(axis=0))
+        far = self.steps > JUMP * usual
+        both = (far | np.isnan(self.steps)).all(axis=0)
+        return np.asarray(far.any(axis=0) & (both | ~self.at_end))
 
     @cached_property
     def patience(self) -> float:
