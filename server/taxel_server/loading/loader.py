@@ -152,8 +152,10 @@ class Loader:
                 elif answered > self._done or self._watch_seconds:
                     self._look(again=answered > self._done)
                 self._settled = self._settled or self._changed()
+            except OSError as error:
+                # A repository that has gone, or files that are used up, must not end the server.
+                _LOG.error("the repository could not be read: %s", error)
             except Exception:
-                # A repository that has gone must not end the server.
                 _LOG.exception("the repository could not be read")
             with self._condition:
                 self._done = answered
