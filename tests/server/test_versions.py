@@ -116,6 +116,26 @@ def test_a_model_is_the_same_in_another_process(
         assert counts_of(copy, windows) == counts_of(handed_over, windows) == expected
 
 
+def test_a_repository_that_cannot_be_read_is_one_line_of_the_log(
+    serve: Starter,
+    make_windows: WindowMaker,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As when files are used up. Its models go on answering."""
+    server = serve(watch=0.02)
+    windows = make_windows(1)
+    expected = counts_of(server.engine.model("skin", "10"), windows)
+
+    def scan(**_: object) -> list[object]:
+        raise OSError(24, "Too many open files")
+
+    monkeypatch.setattr(server.engine, "scan", scan)
+    server.wait_for(lambda: "the repository could not be read: [Errno 24]" in caplog.text)
+    assert "Traceback" not in caplog.text
+    assert ask(server.client, "skin/versions/10", windows) == expected
+
+
 def test_a_switch_under_traffic_answers_every_request_with_one_of_the_versions(
     serve: Starter, make_artifact: ArtifactMaker, make_windows: WindowMaker
 ) -> None:

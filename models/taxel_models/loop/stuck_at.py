@@ -71,9 +71,9 @@ def stuck_channels(measured: Floats, predicted: Floats, segment: NDArray[np.int6
         if calm:
             broken = own_runs.suspect(predicted[:, channel], FAR * still[channel], usual)
         else:
-            # A quiet channel comes to a value and leaves it by usual steps.
-            still_there = np.isnan(own_runs.steps).any(axis=0)
-            broken = own_runs.long & own_runs.endless(usual).any() & (own_runs.jumps | still_there)
+            # A quiet channel comes to a value and leaves it by usual steps; a segment may end before that.
+            open_ended = np.isnan(own_runs.steps).any(axis=0)
+            broken = own_runs.long & own_runs.endless(usual).any() & (own_runs.jumps | open_ended)
         rows = np.repeat(broken, own_runs.lengths)
         if not rows.any():
             continue

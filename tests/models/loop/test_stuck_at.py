@@ -112,3 +112,29 @@ def test_where_noise_never_rests_a_channel_that_does_is_broken() -> None:
     (broken,) = found((measured, predicted))
     assert (broken.channel, broken.kind) == (E5, "intermittent")
     np.testing.assert_array_equal(np.flatnonzero(broken.rows), np.arange(2_000, 2_070))
+
+
+def noisy() -> Pair:
+    """Channels whose noise never lets a value last."""
+    random = np.random.default_rng(6)
+    predicted = np.tile(1000.0 + 50.0 * np.sin(np.arange(ROWS) / 90.0)[:, None], (1, len(CHANNELS)))
+    return np.rint(predicted + 4.0 * random.normal(size=predicted.shape)), predicted
+
+
+def test_a_channel_that_becomes_quiet_beside_noisy_ones_is_not_broken() -> None:
+    """It creeps from one value to the next by single counts."""
+    measured, predicted = noisy()
+    # A whole wave of what is predicted, so that it returns to where it left off.
+    measured[2_150:2_715, E5] = np.rint(predicted[2_150, E5]) + np.arange(565) // 80 - 3
+    assert found((measured, predicted)) == []
+
+
+def test_the_end_of_its_range_that_a_fast_press_reaches_is_not_broken() -> None:
+    measured, predicted = noisy()
+    top = measured[:, E5].max() + 40.0
+    measured[2_300:2_400, E5] = top
+    # In by one large step, out by usual ones.
+    measured[2_400:2_420, E5] = top - 3.0 * np.arange(1, 21)
+    assert found((measured, predicted)) == []
+    measured[2_400:2_420, E5] = predicted[2_400:2_420, E5]
+    assert [broken.channel for broken in found((measured, predicted))] == [E5]

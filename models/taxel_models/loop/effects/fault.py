@@ -67,7 +67,7 @@ class Fault(Effect):
 
     name = "fault"
     looks_at_residual = True
-    equation = "measured_c = v_c"
+    equation = "measured_c = v_c; for repeated frames, the model at the last frame that came"
     source = "stuck channels and unconnected fingers in public logs"
     signature = (
         "one value for longer than chance allows, reached by a jump or kept while the prediction moves; "

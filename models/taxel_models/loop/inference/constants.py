@@ -17,10 +17,9 @@ class Constants:
             are one half and all.
         robust: a block counts less if its error is more than so many times the median block's.
         least_t: t over held-out folds that an effect must reach (Nadeau and Bengio 2003).
-        least_share: share of the held-out whitened squared error that an effect must remove. Offsets of
-            contacts, which no model predicts, must remove five times as much.
+        least_share: share of the held-out whitened squared error that an effect must remove.
         least_channel_share: likewise in one channel, where it changes few; that channel must pass the test
-            by itself. A further effect must remove three times as much there.
+            by itself; see also `clear_share`.
         carries: a simpler effect is named first if it explains this share of what the likeliest does.
         either: two effects are not told apart if one explains this share of what the other does.
         simpler: a simpler effect has at most this share of the other's parameters.
@@ -49,6 +48,15 @@ class Constants:
     def names(cls) -> tuple[str, ...]:
         """Of all constants."""
         return tuple(field.name for field in fields(cls))
+
+    @property
+    def clear_share(self) -> float:
+        """Three times `least_channel_share`: of one channel, what a further effect must remove.
+
+        A named effect whose form is not quite right leaves a little. Offsets of contacts, which no model
+        predicts, must remove as much in the mean over the channels.
+        """
+        return 3.0 * self.least_channel_share
 
     @property
     def strengths(self) -> tuple[float, ...]:

@@ -8,7 +8,6 @@ channel, since a trained model has absorbed the mean of what it lacks.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 from scipy import stats
@@ -25,13 +24,6 @@ from taxel_models.loop.inference.parameter_correlation import parameter_correlat
 from taxel_models.loop.inference.score import Score, Taken, t_over_folds
 from taxel_models.loop.inference.scoring import REFITS, Progress, Scoring
 from taxel_models.loop.observations import Observations
-
-FURTHER: Final = 3
-"""In one channel, a further effect must remove so many times as much: a named one whose form is not quite
-right leaves a little."""
-
-CONTACT_OFFSETS: Final = 5
-"""They must remove so many times the least share of the error: no model predicts them."""
 
 
 class JointSelection:
@@ -104,12 +96,12 @@ class JointSelection:
         if not changes.any():
             return False
         if score.effect.is_predictable:
-            further = FURTHER if self._taken else 1
-            least = max(constants.least_share, further * constants.least_channel_share)
+            least = constants.clear_share if self._taken else constants.least_channel_share
+            least = max(constants.least_share, least)
             some = changes & (score.worth >= least) & (score.channel_t >= self._least_channel_t(score))
             enough = score.worth.mean() >= constants.least_share or some.any()
         else:
-            enough = score.worth.mean() >= CONTACT_OFFSETS * constants.least_share
+            enough = score.worth.mean() >= constants.clear_share
         if not enough or score.t < constants.least_t:
             return False
         return not self._scoring.contradicts(score, self._taken)

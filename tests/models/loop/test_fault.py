@@ -1,0 +1,59 @@
+"""Which channels that keep a value are faults: not those that were cut off, or whose signal is weak."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from taxel.channels import CHANNELS, COUNTS_MAX
+from taxel_models.loop.effects.effect import Remaining
+from taxel_models.loop.effects.fault import Fault
+from taxel_models.loop.observations import Observations, gather
+from taxel_models.recordings import Recording
+
+Make = Callable[..., Recording]
+E5 = CHANNELS.index("e5")
+
+
+def observed(smooth: Any, make: Make) -> Observations:
+    """In segments of 6.8 s."""
+    ticks = make(seed=3).ticks()
+    parts = ticks.rows(np.arange(len(ticks)) % 700 >= 20)
+    return gather(smooth, [parts], measured_temperature=True)
+
+
+def forms(observations: Observations) -> list[str]:
+    rows = np.ones(len(observations), bool)
+    remaining = Remaining(observations.residual, rows, np.ones(len(observations)))
+    return [candidate.form for candidate in Fault().forms(observations, remaining)]
+
+
+def with_e5(observations: Observations, rows: np.ndarray, counts: np.ndarray | float) -> Observations:
+    measured = observations.measured.copy()
+    measured[rows, E5] = np.broadcast_to(counts, rows.shape)[rows]
+    return replace(observations, measured=measured)
+
+
+def test_a_channel_at_its_limit_for_whole_segments_is_cut_off(smooth: Any, make: Make) -> None:
+    """As by an offset of single contacts: nobody sees it jump there."""
+    observations = observed(smooth, make)
+    whole = np.isin(observations.segment, [2, 5, 9])
+    assert forms(with_e5(observations, whole, COUNTS_MAX)) == []
+    # Within a segment it jumps there and back.
+    within = np.zeros(len(whole), bool)
+    for segment in (2, 5, 9):
+        within[np.flatnonzero(observations.segment == segment)[200:400]] = True
+    assert forms(with_e5(observations, within, COUNTS_MAX)) == ["intermittent: e5"]
+
+
+def test_a_channel_that_errs_as_much_elsewhere_is_weak(smooth: Any, make: Make) -> None:
+    """It keeps a value near the prediction for a while, and is far from it in all other rows."""
+    observations = observed(smooth, make)
+    rows = np.zeros(len(observations), bool)
+    for segment in (2, 5, 9):
+        rows[np.flatnonzero(observations.segment == segment)[200:300]] = True
+    value = float(np.rint(observations.predicted[rows, E5].mean()))
+    assert forms(with_e5(observations, rows, value + 300.0)) == ["intermittent: e5"]
+    away = observations.measured[:, E5] + np.where(rows, 0.0, 500.0)
+    assert forms(with_e5(with_e5(observations, ~rows, away), rows, value)) == []
