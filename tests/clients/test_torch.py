@@ -26,7 +26,7 @@ from taxel.local import shipped_repository
 from taxel.torch.network import Network
 from taxel.torch.operations import RULES
 from taxel.torch.windows import newest_window
-from taxel.windows import Samples, WindowSpec, build_windows
+from taxel.windows import Samples, WindowSpec, WindowStream, build_windows
 from taxel_bench.paper_size import write_paper_sized
 from taxel_exporters.corrected import export_corrected
 from taxel_exporters.onnx_int8 import with_int8_weights
@@ -299,3 +299,13 @@ def test_a_corrected_model_has_its_base(tmp_path: Path) -> None:
 def test_a_wrong_shape_is_told(call: Any, said: str) -> None:
     with pytest.raises(InvalidArgument, match=said):
         call(taxel.torch.load("ffnn"))
+
+
+def test_a_stream_is_told_of_a_tensor_with_gradients_and_goes_on() -> None:
+    stream = WindowStream(WindowSpec.of(3))
+    stream.push(0.0, [0, 0, 0], [0, 0, 1])
+    force: Any = torch.zeros(3, requires_grad=True)
+    with pytest.raises(InvalidArgument, match=r"force: .*detach.*: expected numbers on the CPU"):
+        stream.push(0.01, [0, 0, 0], force)
+    (window,) = stream.push(0.01, [1, 2, 3], [4, 5, 6])
+    assert window.values.tolist() == [[1, 2, 3, 4, 5, 6]]

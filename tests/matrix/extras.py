@@ -1,6 +1,10 @@
 """What runs with each extra by itself, and what the bare client says of everything else."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from subprocess import Popen
 from urllib.request import urlopen
 
 from environments import Environment, Failed, environment
@@ -33,6 +37,7 @@ REFUSED = {
     ),
 }
 
+ENDPOINT = "tcp/127.0.0.1:17447"
 CONSTRAINTS = ROOT / "constraints.txt"
 SMALL_TREES = "--set n_estimators=5 --set max_depth=3 --set eta=0.5"
 SMALL_NETWORK = '--set neurons=[16,16] --set activations=["relu","relu"] --set epochs=1'
@@ -76,21 +81,50 @@ def refusals(environment: Environment) -> None:
                 raise Failed(f"taxel {command}: exit {done.returncode}, expected {hint}:\n{done.stderr}")
 
 
+@contextmanager
+def _serving(served: Environment, *launcher: str) -> Iterator[Popen[str]]:
+    """`taxel serve` with the shipped models, which listens."""
+    process = served.started(*launcher, "taxel", "serve", "--listen", ENDPOINT, "--json")
+    try:
+        if not process.stdout.readline():
+            raise Failed("taxel serve ended before it was ready")
+        yield process
+    finally:
+        process.terminate()
+        process.communicate()
+
+
 def served_to_a_bare_client(served: Environment) -> None:
-    """`taxel serve` with the shipped models, asked from an environment with the client alone."""
-    endpoint = "tcp/127.0.0.1:17447"
+    """A server is asked from an environment with the client alone."""
     with environment(served.interpreter) as bare:
         bare.install(served.wheel, constraints=CONSTRAINTS)
         _twin(bare)
-        process = served.started("taxel", "serve", "--listen", endpoint, "--json")
-        try:
-            if not process.stdout.readline():
-                raise Failed("taxel serve ended before it was ready")
-            taxel(bare, f"models --connect {endpoint}")
-            taxel(bare, f"predict twin.csv --model ffnn --connect {endpoint} -o predicted.csv")
-        finally:
-            process.terminate()
-            process.communicate()
+        with _serving(served):
+            taxel(bare, f"models --connect {ENDPOINT}")
+            taxel(bare, f"predict twin.csv --model ffnn --connect {ENDPOINT} -o predicted.csv")
+
+
+def _asks_a_server(program: str) -> Check:
+    """A program runs in the environment, beside a server in another one."""
+
+    def beside_a_server(asking: Environment) -> None:
+        with environment(asking.interpreter) as server:
+            server.install(f"{asking.wheel}[server]", constraints=CONSTRAINTS)
+            with _serving(server):
+                asking.python(ROOT / program, "--connect", ENDPOINT)
+
+    return beside_a_server
+
+
+def traced(environment: Environment) -> None:
+    """OpenTelemetry's launcher starts the server, and prints the span of a request with a trace."""
+    told = "--traces_exporter console --metrics_exporter none --logs_exporter none"
+    with _serving(environment, "opentelemetry-instrument", *told.split()) as process:
+        environment.python(Path(__file__).with_name("asked_with_a_trace.py"), ENDPOINT)
+        process.terminate()
+        printed = process.stdout.read()
+    if '"name": "infer ffnn"' not in printed:
+        raise Failed(f"no span of the request:\n{printed[-1000:]}")
 
 
 def plots(environment: Environment) -> None:
@@ -229,4 +263,7 @@ EXTRAS: dict[str, tuple[Check, ...]] = {
     "ros2": (bagged,),
     "gazebo": (bridged,),
     "bench": (measured,),
+    "mujoco": (_asks_a_server("examples/mujoco_fingertip.py"),),
+    "gymnasium": (_asks_a_server("tests/matrix/gymnasium_finger.py"),),
+    "otel": (traced,),
 }
