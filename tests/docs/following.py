@@ -20,7 +20,7 @@ from .given import (
     ENDPOINT,
     GIVEN,
     MEASURED,
-    NAMED,
+    MISSING,
     PRELUDES,
     SMALLER,
     STAND_INS,
@@ -71,7 +71,7 @@ def in_small(line: str) -> str:
 
 def is_named(line: str) -> bool:
     """Whether a line is not run here, with a reason."""
-    return line.startswith((*NAMED, *ELSEWHERE))
+    return line.startswith((*MISSING, *ELSEWHERE))
 
 
 class Follower:

@@ -1,4 +1,4 @@
-"""What the pages take as given, what makes their commands small enough for a test, and what is only named.
+"""What the pages take as given, and what makes their commands small enough for a test.
 
 A block that is new runs, whole and as it stands, unless one of these tables says otherwise.
 """
@@ -17,6 +17,8 @@ ENDPOINT: Final = "tcp/127.0.0.1:7447"
 
 ROS: Final = Path(sys.prefix) / "ros2" / "bin" / "python"
 
+OTEL: Final = Path(sys.prefix) / "bin" / "opentelemetry-instrument"
+
 ELSEWHERE: Final = {
     # Lines that another test runs, by how they begin.
     "make ": "test_make.py, in a copy of the checkout",
@@ -31,22 +33,15 @@ MEASURED: Final = (
     "docs/results/study.md",
 )
 
-NAMED: Final = {
-    # Lines that are not run, by how they begin, and why.
-    "gz ": "Gazebo is not here; tests/clients/gazebo has a program that speaks like it",
-    "ros2 run ": "rmw_zenoh is not among ROS's wheels; the tests have a zenoh router of their own",
-    "ros2 launch ": "is not among ROS's wheels; tests/clients/ros2/test_rclpy.py runs the file's command",
-    "opentelemetry-instrument ": "needs taxel[otel]; tests/server/test_traces.py compares the spans",
-    "taxel loop-trial --trials 20 --sensitivity": "takes minutes; tests/models/recovery does so",
-}
+MISSING: Final[dict[str, str]] = {}
+"""Lines that are not run because this machine lacks what they need, by how they begin."""
 
-# What some machines lack.
 if not ROS.exists():
-    NAMED["python -m taxel.ros2.rclpy_node "] = "ROS's wheels are not installed: `make .venv/.ros2`"
+    MISSING["python -m taxel.ros2.rclpy_node "] = "ROS's wheels are not installed: `make .venv/.ros2`"
 if shutil.which("systemctl") is None:
-    NAMED["systemctl "] = "systemd is not here"
+    MISSING["systemctl "] = "systemd is not here"
 if not any(Path("/var/lib/apt/lists").glob("*_Packages*")):
-    NAMED["apt install "] = "Debian's list of packages is not here"
+    MISSING["apt install "] = "Debian's list of packages is not here"
 
 TEXTS: Final = {
     # Blocks of the language `text`, and `json5`, by page and how they begin, and who looks at them.
@@ -229,6 +224,7 @@ STAND_INS: Final = {
     " test -L etc/systemd/system/multi-user.target.wants/taxel.service &&"
     " .$(sed -n 's/^ExecStart=\\(.* serve\\).*/\\1/p' etc/systemd/system/taxel.service) --help",
     "apt install": "apt-cache show",
+    "opentelemetry-instrument --": f"{OTEL} --",
     "python -m taxel.ros2.rclpy_node": f"{ROS} -m taxel.ros2.rclpy_node",
 }
 
@@ -281,6 +277,7 @@ SMALLER: Final = {
     "bench simulator --fingers": "--fingers 2 --seconds 0.1",
     "dask scheduler": "--port 8786 --no-dashboard",
     "dask worker": "--nworkers 1 --no-nanny --no-dashboard",
+    "opentelemetry-instrument": "--listen tcp/127.0.0.1:7448",
     "python -m taxel_models.calibration.misaligned_twin": "--twins 1 --rows 30000",
     "python -m taxel_models.study.published_facts": "--rows 12000",
     "python -m taxel_models.twin.measured_comparison": "--rows 12000",
@@ -332,6 +329,7 @@ STARTED: Final = {
     "taxel ros2": "takes contacts of",
     "taxel serve": "listening on",
     "taxel watch": "Ctrl-C ends it",
+    f"{OTEL} ": "listening on",
     f"{ROS} -m taxel.ros2.rclpy_node": ": STALE: ",
 }
 

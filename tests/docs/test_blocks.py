@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +19,7 @@ from taxel_models.recordings import read_recording, write_ruppel
 from taxel_models.twin import simulate
 
 from .blocks import ALL, COMMANDS, PAGES, ROOT, Block, blocks, joined_lines
-from .given import ELSEWHERE, GIVEN, MEASURED, NAMED, SMALLER, STAND_INS, STARTED, TEXTS, TOGETHER
+from .given import ELSEWHERE, GIVEN, MEASURED, MISSING, SMALLER, STAND_INS, STARTED, TEXTS, TOGETHER
 
 RUN: Final = {"sh", "ts", "python"}
 """Languages that tests/docs/test_pages.py and its neighbours run."""
@@ -66,10 +67,10 @@ def test_the_tables_name_nothing_that_is_not_there() -> None:
     lines = [line for block in ALL if block.language == "sh" for line in joined_lines(block.text)]
     given = [line for text in GIVEN.values() for line in text.splitlines()]
     texts = "".join(block.text for block in ALL)
-    for table in (NAMED, ELSEWHERE):
+    for table in (MISSING, ELSEWHERE):
         assert [begin for begin in table if not any(line.startswith(begin) for line in lines)] == []
     assert [begin for begin in SMALLER if not any(line.startswith(begin) for line in lines)] == []
-    started = [begin for begin in STARTED if "rclpy" not in begin]
+    started = [begin for begin in STARTED if not begin.startswith(sys.prefix)]
     assert [begin for begin in started if not any(line.startswith(begin) for line in lines + given)] == []
     assert [shown for shown in STAND_INS if shown not in texts] == []
     assert [text for text in TEXTS if not any(text in _texts_of(block) for block in ALL)] == []
@@ -102,8 +103,8 @@ def test_every_extra_that_is_named_is_there() -> None:
 
 def test_a_launch_file_has_the_arguments_that_are_named() -> None:
     """`ros2 launch` itself is not here; tests/clients/ros2/test_rclpy.py runs the file's command."""
-    lines = [line.split() for block in ALL if block.language == "sh" for line in joined_lines(block.text)]
-    launched = [words[2:] for words in lines if words[:2] == ["ros2", "launch"]]
+    texts = [(ROOT / page).read_text() for page in PAGES]
+    launched = [line.split() for text in texts for line in re.findall(r"`ros2 launch ([^`]+)`", text)]
     assert launched
     for file, *given in launched:
         arguments = {each.attrib["name"] for each in ElementTree.parse(ROOT / file).iter("arg")}

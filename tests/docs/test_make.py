@@ -1,4 +1,4 @@
-"""The lines of README and docs that begin with `make`: run in a copy of the checkout, the long ones dry."""
+"""The lines of README and docs that begin with `make`: run in a copy of the checkout, long ones dry."""
 
 import os
 import re
@@ -31,10 +31,8 @@ SAYING: Final = {
 }
 
 DRY: Final = {
-    # What takes minutes or needs a package index, and what `make --dry-run` says that it would run.
-    "make arm": [".venv/bin/python tests/arm/emulate.py"],
-    "make coverage": [".venv/bin/python -m pytest --cov "],
-    "make matrix": ["python3 tests/matrix"],
+    # What takes minutes or needs a package index, and what `make --dry-run` says that it would run. The
+    # first is what runs this test; the others stand in no block.
     "make test": [
         ".venv/bin/ruff format --check .",
         ".venv/bin/ruff check .",
@@ -43,6 +41,9 @@ DRY: Final = {
         ".venv/bin/python packaging/site",
         ".venv/bin/python -m pytest -n auto ",
     ],
+    "make arm": [".venv/bin/python tests/arm/emulate.py"],
+    "make coverage": [".venv/bin/python -m pytest --cov "],
+    "make matrix": ["python3 tests/matrix"],
 }
 
 
@@ -95,8 +96,8 @@ def _make(checkout: Path, line: str, *options: str) -> str:
     return done.stdout
 
 
-def test_every_line_is_run_or_named() -> None:
-    assert sorted([*SAYING, *DRY]) == LINES
+def test_every_line_is_run() -> None:
+    assert sorted([*SAYING, "make test"]) == LINES
 
 
 @pytest.mark.parametrize("line", SAYING)

@@ -1,6 +1,5 @@
 """What needs real recordings is followed with a few of them: pages of results, and single lines."""
 
-import os
 from pathlib import Path
 from typing import Final
 
@@ -37,9 +36,6 @@ def beside_few(data_folder: Path, tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.skipif(
-    not os.environ.get("TAXEL_FOLLOW_RESULTS"), reason="takes minutes: TAXEL_FOLLOW_RESULTS=1 follows it"
-)
 @pytest.mark.parametrize("page", MEASURED)
 def test_a_page_of_results_can_be_followed(page: str, beside_few: Path) -> None:
     with Follower(beside_few) as follower:

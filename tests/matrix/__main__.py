@@ -20,7 +20,7 @@ from environments import Environment, Failed, build_wheel, environment
 from extras import EXTRAS
 from pythons import SUPPORTED, Python, find
 from report import Cell, Outcome, all_passed, as_object, say, table
-from requirements import lower_bounds, lowest
+from requirements import lowest
 from serving import CHECKS, Check
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -62,10 +62,7 @@ def _serving(python: Python, wheel: Path, versions: str) -> Cell:
         if versions == "newest":
             found.install(f"{wheel}[server]")
             return
-        constraints = found.work / "lowest.txt"
-        lines = (f"{name}=={one}" for name, one in lowest(found, lower_bounds(ROOT, "server")).items())
-        constraints.write_text("\n".join(lines) + "\n")
-        found.install(f"{wheel}[server]", constraints=constraints)
+        found.install(f"{wheel}[server]", constraints=lowest(found, ROOT, "server"))
 
     return _tried(Cell(python.version, "server", versions), python, wheel, install, CHECKS)
 

@@ -91,10 +91,18 @@ class Environment:
             raise Failed(f"{_shown(program, arguments)}: exit {done.returncode}\n{said}")
         return done
 
-    def started(self, program: str, *arguments: str | Path) -> subprocess.Popen[str]:
+    def started(
+        self, program: str, *arguments: str | Path, stderr: int | None = None
+    ) -> subprocess.Popen[str]:
         """The same, but it runs on; what it prints is for whoever reads `stdout`."""
-        command = self._command(program, arguments)
-        return subprocess.Popen(command, cwd=self.work, env=_clean(), text=True, stdout=subprocess.PIPE)
+        return subprocess.Popen(
+            self._command(program, arguments),
+            cwd=self.work,
+            env=_clean(),
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=stderr,
+        )
 
     def _command(self, program: str, arguments: tuple[str | Path, ...]) -> list[str]:
         return [str(self.folder / "bin" / program), *map(str, arguments)]

@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from subprocess import Popen
+from subprocess import PIPE, Popen
 from urllib.request import urlopen
 
 from environments import Environment, Failed, environment
@@ -82,9 +82,13 @@ def refusals(environment: Environment) -> None:
 
 
 @contextmanager
-def _serving(served: Environment, *launcher: str) -> Iterator[Popen[str]]:
+def _serving(served: Environment, launcher: str = "") -> Iterator[Popen[str]]:
     """`taxel serve` with the shipped models, which listens."""
-    process = served.started(*launcher, "taxel", "serve", "--listen", ENDPOINT, "--json")
+    # A launcher looks for programs on the PATH.
+    program = str(served.folder / "bin" / "taxel")
+    command = (*launcher.split(), program, "serve", "--listen", ENDPOINT, "--json")
+    # After its first line, all that a server prints goes to stderr.
+    process = served.started(*command, stderr=PIPE if launcher else None)
     try:
         if not process.stdout.readline():
             raise Failed("taxel serve ended before it was ready")
@@ -119,10 +123,10 @@ def _asks_a_server(program: str) -> Check:
 def traced(environment: Environment) -> None:
     """OpenTelemetry's launcher starts the server, and prints the span of a request with a trace."""
     told = "--traces_exporter console --metrics_exporter none --logs_exporter none"
-    with _serving(environment, "opentelemetry-instrument", *told.split()) as process:
+    with _serving(environment, f"opentelemetry-instrument {told}") as process:
         environment.python(Path(__file__).with_name("asked_with_a_trace.py"), ENDPOINT)
         process.terminate()
-        printed = process.stdout.read()
+        printed = process.stderr.read()
     if '"name": "infer ffnn"' not in printed:
         raise Failed(f"no span of the request:\n{printed[-1000:]}")
 

@@ -1,9 +1,13 @@
 """The trace context of the W3C: carried, told by the log, and the parent of the server's spans."""
 
 import asyncio
+import json
 import logging
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -149,3 +153,31 @@ def test_an_older_server_is_not_sent_one_over_the_lane(
         predictor.predict(make_windows(2), traceparent=TRACEPARENT)
         assert source.retries == 0
     assert not exporter.get_finished_spans()
+
+
+def test_the_launcher_of_opentelemetry_prints_the_spans(
+    repository: Path, endpoint: str, make_windows: WindowMaker
+) -> None:
+    """`opentelemetry-instrument taxel serve`, in a process of its own."""
+    launcher, taxel_program = (
+        Path(sys.executable).parent / n for n in ("opentelemetry-instrument", "taxel")
+    )
+    exporters = ["--traces_exporter", "console", "--metrics_exporter", "none", "--logs_exporter", "none"]
+    serve = ["serve", "--repository", str(repository), "--listen", endpoint, "--json"]
+    command = [str(launcher), *exporters, str(taxel_program), *serve]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert server.stdout is not None
+        assert json.loads(server.stdout.readline())["listen"] == [endpoint]
+        with taxel.connect(endpoint) as source:
+            source.predictor("skin").predict(make_windows(3), traceparent=TRACEPARENT)
+    finally:
+        server.terminate()
+        # After its first line, what a server prints goes to stderr.
+        _, printed = server.communicate(timeout=60)
+    whole, decoder = [], json.JSONDecoder()
+    while printed := printed.lstrip():
+        span, end = decoder.raw_decode(printed)
+        whole, printed = [*whole, span], printed[end:]
+    assert {span["name"] for span in whole} == {"queue", "compute", "infer skin"}
+    assert {span["context"]["trace_id"] for span in whole} == {f"0x{TRACE_ID:032x}"}
