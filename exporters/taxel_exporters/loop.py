@@ -61,6 +61,13 @@ def loop(
     exclude: Annotated[
         list[str] | None, typer.Option(help="An effect not to look for; give it again for several.")
     ] = None,
+    no_reference: Annotated[
+        bool,
+        typer.Option(
+            "--no-reference",
+            help="Name also what the model gets wrong anyway, on what its training held out.",
+        ),
+    ] = False,
     residual_model: Annotated[
         bool,
         typer.Option(
@@ -108,6 +115,7 @@ def loop(
         calibration_s=calibration,
         least_share=least_share,
         exclude=tuple(exclude or ()),
+        reference=not no_reference,
         residual_model=residual_model,
         stability=stability,
     )

@@ -20,8 +20,10 @@ from taxel.windows import WindowSpec, WindowStream
 from taxel.windows.extras import ExtraFeature
 from taxel.windows.fingers import FingerWindows
 from taxel.windows.history import (
+    BoundedRate,
     Direction,
     Elapsed,
+    Friction,
     HistoryFeature,
     Play,
     Relaxation,
@@ -33,6 +35,8 @@ HISTORIES: list[HistoryFeature] = [
     Relaxation(of="fz", time_constant_s=0.3),
     RelaxationShare(of="force", time_constant_s=0.1),
     Play(of="fz", width_n=0.4),
+    Friction(of="force", width_n=0.4),
+    BoundedRate(of="fz", half_n_s=2.0),
     Direction(of="fx"),
     Speed(),
     Elapsed(start_s=0.05, end_s=0.4),

@@ -10,9 +10,11 @@ from pydantic import TypeAdapter, ValidationError
 
 from taxel.errors import InvalidArgument
 from taxel.windows import (
+    BoundedRate,
     Direction,
     Elapsed,
     ExtraFeature,
+    Friction,
     HistoryFeature,
     Play,
     Rate,
@@ -35,7 +37,10 @@ FEATURES: tuple[HistoryFeature, ...] = (
     RelaxationShare(of="fy", time_constant_s=0.2),
     Play(of="force", width_n=0.4),
     Play(of="fx", width_n=1.5),
+    Friction(of="force", width_n=0.4),
+    Friction(of="fy", width_n=3.0),
     Rate(of="fz"),
+    BoundedRate(of="force", half_n_s=2.0),
     Direction(of="force"),
     Speed(),
     Elapsed(start_s=0.1, end_s=0.6),
@@ -67,7 +72,15 @@ def obvious(feature: HistoryFeature, samples: Samples, t: int) -> float:
 
     if isinstance(feature, Lagged):
         rate = (u(t) - u(max(t - 3, segment.start))) / 0.03
+        if isinstance(feature, BoundedRate):
+            return rate / (feature.half_n_s + abs(rate))
         return rate if isinstance(feature, Rate) else math.tanh(rate) * abs(u(t))
+    if isinstance(feature, Friction):
+        behind = 0.0
+        for row in range(segment.start + 1, t + 1):
+            step = u(row) - u(row - 1)
+            behind = (behind - step) / (1 + abs(step) / feature.width_n)
+        return behind
     y = u(segment.start)
     for row in range(segment.start + 1, t + 1):
         if isinstance(feature, Play):
@@ -199,3 +212,15 @@ def test_features_survive_being_written(feature: HistoryFeature) -> None:
 def test_impossible_features_are_refused(fields: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         TypeAdapter(HistoryFeature).validate_python(fields)
+
+
+def test_friction_is_that_of_dahls_model() -> None:
+    """The exact solution over loading, and over unloading from where that ended, of small steps."""
+    force = np.concatenate([np.linspace(0.0, 3.0, 3_001), np.linspace(3.0, 0.0, 3_001)[1:]])
+    ticks = np.zeros((len(force), 7))
+    ticks[:, 5] = force
+    found, width = Friction(of="force", width_n=1.2).column(ticks), 1.2
+    loading = -width * (1.0 - np.exp(-force[:3_001] / width))
+    np.testing.assert_allclose(found[:3_001], loading, atol=2e-3)
+    unloading = width + (loading[-1] - width) * np.exp(-(3.0 - force[3_000:]) / width)
+    np.testing.assert_allclose(found[3_000:], unloading, atol=2e-3)

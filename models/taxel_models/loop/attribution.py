@@ -1,6 +1,7 @@
 """What an attribution found: effects that were named, and those that were not."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,9 @@ from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.findings import ParameterCorrelation
 from taxel_models.loop.observations import Observations
+
+AS_MUCH_ANYWAY: Final = "the model's own held-out residual has as much of it"
+"""Why an effect was not named that explains much, but nothing new; `--no-reference` names it."""
 
 
 @dataclass(frozen=True)

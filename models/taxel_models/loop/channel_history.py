@@ -1,8 +1,8 @@
 """The history of each channel: whether its sensitivity changed over the session, and when.
 
-A block's sensitivity is the slope of the measured counts over the predicted ones, both about rest. The
-block at which it changed is the one that leaves the least squares (Page 1955); a line in time is the other
-choice.
+A block's sensitivity is the slope of the measured counts over the predicted ones, both about their means:
+what is added to a channel for longer than a block, such as by a drift, is no sensitivity. The block at
+which it changed is the one that leaves the least squares (Page 1955); a line in time is the other choice.
 """
 
 from collections.abc import Iterator
@@ -66,10 +66,11 @@ def sensitivity_changes(
         return
     time = np.array([observations.time_s[some].mean() for some in rows])
     order = np.argsort(time)
-    signal, measured = observations.signal, observations.measured - explained - observations.rest
-    energy = np.array([(signal[some] ** 2).sum(axis=0) for some in rows])[order]
-    cross = np.array([(signal[some] * measured[some]).sum(axis=0) for some in rows])[order]
-    follows = np.median([_correlation(signal[some], measured[some]) for some in rows], axis=0)
+    signal, measured = observations.signal, observations.measured - explained
+    products = np.array([_products(signal[some], measured[some]) for some in rows])[order]
+    energy, cross = products[:, 0], products[:, 1]
+    sizes = np.sqrt(products[:, 0] * products[:, 2])
+    follows = np.median(cross / np.maximum(sizes, 1e-12), axis=0)
     for channel, name in enumerate(CHANNELS):
         weight = energy[:, channel]
         used = weight > 0.05 * np.median(weight)
@@ -81,11 +82,10 @@ def sensitivity_changes(
             yield SensitivityChange(name, *found)
 
 
-def _correlation(first: Floats, second: Floats) -> Floats:
-    """(21,) of columns."""
+def _products(first: Floats, second: Floats) -> Floats:
+    """(3, 21) sums over rows of the first's squares, of both, and of the second's squares, about means."""
     first, second = first - first.mean(axis=0), second - second.mean(axis=0)
-    sizes = np.sqrt((first**2).sum(axis=0) * (second**2).sum(axis=0))
-    return np.asarray((first * second).sum(axis=0) / np.maximum(sizes, 1e-12))
+    return np.array([(first**2).sum(axis=0), (first * second).sum(axis=0), (second**2).sum(axis=0)])
 
 
 def _change(time: Floats, slopes: Floats) -> tuple[float, float | None] | None:

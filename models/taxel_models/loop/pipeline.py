@@ -50,6 +50,7 @@ class LoopSettings:
         calibration_s: seconds at the start of each segment in which a user's own sensor is measured.
         least_share: the share of the error that an effect must remove to be named.
         exclude: effects that are not tried, such as `temperature`.
+        reference: whether what an effect explains of the model's own held-out residual is subtracted.
         constants: of the inference; `least_share` above counts in place of theirs.
         residual_model: whether to fit a model of what no effect explains.
         stability: on so many random halves of the blocks, effects are named anew and counted; 0 for none.
@@ -62,6 +63,7 @@ class LoopSettings:
     calibration_s: float = 0.0
     least_share: float = DECLARED.least_share
     exclude: tuple[str, ...] = ()
+    reference: bool = True
     constants: Constants = DECLARED
     residual_model: bool = False
     stability: int = 0
@@ -78,6 +80,7 @@ class LoopResult:
         attribution: the named effects, with their contributions to each row.
         new: the effects of the corrected model.
         after: (n, 21) the corrected model's predictions, counts.
+        reference: the model's own held-out residual, as it was taken into account.
     """
 
     findings: Findings
@@ -86,6 +89,7 @@ class LoopResult:
     attribution: Attribution
     new: NewEffects
     after: Floats
+    reference: HeldOutResidual | None
 
     def served_windows(self, rows: int) -> NDArray[np.float32]:
         """(m, f) windows as the corrected model takes them, m up to `rows`."""
@@ -121,6 +125,8 @@ def run_loop(
     runs_along = confounding(observations)
     effects = [effect for effect in candidates(observations) if effect.label not in settings.exclude]
     reference = reference or model.manifest.held_out_residual
+    if reference is not None and not settings.reference:
+        reference = reference.model_copy(update={"structure": {}})
     constants = replace(settings.constants, least_share=settings.least_share)
     attribution = JointSelection(
         observations, blocks, effects, reference=reference, constants=constants, progress=progress
@@ -156,7 +162,7 @@ def run_loop(
             progress=progress or (lambda _: None),
         )
         findings = findings.model_copy(update={"stability": stability})
-    return LoopResult(findings, observations, blocks, attribution, new, after)
+    return LoopResult(findings, observations, blocks, attribution, new, after, reference)
 
 
 def _findings(
@@ -206,6 +212,7 @@ def _findings(
             "measured_temperature": settings.measured_temperature,
             "calibration_s": settings.calibration_s,
             "least_share": settings.least_share,
+            "reference": settings.reference,
         },
         noise_floor=noise.report(energy, output_std),
         effects=_found(observations, attribution, figures, new, rows),

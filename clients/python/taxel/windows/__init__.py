@@ -4,8 +4,10 @@ from taxel.windows.batch import Windows, build_windows
 from taxel.windows.combinations import COMBINATIONS, PERIOD_NS, WindowSpec
 from taxel.windows.extras import ExtraFeature, extra_columns
 from taxel.windows.history import (
+    BoundedRate,
     Direction,
     Elapsed,
+    Friction,
     HistoryFeature,
     Play,
     Rate,
@@ -20,9 +22,11 @@ from taxel.windows.stream import LiveWindow, WindowStream
 __all__ = [
     "COMBINATIONS",
     "PERIOD_NS",
+    "BoundedRate",
     "Direction",
     "Elapsed",
     "ExtraFeature",
+    "Friction",
     "HistoryFeature",
     "LiveWindow",
     "Play",

@@ -189,14 +189,15 @@ class FingerWindows:
         tick[:, :_SECONDS] = values[:, :_SECONDS]
         tick[:, _SECONDS] = (times - self._first_ns[ids]) / 1e9
         slot = count % self._depth
+        last = self._ticks[(count - 1) % self._depth, ids]
         self._ticks[slot, ids] = tick
         for column, extra in enumerate(self._extras):
             history = extra.history
             if history is None:
                 self._features[slot, ids, column] = values[:, self._column_of[extra.name]]
             elif isinstance(history, Recursive):
-                u = followed(history.of, tick)
-                state = np.where(new, u, history.follow(self._states[column, ids], u))
+                before, u = followed(history.of, last), followed(history.of, tick)
+                state = np.where(new, u, history.follow(self._states[column, ids], before, u))
                 self._states[column, ids] = state
                 self._features[slot, ids, column] = history.value(state, u)
             elif isinstance(history, Lagged):

@@ -8,7 +8,7 @@ A tick is a row of seven values: position, m, force, N, and seconds since the re
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from itertools import accumulate
+from itertools import pairwise
 from math import expm1
 from typing import Annotated, ClassVar, Final, Literal, Self
 
@@ -41,6 +41,8 @@ def followed(which: Followed, ticks: NDArray[np.float64]) -> NDArray[np.float64]
 class Recursive(Schema, ABC):
     """A feature with a state y that follows u, starting at the segment's first u.
 
+    The u of the tick before is called `before`; at the first tick it is u itself.
+
     Attributes:
         of: the signal u.
     """
@@ -48,11 +50,13 @@ class Recursive(Schema, ABC):
     of: Followed
 
     @abstractmethod
-    def rule(self) -> Callable[[float, float], float]:
-        """The function from (y, u) to the y of the next tick."""
+    def rule(self) -> Callable[[float, float, float], float]:
+        """The function from (y, before, u) to the y of the next tick."""
 
     @abstractmethod
-    def follow(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+    def follow(
+        self, y: NDArray[np.float64], before: NDArray[np.float64], u: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         """`rule` for arrays, element by element; the same bits."""
 
     @abstractmethod
@@ -61,8 +65,10 @@ class Recursive(Schema, ABC):
 
     def column(self, ticks: NDArray[np.float64]) -> NDArray[np.float64]:
         """The feature, (n,), at each tick (n, 7) of one segment."""
-        u = followed(self.of, ticks)
-        y = np.fromiter(accumulate(u.tolist(), self.rule()), np.float64, len(u))
+        u, rule = followed(self.of, ticks), self.rule()
+        y = u.copy()
+        for row, (before, now) in enumerate(pairwise(u.tolist()), 1):
+            y[row] = rule(y[row - 1], before, now)
         return self.value(y, u)
 
 
@@ -84,12 +90,14 @@ class _Relaxing(Recursive):
     time_constant_s: Positive
 
     @override
-    def rule(self) -> Callable[[float, float], float]:
+    def rule(self) -> Callable[[float, float, float], float]:
         step = -expm1(-TICK_S / self.time_constant_s)
-        return lambda y, u: y + step * (u - y)
+        return lambda y, _, u: y + step * (u - y)
 
     @override
-    def follow(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+    def follow(
+        self, y: NDArray[np.float64], before: NDArray[np.float64], u: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         return y + -expm1(-TICK_S / self.time_constant_s) * (u - y)
 
 
@@ -126,13 +134,42 @@ class Play(Recursive):
     width_n: Positive
 
     @override
-    def rule(self) -> Callable[[float, float], float]:
+    def rule(self) -> Callable[[float, float, float], float]:
         width = self.width_n
-        return lambda y, u: min(max(y, u - width), u + width)
+        return lambda y, _, u: min(max(y, u - width), u + width)
 
     @override
-    def follow(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+    def follow(
+        self, y: NDArray[np.float64], before: NDArray[np.float64], u: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         return np.minimum(np.maximum(y, u - self.width_n), u + self.width_n)
+
+    @override
+    def value(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+        return y - u
+
+
+class Friction(Recursive):
+    """The friction of Dahl's model (1968): y - u, from -w where u rose long to +w where it fell.
+
+    Over a step du, h = y - u becomes (h - du) / (1 + |du| / w): Dahl's dh = -du - |du| h / w, solved
+    implicitly. It turns gradually after a reversal, and small movements to and fro let it fade, which
+    `Play` does not.
+    """
+
+    kind: Literal["friction"] = "friction"
+    width_n: Positive
+
+    @override
+    def rule(self) -> Callable[[float, float, float], float]:
+        width = self.width_n
+        return lambda y, before, u: u + (y - u) / (1.0 + abs(u - before) / width)
+
+    @override
+    def follow(
+        self, y: NDArray[np.float64], before: NDArray[np.float64], u: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        return u + (y - u) / (1.0 + np.abs(u - before) / self.width_n)
 
     @override
     def value(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -156,6 +193,19 @@ class Rate(_Changing):
     @override
     def value(self, now: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
         return self.rate(now, before)
+
+
+class BoundedRate(_Changing):
+    """`Rate` that saturates: r / (half + |r|), between -1 and 1; it is 1/2 where r is `half_n_s`."""
+
+    kind: Literal["bounded_rate"] = "bounded_rate"
+    half_n_s: Positive
+
+    @override
+    def value(self, now: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
+        rate = self.rate(now, before)
+        bounded: NDArray[np.float64] = rate / (self.half_n_s + np.abs(rate))
+        return bounded
 
 
 class Direction(_Changing):
@@ -203,7 +253,8 @@ class Elapsed(Schema):
 
 
 HistoryFeature = Annotated[
-    Relaxation | RelaxationShare | Play | Rate | Direction | Speed | Elapsed, Field(discriminator="kind")
+    Relaxation | RelaxationShare | Play | Friction | Rate | BoundedRate | Direction | Speed | Elapsed,
+    Field(discriminator="kind"),
 ]
 """Any of the features; `kind` says which."""
 

@@ -25,7 +25,8 @@ class Memory:
         }
         longest = max((feature.lag for feature in features if isinstance(feature, Lagged)), default=0)
         self._recent: deque[NDArray[np.float64]] = deque(maxlen=longest + 1)
-        self._states: dict[int, list[float]] = {}
+        self._states: dict[int, list[tuple[float, float]]] = {}
+        """Of each recursive feature: a state for each fingertip, and what it followed."""
 
     def restart(self) -> None:
         """Forget the past: the next tick is a segment's first."""
@@ -56,10 +57,7 @@ class Memory:
 
     def _followed(self, column: int, u: list[float]) -> list[float]:
         """The new state of a recursive feature, one number for each fingertip."""
-        states, rule = self._states.get(column), self._rules[column]
-        if states is None:
-            states = u
-        else:
-            states = [rule(state, value) for state, value in zip(states, u, strict=True)]
-        self._states[column] = states
+        last, rule = self._states.get(column), self._rules[column]
+        states = u if last is None else [rule(*state, value) for state, value in zip(last, u, strict=True)]
+        self._states[column] = list(zip(states, u, strict=True))
         return states

@@ -6,27 +6,38 @@ from typing import Final
 import numpy as np
 from typing_extensions import override
 
-from taxel.windows import Direction, Play
+from taxel.windows import Direction, Friction, HistoryFeature, Play
 from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past, weighted
 from taxel_models.loop.observations import Observations
 
-WIDTHS_N: Final = tuple(np.geomspace(0.05, 2.0, 12).tolist())
+PLAYS_N: Final = tuple(np.geomspace(0.05, 2.0, 12).tolist())
+FRICTIONS_N: Final = tuple(np.geomspace(0.1, 5.6, 12).tolist())
 FINER: Final = (0.84, 0.91, 1.1, 1.19)
-"""Factors of finer widths; neighbours on the grid differ by a factor of 1.4."""
+"""Factors of finer widths; neighbours on the grids differ by a factor of 1.4."""
+
+WIDEST: Final = 0.5
+"""The largest width of a friction, over the force that 95 % of the rows stay below: a wider one hardly
+turns, and is as good as the force itself."""
 
 
 class Hysteresis(Effect):
-    """The channel follows the force with play: after a reversal, it waits until a width is passed."""
+    """The channel follows the force with play or friction: after a reversal, it stays behind by a width."""
 
     name = "hysteresis"
-    equation = "delta_c = w_c (H - |F|), H = min(max(H, |F| - width), |F| + width)"
-    source = "play operator (Krasnosel'skii and Pokrovskii 1989); no published constants for the sensor"
+    equation = (
+        "delta_c = w_c (H - |F|): play, H = min(max(H, |F| - width), |F| + width); "
+        "or friction, d(H - |F|) = -d|F| - |d|F|| (H - |F|) / width"
+    )
+    source = (
+        "play operator (Krasnosel'skii and Pokrovskii 1989), friction (Dahl 1968); "
+        "no published constants for the sensor"
+    )
     signature = "loading and unloading differ by as much when time runs faster or slower"
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
-        for width in WIDTHS_N:
-            yield self._with(observations, width)
+        yield from self._plays(observations, PLAYS_N)
+        yield from self._frictions(observations, FRICTIONS_N)
         direction = Direction(of="force")
         yield weighted(
             observations,
@@ -39,18 +50,30 @@ class Hysteresis(Effect):
 
     @override
     def finer(self, observations: Observations, best: Candidate) -> Iterable[Candidate]:
-        if "width" in best.form_parameters:
-            for factor in FINER:
-                yield self._with(observations, best.form_parameters["width"][0] * factor)
+        for name, forms in (("play", self._plays), ("friction", self._frictions)):
+            if best.form.startswith(name):
+                width, _ = best.form_parameters["width"]
+                yield from forms(observations, [width * factor for factor in FINER])
 
-    def _with(self, observations: Observations, width: float) -> Candidate:
-        feature = Play(of="force", width_n=width)
+    def _plays(self, observations: Observations, widths: Iterable[float]) -> Iterable[Candidate]:
+        for width in widths:
+            yield self._with(observations, "play", width, Play(of="force", width_n=width))
+
+    def _frictions(self, observations: Observations, widths: Iterable[float]) -> Iterable[Candidate]:
+        widest = WIDEST * float(np.quantile(observations.pressed, 0.95))
+        for width in widths:
+            if width <= widest:
+                yield self._with(observations, "friction", width, Friction(of="force", width_n=width))
+
+    def _with(
+        self, observations: Observations, name: str, width: float, feature: HistoryFeature
+    ) -> Candidate:
         return weighted(
             observations,
             self.name,
-            f"play of {width:.3g} N",
+            f"{name} of {width:.3g} N",
             "unit",
-            [past(observations, feature, f"play[{width:.3g}N].force", "N")],
+            [past(observations, feature, f"{name}[{width:.3g}N].force", "N")],
             form_parameters={"width": (width, "N")},
             weight_unit="counts/N",
         )

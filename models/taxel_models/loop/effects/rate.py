@@ -1,20 +1,32 @@
 """Rate: a channel responds to the speed of the force or of the motion."""
 
 from collections.abc import Iterable
+from typing import Final
 
+import numpy as np
 from typing_extensions import override
 
-from taxel.windows import Speed, history
+from taxel.windows import BoundedRate, Speed, history
 from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past, weighted
 from taxel_models.loop.observations import Observations
 
+HALVES_N_S: Final = tuple(np.geomspace(0.5, 32.0, 7).tolist())
+FINER: Final = (0.71, 1.41)
+"""Factors of finer rates; neighbours on the grid differ by a factor of 2."""
+
 
 class Rate(Effect):
-    """A viscous part: it is proportional to dF/dt or to the contact's speed."""
+    """A viscous part: it is proportional to dF/dt or to the contact's speed, or grows less than dF/dt."""
 
     name = "rate"
-    equation = "delta_c = sum_u w_cu du/dt, u of |F|, Fx, Fy, Fz; or w_c |dx/dt|"
-    source = "Kelvin-Voigt element; differences over 30 ms, 100 ms for the speed"
+    equation = (
+        "delta_c = sum_u w_cu du/dt, u of |F|, Fx, Fy, Fz; w_c r / (half + |r|), r = d|F|/dt; "
+        "or w_c |dx/dt|"
+    )
+    source = (
+        "Kelvin-Voigt element; a fluid that thins (Cross 1965); "
+        "differences over 30 ms, 100 ms for the speed"
+    )
     signature = "the residual is there only while force or place change, with the sign of the change"
 
     @override
@@ -31,3 +43,23 @@ class Rate(Effect):
         )
         for form, drivers, unit in forms:
             yield weighted(observations, self.name, form, "unit", drivers, weight_unit=unit)
+        for half in HALVES_N_S:
+            yield self._bounded(observations, half)
+
+    @override
+    def finer(self, observations: Observations, best: Candidate) -> Iterable[Candidate]:
+        if "half" in best.form_parameters:
+            for factor in FINER:
+                yield self._bounded(observations, best.form_parameters["half"][0] * factor)
+
+    def _bounded(self, observations: Observations, half: float) -> Candidate:
+        feature = BoundedRate(of="force", half_n_s=half)
+        return weighted(
+            observations,
+            self.name,
+            f"of force, half at {half:.3g} N/s",
+            "unit",
+            [past(observations, feature, f"rate[{half:.3g}N/s].force", "")],
+            form_parameters={"half": (half, "N/s")},
+            weight_unit="counts",
+        )

@@ -30,6 +30,7 @@ class Score:
             channel.
         worth: (21,) share of each channel's held-out squared error that goes.
         taken_off: (21,) what goes of each channel's held-out squared error, counts².
+        usual: (folds, 21) what was subtracted from the gain, since the model's own residual has it.
         most_gain: gain in all of its likeliest form before a simpler one was preferred.
         forms: how many figures each form fits, and its log evidence.
     """
@@ -42,6 +43,7 @@ class Score:
     gain: Floats
     worth: Floats
     taken_off: Floats
+    usual: Floats
     most_gain: float
     forms: tuple[tuple[int, float], ...] = ()
 
@@ -68,6 +70,11 @@ class Score:
     def t(self) -> float:
         """Over held-out folds; see `t_over_folds`."""
         return t_over_folds(self.gain, self.weighed)
+
+    @property
+    def t_with_usual(self) -> float:
+        """The same, with what the model's own residual has."""
+        return t_over_folds(self.gain + self.usual, self.weighed)
 
     @property
     def channel_t(self) -> Floats:

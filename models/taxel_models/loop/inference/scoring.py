@@ -229,11 +229,14 @@ class Scoring:
     ) -> Score:
         """A score less what the effect explains of the model's own held-out residual."""
         # A channel that it does not change gains nothing, usual or not.
-        gain = tested.gain - self._usual_gain(form.candidate.effect, tested) * weighed.changes
+        usual = self._usual_gain(form.candidate.effect, tested) * weighed.changes
+        gain = tested.gain - usual
         fall = (gain * tested.noise).sum(axis=0)
         worth = fall / (self._energy if energy is None else energy)
         taken_off = fall * self.whitening.scale**2
-        score = Score(effect, form, weighed, log_evidence, needs_constant, gain, worth, taken_off, 0.0)
+        usual = usual * np.ones_like(gain)
+        shares = (gain, worth, taken_off, usual)
+        score = Score(effect, form, weighed, log_evidence, needs_constant, *shares, most_gain=0.0)
         return replace(score, most_gain=score.total_gain)
 
     def _usual_evidence(self, name: str) -> Floats | float:

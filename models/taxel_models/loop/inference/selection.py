@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from taxel.channels import CHANNELS
 from taxel.manifest import HeldOutResidual
-from taxel_models.loop.attribution import Attribution, Named, Rejected
+from taxel_models.loop.attribution import AS_MUCH_ANYWAY, Attribution, Named, Rejected
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect
 from taxel_models.loop.inference.constants import DECLARED, Constants
@@ -291,6 +291,8 @@ class JointSelection:
                 reason = "cannot be told apart from an effect that was named and is likelier"
             elif score.log_evidence <= 0:
                 reason = "the residual is no likelier with it"
+            elif score.t < self._constants.least_t <= score.t_with_usual:
+                reason = AS_MUCH_ANYWAY
             elif score.t < self._constants.least_t:
                 reason = "does not repeat over the held-out folds"
             elif self._scoring.contradicts(score, self._taken):

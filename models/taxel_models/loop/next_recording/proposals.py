@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 
-from taxel.manifest import HeldOutResidual
 from taxel_models.loop.attribution import Named
 from taxel_models.loop.effects.covariate import are_kinds
 from taxel_models.loop.effects.temperature import TDC
@@ -36,16 +35,10 @@ _MOST_KINDS: Final = 12
 """Values of a column that a protocol takes in turn."""
 
 
-def propose(
-    result: LoopResult,
-    *,
-    reference: HeldOutResidual | None = None,
-    progress: Callable[[str], None] | None = None,
-) -> LoopResult:
+def propose(result: LoopResult, *, progress: Callable[[str], None] | None = None) -> LoopResult:
     """The result with what to record next in its findings.
 
     Args:
-        reference: the model's own held-out residual, in place of that of its manifest.
         progress: is told what is looked at.
     """
     split = result.findings.split
@@ -55,7 +48,7 @@ def propose(
         result.blocks,
         attribution.residual,
         bool(split["measured_temperature"]),
-        reference or result.observations.manifest.held_out_residual,
+        result.reference,
         replace(DECLARED, least_share=float(split["least_share"])),
     )
     proposals = []

@@ -6,6 +6,7 @@ from rich.text import Text
 
 from taxel_models.loop.findings import Findings
 from taxel_models.loop.report.wording import (
+    anyway,
     confounded,
     key_parameters,
     left,
@@ -20,6 +21,7 @@ from taxel_models.loop.report.wording import (
 def findings_table(findings: Findings) -> RenderableType:
     """The named effects, then lines on the error before and after and on what is left."""
     lines = [
+        *anyway(findings),
         _errors(findings),
         *confounded(findings),
         *runs_along(findings),

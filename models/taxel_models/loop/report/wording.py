@@ -5,6 +5,7 @@ from typing import Final
 
 from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, Parameter
 from taxel.windows import ExtraFeature
+from taxel_models.loop.attribution import AS_MUCH_ANYWAY
 from taxel_models.loop.findings import Findings, FoundEffect, PairedTest
 
 SIGNIFICANT: Final = 0.05
@@ -172,9 +173,17 @@ def paired(test: PairedTest) -> str:
     return fall if test.p_value <= SIGNIFICANT else f"{fall}, which may be chance"
 
 
+def anyway(findings: Findings) -> list[str]:
+    """What the model got wrong from the start, as a sentence; none where there is no such effect."""
+    names = [one.name for one in findings.rejected if one.reason == AS_MUCH_ANYWAY]
+    if not names:
+        return []
+    return [f"What its training held out has as much of {listed(names)}; --no-reference names that, too."]
+
+
 def _named(findings: Findings, extras: Sequence[ExtraFeature]) -> list[str]:
     if not findings.effects:
-        return ["No effect was named: none proves itself on held-out blocks."]
+        return ["No effect was named: none proves itself on held-out blocks.", *anyway(findings)]
     count = len(findings.effects)
     sentences = [
         f"{count} effects were named, the likeliest first." if count > 1 else "One effect was named."

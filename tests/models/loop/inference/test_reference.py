@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from taxel.manifest import HeldOutResidual, Manifest
+from taxel_models.loop.attribution import AS_MUCH_ANYWAY
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.hysteresis import Hysteresis
@@ -17,6 +18,7 @@ from taxel_models.loop.inference.reference import KEPT, held_out_residual
 from taxel_models.loop.inference.scoring import Scoring
 from taxel_models.loop.observations import gather
 from taxel_models.loop.pipeline import LoopSettings, run_loop
+from taxel_models.loop.report.wording import anyway
 from taxel_models.recordings import Recording
 from taxel_models.recovery.injection import Injection
 from taxel_models.recovery.injectors import inject
@@ -112,6 +114,20 @@ def test_nothing_is_left_of_what_is_known_of_the_same_recording(smooth: Any, mak
     np.testing.assert_allclose(gains["known"]["offset:contact"], 0.0, atol=1e-4)
     # The form of another effect may be another one where its evidence is known.
     assert max(taken_off.sum() for taken_off in gains["known"].values()) < 1e-3
+
+
+def test_without_it_what_the_model_got_wrong_from_the_start_is_named(smooth: Any, make: Make) -> None:
+    reference = held_out_residual(smooth, [with_effect(make, "rate", 8, strength=2.0)])
+    recording = with_effect(make, "rate", 9, strength=2.0)
+    known = run_loop(smooth, [recording], LoopSettings(), reference=reference).findings
+    assert not known.effects
+    (rate,) = [one for one in known.rejected if one.name == "rate"]
+    assert rate.reason == AS_MUCH_ANYWAY
+    (sentence,) = anyway(known)
+    assert "rate" in sentence
+    named = run_loop(smooth, [recording], LoopSettings(reference=False), reference=reference).findings
+    assert [effect.name for effect in named.effects] == ["rate"]
+    assert anyway(named) == []
 
 
 def test_a_manifests_own_is_used(smooth: Any, make: Make, reference: HeldOutResidual) -> None:
