@@ -9,6 +9,7 @@ import numpy as np
 from taxel.channels import CHANNELS
 from taxel.corrections import Calibrated, Correction, OffsetCalibration
 from taxel.windows import WindowSpec
+from taxel_models.loop.next_recording.fitted import Fitted
 from taxel_models.loop.pipeline import LoopResult, LoopSettings, run_loop
 from taxel_models.recordings import Recording
 
@@ -43,9 +44,11 @@ def test_an_offset_that_stays_is_not_said_to_fade(smooth: Any, make: Make) -> No
     def offset(contact: np.ndarray, seconds: np.ndarray) -> np.ndarray:
         return drawn(0)[contact]
 
-    (effect,) = result_with(smooth, make, offset).findings.effects
+    result = result_with(smooth, make, offset)
+    (effect,), (named,) = result.findings.effects, result.attribution.named
     assert effect.form == "of each contact, from a calibration"
     assert effect.explained > 0.9
+    assert Fitted.of(named).needs_calibration
 
 
 def test_one_that_fades_is_served_with_its_age(smooth: Any, make: Make) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from taxel.channels import CHANNELS
-from taxel.corrections import Term, Weighted
+from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, Term, Weighted
 from taxel.manifest import HeldOutResidual
 from taxel.windows import Elapsed, ExtraFeature
 from taxel_models.loop.attribution import Attribution, Named
@@ -42,6 +42,12 @@ class Fitted:
     def of(cls, named: Named) -> "Fitted":
         """As it was named."""
         return cls(named.candidate, named.weights)
+
+    @property
+    def needs_calibration(self) -> bool:
+        """Whether it takes what a calibration tells of each contact."""
+        taken = self.candidate.online(self.weights).extras
+        return any(extra in (*CALIBRATION_EXTRAS, CALIBRATION_AGE) for extra in taken)
 
     def counts(self, observations: Observations) -> Floats:
         """(n, 21) what the model gives on other observations with this cause, not rounded."""

@@ -125,3 +125,17 @@ def test_a_fitted_cause_acts_on_another_recording_as_it_did(
     about = fitted.counts(other) - other.predicted
     left = (expected - expected.mean(axis=0)) - (about - about.mean(axis=0))
     assert left.std(axis=0).max() < 6.0
+
+
+def test_no_protocol_is_simulated_with_what_a_calibration_tells(
+    tied: LoopResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It would crash: contacts that are still to come have no calibration."""
+
+    def rehearse(*_: object, **__: object) -> None:
+        raise AssertionError("simulated")
+
+    monkeypatch.setattr(Fitted, "needs_calibration", property(lambda _: True))
+    monkeypatch.setattr("taxel_models.loop.next_recording.proposals.rehearse", rehearse)
+    (proposal, *_) = propose(tied).findings.next_recordings
+    assert proposal.protocol is None
