@@ -207,7 +207,6 @@ STAND_INS: Final = {
     "--data F ": f"--data {FEW}/trials/biotac_slide ",
     "--model MODEL": "--model ffnn",
     "slide-MODEL-1": "slide-ffnn-1",
-    "--effect NAME:5": "--effect creep:5",
     "--repository REPO --data RECORDING -o report": "--repository repository --data recording.csv -o shown",
     "report/next-1-drift-temperature.json": "proposed.json",
     "--into RECORDING": "--into recording.csv",
