@@ -45,6 +45,7 @@ class FingerWindows:
         self._needed = spec.look_back + spec.look_ahead + 1
         histories = [extra.history for extra in extras if extra.history is not None]
         lags = [history.lag for history in histories if isinstance(history, Lagged)]
+        lags += [1 for history in histories if isinstance(history, Recursive)]
         # The oldest tick that is needed: a window's, or a feature's before the window's moment.
         self._depth = max(self._needed, spec.look_ahead + 1 + max(lags, default=0))
         # The ticks of a window, from its moment, and the places of its middle and of its forces among them.
@@ -189,14 +190,14 @@ class FingerWindows:
         tick[:, :_SECONDS] = values[:, :_SECONDS]
         tick[:, _SECONDS] = (times - self._first_ns[ids]) / 1e9
         slot = count % self._depth
-        last = self._ticks[(count - 1) % self._depth, ids]
         self._ticks[slot, ids] = tick
         for column, extra in enumerate(self._extras):
             history = extra.history
             if history is None:
                 self._features[slot, ids, column] = values[:, self._column_of[extra.name]]
             elif isinstance(history, Recursive):
-                before, u = followed(history.of, last), followed(history.of, tick)
+                before = followed(history.of, self._ticks[(count - 1) % self._depth, ids])
+                u = followed(history.of, tick)
                 state = np.where(new, u, history.follow(self._states[column, ids], before, u))
                 self._states[column, ids] = state
                 self._features[slot, ids, column] = history.value(state, u)

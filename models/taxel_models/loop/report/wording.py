@@ -178,7 +178,10 @@ def anyway(findings: Findings) -> list[str]:
     names = [one.name for one in findings.rejected if one.reason == AS_MUCH_ANYWAY]
     if not names:
         return []
-    return [f"What its training held out has as much of {listed(names)}; --no-reference names that, too."]
+    return [
+        f"The model was as wrong from the start, on what its training held out, in {listed(names)}: "
+        "--no-reference names that, too."
+    ]
 
 
 def _named(findings: Findings, extras: Sequence[ExtraFeature]) -> list[str]:
