@@ -17,14 +17,14 @@ TESTS = (
     "tests/server/test_local.py",
     "tests/end_to_end/test_shipped.py",
 )
-_OTHER_EXTRAS = (
+OTHER_EXTRAS = (
     *("gazebo", "ros2", "watch", "test_adapters.py", "test_contacts.py", "test_examples.py"),
     *("test_fingers.py", "test_gymnasium.py", "test_mujoco.py", "test_torch.py"),
     *("test_typescript.py", "test_web_page.py"),
 )
 """Of the clients' tests, those that need more."""
-_FIXTURES = ("tests/conftest.py", "tests/server/conftest.py", "tests/server/trees/conftest.py")
-_TOOLS = ("pytest", "hypothesis", "xgboost-cpu" if sys.platform == "linux" else "xgboost")
+FIXTURES = ("tests/conftest.py", "tests/server/conftest.py", "tests/server/trees/conftest.py")
+TOOLS = ("pytest", "hypothesis", "xgboost-cpu" if sys.platform == "linux" else "xgboost")
 
 Check = Callable[[Environment], None]
 
@@ -54,13 +54,13 @@ def tests(environment: Environment) -> None:
     """The tests that serving needs, from a copy, so that nothing of the checkout is imported."""
     frozen = environment.work / "installed.txt"
     frozen.write_text("\n".join(f"{name}=={version}" for name, version in environment.installed().items()))
-    environment.install(*_TOOLS, constraints=frozen)
-    for test in (*_FIXTURES, *TESTS):
+    environment.install(*TOOLS, constraints=frozen)
+    for test in (*FIXTURES, *TESTS):
         target = environment.work / test
         target.parent.mkdir(parents=True, exist_ok=True)
         copy = shutil.copytree if (ROOT / test).is_dir() else shutil.copy
         copy(ROOT / test, target)
-    ignored = [f"--ignore=tests/clients/{name}" for name in _OTHER_EXTRAS]
+    ignored = [f"--ignore=tests/clients/{name}" for name in OTHER_EXTRAS]
     options = (*ignored, "-q", "-x", "--import-mode=importlib", "-p", "no:cacheprovider")
     environment.python("-m", "pytest", "-o", "markers=measured", *options, *TESTS)
 

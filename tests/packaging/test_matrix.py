@@ -36,7 +36,7 @@ def test_its_tests_import_only_what_a_server_has(matrix: ModuleType) -> None:
     serving = importlib.import_module("serving")
     there = {
         "taxel",
-        *serving._TOOLS,
+        *serving.TOOLS,
         *PROJECT["dependencies"],
         *PROJECT["optional-dependencies"]["server"],
     }
@@ -44,8 +44,8 @@ def test_its_tests_import_only_what_a_server_has(matrix: ModuleType) -> None:
     allowed = {IMPORTED_AS.get(name, name.replace("-", "_")) for name in names} | {*sys.stdlib_module_names}
     # pytest needs packaging.
     allowed |= {path.name for path in ROOT.glob("*/taxel_*")} | {"taxel", "tests", "packaging"}
-    ignored = [ROOT / "tests" / "clients" / name for name in serving._OTHER_EXTRAS]
-    files = [ROOT / name for name in (*serving.TESTS, *serving._FIXTURES)]
+    ignored = [ROOT / "tests" / "clients" / name for name in serving.OTHER_EXTRAS]
+    files = [ROOT / name for name in (*serving.TESTS, *serving.FIXTURES)]
     files += [file for folder in files if folder.is_dir() for file in folder.rglob("*.py")]
     read = 0
     for file in files:

@@ -13,7 +13,7 @@ from taxel_models.loop.findings import ParameterCorrelation
 from taxel_models.loop.observations import Observations
 
 AS_MUCH_ANYWAY: Final = "the model's own held-out residual has as much of it"
-"""Why an effect was not named that explains much, but nothing new; `--no-reference` names it."""
+"""Why an effect was not named that repeats, but explains nothing new; `--no-reference` looks for it."""
 
 
 @dataclass(frozen=True)

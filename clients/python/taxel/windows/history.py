@@ -66,10 +66,11 @@ class Recursive(Schema, ABC):
     def column(self, ticks: NDArray[np.float64]) -> NDArray[np.float64]:
         """The feature, (n,), at each tick (n, 7) of one segment."""
         u, rule = followed(self.of, ticks), self.rule()
-        y = u.copy()
-        for row, (before, now) in enumerate(pairwise(u.tolist()), 1):
-            y[row] = rule(y[row - 1], before, now)
-        return self.value(y, u)
+        course = u.tolist()
+        y = course[:1]
+        for before, now in pairwise(course):
+            y.append(rule(y[-1], before, now))
+        return self.value(np.array(y, np.float64), u)
 
 
 class Lagged(Schema, ABC):

@@ -77,11 +77,9 @@ def _pairs(named: tuple[Named, ...]) -> Iterator[tuple[Named, str]]:
 
 def _proposal(ground: Ground, first: Fitted, second: Fitted) -> NextRecording:
     best: tuple[RecordingProtocol, Rehearsal] | None = None
-    protocols = _protocols(ground.observations, first, second)
-    if first.needs_calibration or second.needs_calibration:
-        # Nobody knows what a calibration would tell of contacts that are still to come.
-        protocols = []
-    for protocol in protocols:
+    # Nobody knows what a calibration would tell of contacts that are still to come.
+    untold = first.needs_calibration or second.needs_calibration
+    for protocol in [] if untold else _protocols(ground.observations, first, second):
         must_exceed = FEWEST_RIGHT - 1 if best is None else best[1].right
         found = rehearse(ground, protocol, (first, second), must_exceed=must_exceed, seed=0)
         if found is not None:

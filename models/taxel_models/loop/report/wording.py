@@ -180,7 +180,7 @@ def anyway(findings: Findings) -> list[str]:
         return []
     return [
         f"The model was as wrong from the start, on what its training held out, in {listed(names)}: "
-        "--no-reference names that, too."
+        "--no-reference looks for that, too."
     ]
 
 
