@@ -47,6 +47,33 @@ def test_a_channel_at_its_limit_for_whole_segments_is_cut_off(smooth: Any, make:
     assert forms(with_e5(observations, within, COUNTS_MAX)) == ["intermittent: e5"]
 
 
+def test_a_channel_that_a_press_leads_to_its_limit_is_cut_off(smooth: Any, make: Make) -> None:
+    """In some segments an offset brings it near the limit; a fast press does the rest in one step."""
+    observations = observed(smooth, make)
+    signal = observations.predicted[:, E5] - observations.predicted[:, E5].min()
+    signal = np.where(signal > np.median(signal), 900.0, 100.0) + 0.2 * signal
+    predicted = observations.predicted.copy()
+    predicted[:, E5] = 2500.0 + signal
+    shifted = np.isin(observations.segment, [2, 5, 9])
+    noise = np.random.default_rng(2).normal(0.0, 3.0, len(signal))
+    counts = np.rint(predicted[:, E5] + noise + np.where(shifted, 900.0, 0.0)).clip(0, COUNTS_MAX)
+    assert 0.01 < (counts == COUNTS_MAX).mean() < 0.3
+    given = replace(observations, predicted=predicted)
+    assert forms(with_e5(given, np.ones(len(counts), bool), counts)) == []
+
+
+def test_a_value_that_is_kept_once_for_a_second_is_no_fault(smooth: Any, make: Make) -> None:
+    observations = observed(smooth, make)
+    rows = np.zeros(len(observations), bool)
+    rows[np.flatnonzero(observations.segment == 4)[200:300]] = True
+    assert rows.sum() >= 0.01 * len(rows)
+    value = float(observations.measured[:, E5].max() + 300.0)
+    assert forms(with_e5(observations, rows, value)) == ["intermittent: e5"]
+    rows[np.flatnonzero(rows)[40:]] = False
+    assert rows.sum() < 0.01 * len(rows)
+    assert forms(with_e5(observations, rows, value)) == []
+
+
 def test_a_channel_that_errs_as_much_elsewhere_is_weak(smooth: Any, make: Make) -> None:
     """It keeps a value near the prediction for a while, and is far from it in all other rows."""
     observations = observed(smooth, make)

@@ -11,12 +11,17 @@ from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel.corrections import Fault as FaultTerm
 from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
+from taxel_models.loop.loose_contacts import loose_contacts
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.repeated_frames import held, repeated_frames
+from taxel_models.loop.spectral_lines import segments
 from taxel_models.loop.stuck_at import JUMP, Kind, StuckChannel, stuck_channels
 
 CLIPPED: Final = 0.01
 """A channel at a limit of the counts for less than this share of the rows is only clipped."""
+
+FEWEST_TIMES: Final = 3
+"""A channel that keeps a value less often, and in less than 1 % of the rows, is not intermittent."""
 
 LEADS_BEYOND: Final = 0.5
 """Likewise where what its other rows show leads beyond the limit in this share of the rows at it."""
@@ -28,11 +33,13 @@ def _only_clipped(stuck: StuckChannel, observations: Observations) -> bool:
         return False
     if stuck.rows.mean() < CLIPPED:
         return True
-    if stuck.kind == "stuck":
-        return False
     measured, predicted = (
         values[:, stuck.channel] for values in (observations.measured, observations.predicted)
     )
+    if _leads_there(measured, predicted, stuck, observations.segment):
+        return True
+    if stuck.kind == "stuck":
+        return False
     others = ~stuck.rows & (measured != stuck.value)
     if others.sum() < 2 or not predicted[others].std() > 0:
         return False
@@ -42,6 +49,30 @@ def _only_clipped(stuck: StuckChannel, observations: Observations) -> bool:
     scatter = float((measured[others] - slope * predicted[others] - constant).std())
     expected = slope * predicted[stuck.rows] + constant
     within = expected - scatter <= 0 if stuck.value == 0 else expected + scatter >= COUNTS_MAX
+    return bool(within.mean() >= LEADS_BEYOND)
+
+
+def _leads_there(
+    measured: Floats, predicted: Floats, stuck: StuckChannel, segment: NDArray[np.int64]
+) -> bool:
+    """Whether the prediction leads to the limit, with what the channel (n,) showed just before or after."""
+    residual, free = measured - predicted, ~stuck.rows
+    expected, scatter = [], []
+    for part in segments(segment):
+        rows = np.arange(part.start, part.stop)
+        own = rows[free[part]]
+        if not len(own):
+            continue
+        scatter.append(float(residual[own].std()))
+        after = np.searchsorted(own, rows)
+        before = own[np.maximum(after - 1, 0)]
+        after = own[np.minimum(after, len(own) - 1)]
+        nearest = np.where(np.abs(rows - before) <= np.abs(after - rows), before, after)
+        expected.append((predicted[rows] + residual[nearest])[~free[part]])
+    if not expected or not len(there := np.concatenate(expected)):
+        return False
+    most = float(np.median(scatter))
+    within = there - most <= 0 if stuck.value == 0 else there + most >= COUNTS_MAX
     return bool(within.mean() >= LEADS_BEYOND)
 
 
@@ -62,6 +93,13 @@ def _errs_elsewhere(stuck: StuckChannel, residual: Floats) -> bool:
     return bool(stuck.kind == "intermittent" and own[stuck.rows].mean() <= own[~stuck.rows].mean())
 
 
+def _hardly_ever(stuck: StuckChannel) -> bool:
+    """Whether a channel keeps its value once or twice for a moment: one press can do that."""
+    times = np.count_nonzero(np.diff(stuck.rows.astype(np.int8), prepend=0) > 0)
+    seldom = stuck.rows.mean() < CLIPPED and times < FEWEST_TIMES
+    return bool(stuck.kind == "intermittent" and seldom)
+
+
 class Fault(Effect):
     """A channel keeps a value: always, from some time on, or off and on. Or all channels repeat frames."""
 
@@ -71,21 +109,24 @@ class Fault(Effect):
     source = "stuck channels and unconnected fingers in public logs"
     signature = (
         "one value for longer than chance allows, reached by a jump or kept while the prediction moves; "
-        "or all electrodes repeat their counts at once"
+        "or jumps to one level and back, again and again; or all electrodes repeat their counts at once"
     )
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
-        found = stuck_channels(observations.measured, observations.predicted, observations.segment)
+        seen = observations.measured, observations.predicted, observations.segment
+        loose = [each for each in loose_contacts(*seen) if not _only_clipped(each, observations)]
+        others = [
+            stuck
+            for stuck in stuck_channels(*seen)
+            if stuck.channel not in {each.channel for each in loose}
+            and not _only_clipped(stuck, observations)
+            and not _errs_elsewhere(stuck, observations.residual)
+            and not _hardly_ever(stuck)
+        ]
         kinds: tuple[Kind, ...] = ("stuck", "intermittent")
         for kind in kinds:
-            some = [
-                stuck
-                for stuck in found
-                if stuck.kind == kind
-                and not _only_clipped(stuck, observations)
-                and not _errs_elsewhere(stuck, observations.residual)
-            ]
+            some = [stuck for stuck in (*others, *loose) if stuck.kind == kind]
             if some:
                 yield self._with(some, kind, remaining.residual)
         repeated = repeated_frames(observations)
