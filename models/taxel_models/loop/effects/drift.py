@@ -31,6 +31,7 @@ class Drift(Effect):
     """
 
     name = "drift"
+    is_steady = True
     equation = "delta_c = sum_k w_ck clip(t, t_k, t_k+1)"
     source = "warm-up of an idle finger: one exponential of 220 to 270 s (LASA recordings)"
     signature = "the residual moves with the clock, in free air as in contact, and follows no temperature"

@@ -146,8 +146,10 @@ class Effect(ABC):
         name: one word, as in reports.
         looks_at_residual: whether its forms depend on the residual. Then each step makes them again.
         is_constant: whether it is a constant of each channel. All others are tested beside one.
+        is_steady: whether it is nearly constant within a contact, whatever happens there.
         is_predictable: whether a model can predict it. Otherwise it is only reported.
-        is_costly: whether its forms take many predictions. Then it is not tried again after it failed.
+        is_costly: whether its forms take many predictions. Then it is tried again once at most: after it
+            failed alone, beside others.
         equation: what it adds to a channel.
         source: the source of the equation.
         signature: how it differs from other effects.
@@ -157,6 +159,7 @@ class Effect(ABC):
     looks_at_residual: ClassVar[bool] = False
     is_costly: ClassVar[bool] = False
     is_constant: ClassVar[bool] = False
+    is_steady: ClassVar[bool] = False
     is_predictable: ClassVar[bool] = True
     equation: ClassVar[str]
     source: ClassVar[str]

@@ -34,6 +34,7 @@ class Offset(Effect):
 
     name = "offset"
     is_constant = True
+    is_steady = True
     equation = (
         "delta_c = b_c; after a calibration o: (k_c + f_c exp(-t/T)) o_c + sum over j of m_jc clip(o_j)"
     )

@@ -96,8 +96,9 @@ class Scoring:
         target = self.base([]).target.values[:, :, 0]
         self._energy = np.maximum((target**2).sum(axis=1), 1e-9)
         self._forms: dict[str, list[Form]] = {}
-        self._hopeless: set[str] = set()
-        """Effects whose forms cost many predictions, and which the residual does not speak for."""
+        self._hopeless: dict[str, int] = {}
+        """Effects whose forms cost many predictions and which the residual did not speak for, alone (0) or
+        beside others (1)."""
 
     def move_inputs(self, moved: Callable[[Observations], Observations]) -> Floats:
         """Change the inputs, and so all predictions and forms; (n, 21) the predictions' change, counts."""
@@ -155,7 +156,9 @@ class Scoring:
         names = {each.name for each in taken}
         found = []
         for effect in self._effects:
-            if effect.label in names or effect.label in self._hopeless:
+            beside = min(len(taken), 1)
+            # What a first effect leaves may speak for one that the whole residual hid.
+            if effect.label in names or self._hopeless.get(effect.label, -1) >= beside:
                 continue
             self._progress(effect.label)
             forms = self._forms_of(effect, left)
@@ -164,7 +167,7 @@ class Scoring:
                 found.append(score)
                 weak = score.log_evidence <= 0 or score.t < self.constants.least_t
                 if effect.is_costly and (weak or score.worth.mean() < self.constants.least_share):
-                    self._hopeless.add(effect.label)
+                    self._hopeless[effect.label] = beside
         contact = None if ContactOffset.name in names else self._contact_offset(bases.plain, left)
         found += [] if contact is None else [contact]
         return sorted(found, key=lambda score: -score.log_evidence)

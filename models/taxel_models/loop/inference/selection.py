@@ -129,6 +129,9 @@ class JointSelection:
         # Others stand beside a constant, so that they are always likelier than it is alone.
         if not best.effect.is_constant and any(self._casts_doubt(score, best) for score in scores):
             return None
+        if not best.effect.is_predictable:
+            # Offsets of contacts contain whatever is steady within them.
+            return next((score for score in able if score.effect.is_steady), best)
         constant = next((score for score in able if score.effect.is_constant), None)
         if constant and best.needs_constant and 2 * constant.log_evidence > best.log_evidence:
             # More than half of what is found is the constant's.

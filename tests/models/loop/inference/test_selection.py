@@ -15,6 +15,7 @@ from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.forms import prepared
+from taxel_models.loop.inference.reference import held_out_residual
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations, gather
@@ -190,14 +191,17 @@ def test_a_lag_and_a_turned_frame_are_both_found(smooth: Any, make: Make) -> Non
     assert np.sqrt((found.residual**2).mean()) < 1.3 * 4.0
 
 
-def test_a_frame_that_slips_in_the_course_of_a_recording_is_found(smooth: Any, make: Make) -> None:
-    recording = make(9_000, seed=3)
-    samples = recording.samples
+def slipped(recording: Recording) -> Recording:
+    """With forces that turn by 25 degrees from 36 to 45 s."""
     seconds = np.arange(len(recording)) / 100
     course = np.clip((seconds - 36.0) / 9.0, 0.0, 1.0)
     turn = np.radians(25.0) * course[:, None] * np.array([0.6, 0.0, 0.8])
-    slipped = replace(samples, force=Rotation.from_rotvec(turn).apply(samples.force))
-    found = attributed(smooth, replace(recording, samples=slipped))
+    force = Rotation.from_rotvec(turn).apply(recording.samples.force)
+    return replace(recording, samples=replace(recording.samples, force=force))
+
+
+def test_a_frame_that_slips_in_the_course_of_a_recording_is_found(smooth: Any, make: Make) -> None:
+    found = attributed(smooth, slipped(make(9_000, seed=3)))
     frame = only(found)
     assert frame.name == "frame"
     parameters = {name: value for name, (value, _) in frame.candidate.form_parameters.items()}
@@ -210,6 +214,35 @@ def test_a_frame_that_slips_in_the_course_of_a_recording_is_found(smooth: Any, m
     assert parameters["begins"] == pytest.approx(36.0, abs=5.0)
     assert not frame.candidate.online(frame.weights).changes_something
     assert np.sqrt((found.residual**2).mean()) < 1.1 * 4.0
+
+
+def test_a_slip_that_a_large_offset_hides_is_found_beside_it(smooth: Any, make: Make) -> None:
+    recording = slipped(make(9_000, seed=3))
+    offsets = np.random.default_rng(8).normal(0.0, 400.0, 21)
+    found = attributed(smooth, replace(recording, channels=np.rint(recording.channels + offsets)))
+    assert names(found) == ["offset", "frame"]
+
+
+def test_a_drift_is_named_before_offsets_of_contacts_that_contain_it(smooth: Any, make: Make) -> None:
+    def in_contacts(seed: int) -> Recording:
+        ticks = make(15_000, seed=seed).ticks()
+        return ticks.rows(np.arange(len(ticks)) % 600 >= 20)
+
+    random = np.random.default_rng(4)
+    recording = in_contacts(3)
+    added = np.zeros_like(recording.channels)
+    for number, part in enumerate(recording.segments):
+        added[part] = random.normal(0.0, 25.0, 21)
+        added[part] += np.linspace(-200.0, 200.0, 21) * (number / len(recording.segments) - 0.5)
+    changed = replace(recording, channels=np.rint(recording.channels + added))
+    observations = gather(smooth, [changed], measured_temperature=True)
+    found = JointSelection(
+        observations,
+        cut(observations, seed=0),
+        candidates(observations),
+        reference=held_out_residual(smooth, [in_contacts(4)]),
+    ).run()
+    assert names(found) == ["drift", "offset:contact"]
 
 
 def test_a_certain_cause_is_named_before_one_that_explains_more(smooth: Any, make: Make) -> None:
