@@ -2,7 +2,6 @@
 
 import asyncio
 import math
-import select
 import socket
 import sys
 import time
@@ -36,9 +35,6 @@ _SMALL_BYTES: Final = 8192
 """Room for the reply to a request that is repeated."""
 
 _BUFFER_BYTES: Final = 65_536
-
-_AT_ONCE_S: Final = 2e-4
-"""So long, in one turn of the loop, replies are waited for without the loop. Other tasks wait, too."""
 
 
 Reply = tuple[ReplyHead, bytes | bytearray]
@@ -76,9 +72,6 @@ class AsyncLane:
         """Bytes of a reply that nobody waits for, still to come."""
         self._timer: TimerHandle | None = None
         self._timer_at = math.inf
-        self._last_took_s = math.inf
-        self._at_once_until = math.inf
-        """When calls wait in the loop again; infinite where none waited outside of it since it turned."""
         self._has_answered = False
         self._lost: str | None = None
         try:
@@ -162,19 +155,8 @@ class AsyncLane:
             b"".join((request.before, number.to_bytes(4, "little"), request.after, windows.tobytes()))
         )
         # The server works already.
-        began = time.monotonic()
-        received = self._received_at_once(began)
-        if (
-            received
-            and int.from_bytes(received[ID_AT:ID_END], "little") == number
-            and (counts := request.counts_for(received)) is not None
-        ):
-            self._has_answered = True
-            self._last_took_s = time.monotonic() - began
-            return counts
-        ends = began + request.wait_s
-        content = await self._reply(number, request.shape[0], ends, request.wait_s, request, received)
-        self._last_took_s = time.monotonic() - began
+        ends = time.monotonic() + request.wait_s
+        content = await self._reply(number, request.shape[0], ends, request.wait_s, request)
         return content if isinstance(content, np.ndarray) else read_counts(content[1], content[0])[0]
 
     async def _reply(
@@ -184,49 +166,20 @@ class AsyncLane:
         ends: float,
         wait_s: float,
         request: RepeatedRequest | None = None,
-        received: bytes | None = None,
     ) -> Content:
-        """The reply to a request that was sent.
-
-        Args:
-            received: what arrived already and nobody has looked at.
-        """
+        """The reply to a request that was sent."""
         if self._lost is not None:
             raise self._connection_lost(self._lost)
         reply: PromptFuture[Content] = PromptFuture(loop=self._loop)
         self._calls[number] = rows, ends, reply, request
         if ends < self._timer_at:
             self._wake_at(ends)
-        if received is not None:
-            self._take(received)
         try:
             return await reply
         except (asyncio.CancelledError, TimeoutError) as error:
             raise self._given_up(number, error, wait_s) from None
         finally:
             del self._calls[number]
-
-    def _received_at_once(self, now: float) -> bytes | None:
-        """What arrives if the loop is made to wait: turning it takes nearly as long as a fast server does.
-
-        None where other calls wait, too, where the last reply took long, or where nothing comes.
-        """
-        if self._calls or self._filled or self._to_skip or self._last_took_s > _AT_ONCE_S:
-            return None
-        if self._at_once_until == math.inf:
-            self._at_once_until = now + _AT_ONCE_S
-            self._loop.call_soon(self._turned)
-        elif now > self._at_once_until:
-            return None
-        try:
-            if select.select([self._socket.fileno()], [], [], _AT_ONCE_S)[0]:
-                return self._socket.recv(_SMALL_BYTES)
-        except (OSError, ValueError):  # the loop sees a lost connection, too; `select` knows low files only
-            pass
-        return None
-
-    def _turned(self) -> None:
-        self._at_once_until = math.inf
 
     def _given_up(self, number: int, error: BaseException, wait_s: float) -> BaseException:
         """The error of a call that waits no longer; the server is told."""
@@ -246,26 +199,23 @@ class AsyncLane:
             if self._filled or self._to_skip or self._large is not None:
                 size = self._socket.recv_into(self._missing or self._view[self._filled :])
             else:
-                self._take(self._socket.recv(_SMALL_BYTES))
-                return
+                data = self._socket.recv(_SMALL_BYTES)
+                if self._is_repeated(data):
+                    return
+                size = len(data)
+                self._buffer[:size] = data
         except (BlockingIOError, InterruptedError):
             return
         except OSError as error:
             self._end(str(error))
             return
-        self._look_at(size)
-
-    def _take(self, data: bytes) -> None:
-        """Look at what arrived where nothing was awaited in part."""
-        if not self._is_repeated(data):
-            self._buffer[: len(data)] = data
-            self._look_at(len(data))
+        if size:
+            self._look_at(size)
+        else:
+            self._end("the server closed the connection")
 
     def _look_at(self, size: int) -> None:
-        """Settle the calls whose replies are whole with the bytes that have arrived; none are the end."""
-        if not size:
-            self._end("the server closed the connection")
-            return
+        """Settle the calls whose replies are whole with the bytes that have arrived."""
         replies: list[Reply] = []
         wrong = None
         if self._large is None:
