@@ -18,6 +18,10 @@ LIKELY: Final = 0.5
 """Forms with this share of the log evidence of an effect's likeliest one count, too."""
 
 
+OPEN: Final = 0.99
+"""The confidence of the limit up to which few blocks leave open what an effect explains."""
+
+
 def structure_of(scoring: Scoring) -> dict[str, tuple[Floats, Floats]]:
     """For each effect alone, its log odds (21,) and its gain (21,), counts², for each bin.
 
@@ -56,7 +60,7 @@ def own_gain(scoring: Scoring, score: Score) -> Floats:
 
     Bins that weights are fitted to say too much, held-out bins say as much too little (Akaike 1974).
     The mean of both matters where a cause has many weights and there are few blocks for each, such
-    as kinds of a covariate. The 95 % limit of the mean share over folds is added: the fewer blocks
+    as kinds of a covariate. A limit of the mean share over folds is added: the fewer blocks
     the reference has, the less it can rule out.
     """
     if not score.effect.is_predictable:
@@ -73,6 +77,7 @@ def own_gain(scoring: Scoring, score: Score) -> Floats:
     energy = np.maximum((folds[0].before * folds[0].noise).sum(axis=0), 1e-9)
     by_fold = products.folds * (seen / energy)
     error = np.array([corrected_standard_error(own, 1.0 / (products.folds - 1)) for own in by_fold.T])
-    open_share = float(stats.t.ppf(0.95, products.folds - 1)) * error
+    # To a constant, `held_out_residual` adds the interval of the mean.
+    limit = 0.0 if score.effect.is_constant else float(stats.t.ppf(OPEN, products.folds - 1))
     own = np.maximum(0.5 * (seen + unseen).sum(axis=0), 0.0)
-    return np.asarray((own + open_share * energy) * scoring.whitening.scale**2)
+    return np.asarray((own + limit * error * energy) * scoring.whitening.scale**2)

@@ -209,15 +209,23 @@ class Scoring:
         return replace(best, log_evidence=total, most_gain=most_gain, forms=sizes)
 
     def simplest(self, best: Score, scores: Sequence[Score]) -> Score:
-        """The likeliest of those simpler than the best that carry most of what it explains, or the best."""
-        simpler = [
-            score
-            for score in scores
-            if score.effect.is_predictable
-            and score.freedom <= self.constants.simpler * best.freedom
-            and score.total_gain > max(0.0, self.constants.carries * best.total_gain)
-        ]
-        return max(simpler, key=lambda score: score.log_evidence, default=best)
+        """The likeliest of those simpler than the best that carry most of what it explains, or the best.
+
+        Where one still simpler carries most of that, too, it is taken in its place.
+        """
+        least = 0.0
+        while True:
+            least = max(least, self.constants.carries * best.total_gain)
+            simpler = [
+                score
+                for score in scores
+                if score.effect.is_predictable
+                and score.freedom <= self.constants.simpler * best.freedom
+                and score.total_gain > least
+            ]
+            if not simpler:
+                return best
+            best = max(simpler, key=lambda score: score.log_evidence)
 
     def _scored(
         self,

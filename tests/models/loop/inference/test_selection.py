@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.forms import prepared
 from taxel_models.loop.inference.reference import held_out_residual
+from taxel_models.loop.inference.scoring import Scoring
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations, gather
@@ -243,6 +245,22 @@ def test_a_drift_is_named_before_offsets_of_contacts_that_contain_it(smooth: Any
         reference=held_out_residual(smooth, [in_contacts(4)]),
     ).run()
     assert names(found) == ["drift", "offset:contact"]
+
+
+def test_the_simplest_is_looked_for_step_by_step() -> None:
+    def score(freedom: int, gain: float, evidence: float) -> Any:
+        effect = SimpleNamespace(is_predictable=True)
+        return SimpleNamespace(effect=effect, freedom=freedom, total_gain=gain, log_evidence=evidence)
+
+    kinds, ageing, line = score(294, 1600.0, 1613.0), score(105, 1800.0, 1569.0), score(21, 2100.0, 1383.0)
+    weak, constant = score(10, 1190.0, 1500.0), score(1, 900.0, 2000.0)
+    scoring: Any = SimpleNamespace(constants=DECLARED)
+    assert Scoring.simplest(scoring, kinds, [kinds, ageing]) is ageing
+    # It carries most of what the ageing does, which carries most of what the kinds do.
+    assert Scoring.simplest(scoring, kinds, [kinds, ageing, line]) is line
+    # These carry most of what the kinds do, or of nothing: the line explains more.
+    assert Scoring.simplest(scoring, kinds, [kinds, ageing, line, weak, constant]) is line
+    assert Scoring.simplest(scoring, line, [kinds, ageing]) is line
 
 
 def test_a_certain_cause_is_named_before_one_that_explains_more(smooth: Any, make: Make) -> None:
