@@ -77,7 +77,6 @@ def own_gain(scoring: Scoring, score: Score) -> Floats:
     energy = np.maximum((folds[0].before * folds[0].noise).sum(axis=0), 1e-9)
     by_fold = products.folds * (seen / energy)
     error = np.array([corrected_standard_error(own, 1.0 / (products.folds - 1)) for own in by_fold.T])
-    # To a constant, `held_out_residual` adds the interval of the mean.
-    limit = 0.0 if score.effect.is_constant else float(stats.t.ppf(OPEN, products.folds - 1))
+    limit = float(stats.t.ppf(OPEN, products.folds - 1))
     own = np.maximum(0.5 * (seen + unseen).sum(axis=0), 0.0)
     return np.asarray((own + limit * error * energy) * scoring.whitening.scale**2)
