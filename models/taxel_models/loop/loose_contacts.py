@@ -1,4 +1,7 @@
-"""Loose contacts: an electrode leaves for one level and comes back, again and again, while others go on."""
+"""Loose contacts: an electrode leaves for one level and comes back, again and again, while others go on.
+
+Its landing level tells it, wherever that is: at rest, at a limit of the counts, or between.
+"""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -23,15 +26,15 @@ FEWEST_TIMES: Final = 6
 """So often an electrode leaves and comes back. Healthy ones of real recordings do so twice at most."""
 
 STAYS: Final = 0.25
-"""The prediction is off the level by this share of a jump meanwhile, else the signal rests and is spiky."""
+"""So much of a jump the prediction must be off the level meanwhile; else the electrode only rests there."""
 
-_TOGETHER: Final = 4
+TOGETHER: Final = 4
 """If so many channels jump in one row, the finger was touched."""
 
 SHORTEST: Final = 6
 """Rows of an absence, 60 ms: noise about a level that a spiky channel rests at seldom lasts as long."""
 
-_SPIKE: Final = 3
+SPIKE: Final = 3
 """Rows of the signal before an absence and after it: a spike is shorter."""
 
 
@@ -51,7 +54,7 @@ def loose_contacts(measured: Floats, predicted: Floats, segment: NDArray[np.int6
     for noise in NOISE:
         least = np.maximum(JUMP * steps.mean(axis=0), CLEAR * noise)
         jumps = steps > least
-        jumps &= (jumps.sum(axis=1) < _TOGETHER)[:, None]
+        jumps &= (jumps.sum(axis=1) < TOGETHER)[:, None]
         for channel in ELECTRODES:
             if jumps[:, channel].sum() < 2 * FEWEST_TIMES:
                 continue
@@ -95,9 +98,9 @@ def _absences(
             if stop - start < SHORTEST:
                 continue
             sizes = []
-            if start - _SPIKE >= first and jumped[start] and away[start - _SPIKE : start].all():
+            if start - SPIKE >= first and jumped[start] and away[start - SPIKE : start].all():
                 sizes.append(abs(float(about[start - 1])))
-            if stop + _SPIKE <= end and jumped[stop] and away[stop : stop + _SPIKE].all():
+            if stop + SPIKE <= end and jumped[stop] and away[stop : stop + SPIKE].all():
                 sizes.append(abs(float(about[stop])))
             if sizes:
                 yield slice(start, stop), sizes

@@ -97,8 +97,7 @@ class Scoring:
         self._energy = np.maximum((target**2).sum(axis=1), 1e-9)
         self._forms: dict[str, list[Form]] = {}
         self._hopeless: dict[str, int] = {}
-        """Effects whose forms cost many predictions and which the residual did not speak for, alone (0) or
-        beside others (1)."""
+        """Effects with costly forms that the residual did not speak for: 0 alone, 1 beside others."""
 
     def move_inputs(self, moved: Callable[[Observations], Observations]) -> Floats:
         """Change the inputs, and so all predictions and forms; (n, 21) the predictions' change, counts."""
@@ -155,8 +154,8 @@ class Scoring:
         bases = self.bases(taken)
         names = {each.name for each in taken}
         found = []
+        beside = min(len(taken), 1)
         for effect in self._effects:
-            beside = min(len(taken), 1)
             # What a first effect leaves may speak for one that the whole residual hid.
             if effect.label in names or self._hopeless.get(effect.label, -1) >= beside:
                 continue
