@@ -63,7 +63,7 @@ def export(
         print_json(manifest.model_dump(mode="json"))
         return
     place = repository / manifest.name / manifest.version
-    OUT.print(f"Wrote {place}: {manifest.parameters} parameters, {manifest.model_file.size / 1e6:.2g} MB.")
+    OUT.print(f"Wrote {place}: {manifest.parameters} parameters, {manifest.model_file.size / 1e6:,.2f} MB.")
     if manifest.parity:
         kind = "held-out" if manifest.training else "random"
         OUT.print(

@@ -26,7 +26,8 @@ class Named:
         weights: (21, k), the posterior mean by the fit part, beside the other named effects.
         fold_weights: (folds, 21, k) by the fit part without each fold, without the prior that shrinks
             `weights`; empty where nothing is fitted.
-        contribution: (n, 21) what it adds to the prediction, counts.
+        served_share: (21,) of these weights, the part that single rows are best predicted with.
+        contribution: (n, 21) what that part adds to the prediction, counts.
         log_evidence: logarithm of the odds with it to those without it, when it was named.
         included: (21,) probability that each channel has it.
         t: over held-out folds, when it was named.
@@ -40,6 +41,7 @@ class Named:
     equation: str
     weights: Floats
     fold_weights: Floats
+    served_share: Floats
     contribution: Floats
     log_evidence: float
     included: Floats
@@ -53,6 +55,11 @@ class Named:
     def name(self) -> str:
         """The effect's."""
         return self.candidate.effect
+
+    @property
+    def served_weights(self) -> Floats:
+        """(21, k), those of the corrected model."""
+        return self.weights * self.served_share[:, None]
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from taxel.channels import CHANNELS
+from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.observations import Observations
@@ -25,6 +25,13 @@ LEAST_T: Final = 6.0
 FOLLOWS: Final = 0.7
 """The least correlation of the measured and the predicted counts inside blocks, in the median block: the
 sensitivity of a channel that does not follow its prediction means nothing."""
+
+MOST_TOLD: Final = 10.0
+"""A larger factor is not told: the first sensitivity was about 0."""
+
+CUT_OFF: Final = 0.05
+"""With a larger share of its rows at a limit of the counts, a block says nothing: what is cut off has lost
+its range, not its sensitivity."""
 
 FEWEST: Final = 5
 """Blocks on each side of a change."""
@@ -48,6 +55,8 @@ class SensitivityChange:
         """For people."""
         size = f"{abs(1.0 - self.kept):.0%}"
         change = f"lost {size} of its sensitivity" if self.kept < 1 else f"became {size} more sensitive"
+        if self.kept > MOST_TOLD:
+            change = f"became more than {MOST_TOLD:.0f} times as sensitive"
         when = "over this session" if self.since_s is None else f"at {self.since_s:.0f} s"
         return f"{self.channel} {change} {when}."
 
@@ -68,12 +77,14 @@ def sensitivity_changes(
     order = np.argsort(time)
     signal, measured = observations.signal, observations.measured - explained
     products = np.array([_products(signal[some], measured[some]) for some in rows])[order]
+    at_limit = (observations.measured <= 0) | (observations.measured >= COUNTS_MAX)
+    cut_off = np.array([at_limit[some].mean(axis=0) for some in rows])[order]
     energy, cross = products[:, 0], products[:, 1]
     sizes = np.sqrt(products[:, 0] * products[:, 2])
     follows = np.median(cross / np.maximum(sizes, 1e-12), axis=0)
     for channel, name in enumerate(CHANNELS):
         weight = energy[:, channel]
-        used = weight > 0.05 * np.median(weight)
+        used = (weight > 0.05 * np.median(weight)) & (cut_off[:, channel] < CUT_OFF)
         if used.sum() < 2 * FEWEST or not weight.any() or follows[channel] < FOLLOWS:
             continue
         slopes = cross[used, channel] / weight[used]

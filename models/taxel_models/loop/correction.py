@@ -44,7 +44,7 @@ class NewEffects:
         """
         effects, extras = [], {}
         for named in attribution.named:
-            online = named.candidate.online(named.weights)
+            online = named.candidate.online(named.served_weights)
             if not online.changes_something:
                 continue
             effects.append(_applied(named, online, parameters.get(named.name, [])))

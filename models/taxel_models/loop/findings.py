@@ -245,6 +245,7 @@ class Findings(Schema):
         before: errors of the model on the evaluation part, as `taxel predict` reports them.
         after: errors of the corrected model there, by the forms that are served.
         changes: a sentence for each channel whose sensitivity changed over the session.
+        one_kind: columns with one value here, of which the model's own held-out residual had several.
         residual_model: what foretells a part of the rest, if it was asked for and proved itself.
         confounding: what runs along with what in the recordings, the largest share first; empty for
             fewer than eight contacts.
@@ -268,6 +269,7 @@ class Findings(Schema):
     test: PairedTest
     unexplained: Unexplained
     changes: tuple[str, ...] = ()
+    one_kind: tuple[str, ...] = ()
     residual_model: FoundResidualModel | None = None
     confounding: tuple[RunsAlong, ...] = ()
     next_recordings: tuple[NextRecording, ...] = ()

@@ -13,8 +13,8 @@ def parameters(named: Named) -> list[Parameter]:
 
     Intervals are 95 % of the jackknife over the cross-validation's folds (Efron and Tibshirani 1993), with
     the quantile of t for so many folds. They are those of the weights without the prior, and count what the
-    model's own error leaves open. The value is the
-    weight that is served, which the prior shrinks a little; an interval that it would leave reaches to it.
+    model's own error leaves open. The value is the weight that was found, which the prior shrinks a little;
+    an interval that it would leave reaches to it.
     """
     candidate, folds = named.candidate, named.fold_weights
     found = [

@@ -50,9 +50,10 @@ def loose_contacts(measured: Floats, predicted: Floats, segment: NDArray[np.int6
     steps = np.abs(np.diff(measured, axis=0, prepend=measured[:1]))
     steps[starts] = 0.0
     edges = [*np.flatnonzero(starts).tolist(), len(measured)]
+    finest = np.array([_resolution(values) for values in measured.T])
     found: dict[int, StuckChannel] = {}
     for noise in NOISE:
-        least = np.maximum(JUMP * steps.mean(axis=0), CLEAR * noise)
+        least = np.maximum(JUMP * steps.mean(axis=0), CLEAR * np.maximum(noise, finest))
         jumps = steps > least
         jumps &= (jumps.sum(axis=1) < TOGETHER)[:, None]
         for channel in ELECTRODES:
@@ -69,6 +70,12 @@ def loose_contacts(measured: Floats, predicted: Floats, segment: NDArray[np.int6
             if times >= FEWEST_TIMES:
                 found.setdefault(channel, StuckChannel(channel, rows, float(level), "intermittent"))
     return [found[channel] for channel in sorted(found)]
+
+
+def _resolution(values: Floats) -> float:
+    """The least step between values, counts; a coarse converter's is several counts."""
+    distinct = np.unique(values)
+    return float(np.diff(distinct).min()) if len(distinct) > 1 else 0.0
 
 
 def _commonest(values: Floats, noise: int) -> int:

@@ -148,7 +148,10 @@ def run_loop(
         after = corrected(observations, attribution, new)
         told = unnamed.found(observations, blocks, before, after)
     findings = _findings(observations, recordings, blocks, settings, attribution, figures, new, after)
-    findings = findings.model_copy(update={"confounding": runs_along, "residual_model": told})
+    narrow = _one_kind(observations, reference)
+    findings = findings.model_copy(
+        update={"confounding": runs_along, "one_kind": narrow, "residual_model": told}
+    )
     if settings.stability:
         stability = on_halves(
             observations,
@@ -163,6 +166,16 @@ def run_loop(
         )
         findings = findings.model_copy(update={"stability": stability})
     return LoopResult(findings, observations, blocks, attribution, new, after, reference)
+
+
+def _one_kind(observations: Observations, reference: HeldOutResidual | None) -> tuple[str, ...]:
+    """Columns of which the model's own held-out residual had several values, and these observations one."""
+    known = () if reference is None else reference.structure
+    return tuple(
+        name
+        for name, values in observations.covariates.items()
+        if f"covariate:{name}" in known and values.min() == values.max()
+    )
 
 
 def _findings(

@@ -32,6 +32,9 @@ ONE_SIDED: Final = 0.8
 WHOLE: Final = 0.95
 """The share of the rows since the first run from which on a channel counts as stuck for good."""
 
+FEWEST_DEAD: Final = 3
+"""In so many runs the prediction is far from the value that a channel keeps for good: it is not cut off."""
+
 Kind = Literal["stuck", "intermittent"]
 
 
@@ -184,13 +187,20 @@ class Runs:
         one_sided = np.abs(beyond - 0.5) > ONE_SIDED - 0.5
         inside = np.isfinite(self.steps).all(axis=0)
         whole = np.isnan(self.steps).all(axis=0)
-        smooth = ~self.jumps & (self.at_end | (inside & one_sided))
-        abrupt = self.jumps | (~self.at_end & whole)
+        dead = self._dead(predicted, far)
+        smooth = ~self.jumps & ~dead & (self.at_end | (inside & one_sided))
+        abrupt = self.jumps | dead | (~self.at_end & whole)
         by_jump, by_level = int((wrong & abrupt).sum()), int((wrong & smooth).sum())
         # Runs of neither kind count only if there are no others, and then not by their length.
         broken = wrong & abrupt if by_jump > by_level else lags & ~smooth & (by_jump == by_level == 0)
-        at_one_of = np.isin(self.values, self.values[broken])
+        at_one_of = np.isin(self.values, self.values[broken & ~dead])
         return np.asarray(self.long & broken.any() & (~smooth | at_one_of))
+
+    def _dead(self, predicted: Floats, far: float) -> NDArray[np.bool_]:
+        """(runs,) at the value that the channel keeps to its end, although the prediction is elsewhere."""
+        kept = np.flip(np.logical_and.accumulate(np.flip(self.values == self.values[-1]))) & self.long
+        away = np.sqrt(self._mean((predicted - np.repeat(self.values, self.lengths)) ** 2)) > far
+        return np.asarray(kept & ((kept & away).sum() >= FEWEST_DEAD))
 
     def _mean(self, rows: Floats | NDArray[np.bool_]) -> Floats:
         """(runs,) mean over each run's rows."""

@@ -107,12 +107,14 @@ def _channel_findings(recording: Recording) -> list[Finding]:
     if len(recording) >= _LEAST_ROWS:
         constant = channels.min(axis=0) == channels.max(axis=0)
         if constant.any():
-            found.append(Finding("constant channels", f"{_named(constant)} never change"))
+            found.append(Finding("constant channels", f"the same value in all rows in {_named(constant)}"))
         ends = np.quantile(channels, [0.01, 0.99], axis=0)
         still = (ends[1] - ends[0] <= _STILL_COUNTS) & ~constant
         if still.any():
             found.append(
-                Finding("still channels", f"{_named(still)} hardly move, by {_STILL_COUNTS:g} counts")
+                Finding(
+                    "still channels", f"98 % of the rows within {_STILL_COUNTS:g} counts in {_named(still)}"
+                )
             )
     return found
 

@@ -1,13 +1,14 @@
 """Which channels' sensitivity changed, by how much and when."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from taxel.channels import CHANNELS
+from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.channel_history import SensitivityChange, sensitivity_changes
 from taxel_models.loop.observations import gather
@@ -62,6 +63,12 @@ def test_nothing_is_told_of_a_sensor_that_stays(smooth: Any, make: Make, seed: i
     assert changes(smooth, make(12_000, seed=seed, noise=12.0), np.ones(12_000)) == []
 
 
+def test_a_channel_that_wakes_up_has_no_figure(smooth: Any, long: Recording) -> None:
+    (found,) = changes(smooth, long, np.where(np.arange(ROWS) < 18_000, 0.03, 1.0))
+    assert found.kept > 10
+    assert "more than 10 times as sensitive at 1" in found.sentence()
+
+
 def test_a_small_change_is_not_told(smooth: Any, long: Recording) -> None:
     assert changes(smooth, long, np.where(np.arange(ROWS) < 15_000, 1.0, 0.8)) == []
 
@@ -73,3 +80,17 @@ def test_few_blocks_tell_nothing(smooth: Any, make: Make) -> None:
     some = observations.kept(blocks.of_row < 9)
     few = type(blocks)(blocks.of_row[blocks.of_row < 9], blocks.fold)
     assert list(sensitivity_changes(some, few, np.zeros_like(some.residual))) == []
+
+
+def test_a_channel_that_is_cut_off_lost_no_sensitivity(smooth: Any, make: Make) -> None:
+    recording = make(ROWS, seed=5)
+    channels, late = recording.channels.copy(), np.arange(ROWS) > 18_000
+    # Most of what is far from rest is cut off, in the last part of the session.
+    highest = float(np.quantile(channels[:, CHANNEL], 0.3))
+    channels[late, CHANNEL] = np.minimum(channels[late, CHANNEL] + COUNTS_MAX - highest, COUNTS_MAX)
+    changed = replace(recording, channels=np.rint(channels))
+    observations = gather(smooth, [changed], measured_temperature=True)
+    cut_off = (observations.measured[:, CHANNEL] == COUNTS_MAX)[late[observations.rows[0]]]
+    assert 0.2 < cut_off.mean() < 0.9
+    blocks = cut(observations, seed=0)
+    assert list(sensitivity_changes(observations, blocks, np.zeros_like(observations.residual))) == []

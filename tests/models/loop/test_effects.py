@@ -144,7 +144,7 @@ def weights(name: str, values: dict[str, float], found: Case) -> tuple[np.ndarra
 
 
 def test_intervals_hold_what_was_injected(smooth: Any, make: Make) -> None:
-    """95 % of them: of 84, 73 or fewer hold in one of 300 such tests."""
+    """95 % of them: of 84, 73 or fewer hold in one of 300 such tests. An offset of about 0 may not be told."""
     inside = []
     for seed in (5, 6, 7, 8):
         recording = make(6_000, seed=seed)
@@ -152,10 +152,13 @@ def test_intervals_hold_what_was_injected(smooth: Any, make: Make) -> None:
         recording = replace(recording, channels=recording.channels + np.rint(offsets))
         settings = LoopSettings(seed=seed, exclude=tuple(name for name in NAMES if name != "offset"))
         (found,) = run_loop(smooth, [recording], settings).findings.effects
-        inside += [
-            figure.low is not None and figure.high is not None and figure.low <= truth <= figure.high
-            for figure, truth in zip(found.parameters, np.rint(offsets), strict=True)
-        ]
+        truths = dict(zip(CHANNELS, np.rint(offsets), strict=True))
+        for figure in found.parameters:
+            truth = truths.pop(figure.name.removeprefix("offset "))
+            assert figure.low is not None
+            assert figure.high is not None
+            inside.append(figure.low <= truth <= figure.high)
+        assert all(abs(truth) < STRENGTH / 3 for truth in truths.values())
     assert sum(inside) > 73
 
 

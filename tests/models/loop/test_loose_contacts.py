@@ -92,3 +92,9 @@ def test_spikes_are_no_return() -> None:
 def test_nothing_is_found_in_nothing() -> None:
     few = np.full((3, len(CHANNELS)), 2500.0)
     assert loose_contacts(few, few, np.zeros(3, np.int64)) == []
+
+
+@pytest.mark.parametrize("step", [4.0, 8.0, 16.0])
+def test_the_steps_of_a_coarse_converter_are_no_absences(step: float) -> None:
+    measured, predicted = pressed_and_slid()
+    assert found(step * np.rint(measured / step), predicted) == []

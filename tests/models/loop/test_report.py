@@ -310,6 +310,7 @@ def _bare(result: LoopResult, candidate: Candidate) -> Named:
         equation="",
         weights=weights,
         fold_weights=np.repeat(weights[None], 8, axis=0),
+        served_share=np.ones(len(CHANNELS)),
         contribution=np.zeros_like(result.observations.residual),
         log_evidence=1.0,
         included=np.ones(len(CHANNELS)),

@@ -138,3 +138,18 @@ def test_the_end_of_its_range_that_a_fast_press_reaches_is_not_broken() -> None:
     assert found((measured, predicted)) == []
     measured[2_400:2_420, E5] = predicted[2_400:2_420, E5]
     assert [broken.channel for broken in found((measured, predicted))] == [E5]
+
+
+def test_a_channel_that_dies_at_the_end_of_its_range_is_stuck_from_there_on() -> None:
+    measured, predicted = tared()
+    since = 2_450
+    measured[since:, E5] = 0.0
+    (broken,) = found((measured, predicted))
+    assert (broken.channel, broken.value, broken.kind) == (E5, 0.0, "stuck")
+    assert broken.rows[since:].all()
+
+
+def test_a_channel_that_comes_back_from_the_end_of_its_range_is_not_dead() -> None:
+    measured, predicted = tared()
+    measured[2_100:5_600, E5] = 0.0
+    assert all(broken.kind != "stuck" for broken in found((measured, predicted)))

@@ -9,7 +9,7 @@ from typing_extensions import override
 
 from taxel.channels import CHANNELS
 from taxel_models.loop.basis import Shared
-from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, elapsed, weighted
+from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, elapsed, evenly_filled, weighted
 from taxel_models.loop.observations import Observations
 
 PIECES: Final = 6
@@ -41,11 +41,8 @@ class Drift(Effect):
         span = float(observations.time_s.max())
         if span < SHORTEST_S:
             return
-        for form, edges in (
-            ("line", np.array([0.0, span])),
-            (f"{PIECES} pieces", np.linspace(0.0, span, PIECES + 1)),
-        ):
-            drivers = elapsed(observations, edges)
+        for form, pieces in (("line", 1), (f"{PIECES} pieces", PIECES)):
+            drivers = elapsed(observations, evenly_filled(observations, pieces))
             yield weighted(observations, self.name, form, "unit", drivers, weight_unit="counts/s")
         for share in WARMING:
             yield _warming(self.name, share * span, span, observations)

@@ -203,6 +203,13 @@ def past(observations: Observations, feature: HistoryFeature, name: str, unit: s
     return Driver(name, observations.history(feature), extra)
 
 
+def evenly_filled(observations: Observations, pieces: int) -> Floats:
+    """(pieces + 1,) edges of the session's time, s, with as many rows in each piece: there may be gaps."""
+    edges = np.quantile(observations.time_s, np.linspace(0.0, 1.0, pieces + 1))
+    edges[0] = 0.0
+    return np.unique(edges)
+
+
 def elapsed(observations: Observations, edges: Floats) -> list[Driver]:
     """The session's time between edges, s: one driver for each piece of a piecewise linear function."""
     return [

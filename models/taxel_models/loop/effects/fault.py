@@ -69,7 +69,8 @@ def _leads_there(
         after = own[np.minimum(after, len(own) - 1)]
         nearest = np.where(np.abs(rows - before) <= np.abs(after - rows), before, after)
         expected.append((predicted[rows] + residual[nearest])[~free[part]])
-    if not expected or not len(there := np.concatenate(expected)):
+    # Segments that are at the limit as a whole have nothing to go by.
+    if not expected or 2 * len(there := np.concatenate(expected)) < stuck.rows.sum():
         return False
     most = float(np.median(scatter))
     within = there - most <= 0 if stuck.value == 0 else there + most >= COUNTS_MAX

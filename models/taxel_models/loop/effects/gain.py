@@ -14,6 +14,7 @@ from taxel_models.loop.effects.effect import (
     Fitting,
     Remaining,
     elapsed,
+    evenly_filled,
     weighted,
 )
 from taxel_models.loop.observations import Observations
@@ -51,7 +52,7 @@ class Gain(Effect):
         span = float(observations.time_s.max())
         if span > AGEING_S:
             for pieces in (1, PIECES):
-                ageing = elapsed(observations, np.linspace(0.0, span, pieces + 1))
+                ageing = elapsed(observations, evenly_filled(observations, pieces))
                 for alike in (True, False):
                     yield weighted(
                         observations,

@@ -15,6 +15,7 @@ from taxel_models.loop.effects.effect import (
     Fitting,
     Remaining,
     elapsed,
+    evenly_filled,
     given,
     past,
     weighted,
@@ -89,7 +90,7 @@ class Temperature(Effect):
         span = float(observations.time_s.max())
         if span < SHORTEST_S or not observations.raw_counts:
             return
-        edges = np.linspace(0.0, span, PIECES + 1)
+        edges = evenly_filled(observations, PIECES)
         drivers = elapsed(observations, edges)
         cooling = Relaxation(of="force", time_constant_s=COOLING_S)
         drivers.append(past(observations, cooling, f"relaxation[{COOLING_S:g}s].force", "N"))

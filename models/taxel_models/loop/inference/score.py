@@ -26,6 +26,7 @@ class Score:
         weighed: that form, in the likelier of the two bases.
         log_evidence: of all its forms together.
         needs_constant: whether its likeliest form stands beside a constant of each channel.
+        log_evidence_alone: of that form without one.
         gain: (folds, 21) fall of the held-out squared error, over the noise, beside a constant of each
             channel.
         worth: (21,) share of each channel's held-out squared error that goes.
@@ -45,6 +46,7 @@ class Score:
     taken_off: Floats
     usual: Floats
     most_gain: float
+    log_evidence_alone: float = -np.inf
     forms: tuple[tuple[int, float], ...] = ()
 
     def evidence_within(self, freedom: int) -> float:

@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
+from scipy import stats
 from scipy.special import logsumexp
 
 from taxel.channels import CHANNELS, COUNTS_MAX, ELECTRODE_COLUMNS
@@ -47,6 +48,22 @@ class Bases(NamedTuple):
     plain: Base
     beside: Base
     constant: float
+    beside_others: bool
+
+
+class Option(NamedTuple):
+    """One form of an effect, with or without a constant of each channel beside it.
+
+    Attributes:
+        alone: log evidence without the constant.
+    """
+
+    log_evidence: float
+    form: Form
+    products: Products
+    weighed: Weighed
+    alone: float
+    needs_constant: bool
 
 
 class Scoring:
@@ -132,7 +149,7 @@ class Scoring:
         beside = self.base(taken).with_constant(self._ones)
         plain = beside.without_last()
         constant = weigh(Products.of(plain, self._ones), Fitting(), self.constants)
-        return Bases(plain, beside, constant.log_evidence)
+        return Bases(plain, beside, constant.log_evidence, bool(taken))
 
     def _forms_of(self, effect: Effect, left: Floats) -> list[Form]:
         if effect.looks_at_residual or effect.label not in self._forms:
@@ -173,39 +190,71 @@ class Scoring:
 
     def _score(self, effect: Effect, forms: Sequence[Form], bases: Bases) -> Score:
         usual = self._usual_evidence(effect.label)
-        weighed: list[tuple[float, Form, Products, Weighed, bool]] = []
+        weighed: list[Option] = []
         logs = []
         for form in forms:
             fitting = form.candidate.fitting
             products = Products.of(bases.beside, form.design)
             plain = weigh(replace(products, base=bases.plain), fitting, self.constants, usual)
-            options = [(plain.log_evidence, form, products, plain, False)]
+            alone = plain.log_evidence
+            options = [Option(alone, form, products, plain, alone, needs_constant=False)]
             if not effect.is_constant:
                 second = weigh(products, fitting, self.constants, usual)
-                options.append((second.log_evidence + bases.constant, form, products, second, True))
-            logs.append(float(logsumexp([option[0] for option in options]) - np.log(len(options))))
-            weighed.append(max(options, key=lambda option: option[0]))
+                value = second.log_evidence + bases.constant
+                options.append(Option(value, form, products, second, alone, needs_constant=True))
+            both = logsumexp([option.log_evidence for option in options])
+            logs.append(float(both - np.log(len(options))))
+            weighed.append(max(options, key=lambda option: option.log_evidence))
 
-        def tested(option: tuple[float, Form, Products, Weighed, bool]) -> Score:
-            value, form, products, own, needs = option
+        def tested(option: Option) -> Score:
+            products = option.products
             if effect.is_constant:
                 products = replace(products, base=bases.plain)
-            found = held_out(products, form.candidate.fitting, own)
-            return self._scored(effect, form, own, value, found, needs_constant=needs)
+            found = held_out(products, option.form.candidate.fitting, option.weighed)
+            return replace(
+                self._scored(effect, option.form, option.weighed, option.log_evidence, found),
+                needs_constant=option.needs_constant,
+                log_evidence_alone=option.alone,
+            )
 
-        best = tested(max(weighed, key=lambda option: option[0]))
+        best = tested(max(weighed, key=lambda option: option.log_evidence))
         most_gain = best.total_gain
         total = float(logsumexp(logs) - np.log(len(logs)))
         most = self.constants.simpler * best.freedom
-        while simpler := [option for option in weighed if option[1].freedom <= most]:
-            simple = tested(max(simpler, key=lambda option: option[0]))
+        while simpler := [option for option in weighed if option.form.freedom <= most]:
+            simple = tested(max(simpler, key=lambda option: option.log_evidence))
             most = self.constants.simpler * simple.freedom
             if simple.log_evidence > 0:
                 # Many weights can make a form likely that does not repeat, though a simpler one does.
-                repeats = best.t < self.constants.least_t <= simple.t
-                best = simple if repeats else self.simplest(best, [simple])
-        sizes = tuple((form.freedom, value) for value, form, *_ in weighed)
+                stands = self.stands(best, bases.beside_others), self.stands(simple, bases.beside_others)
+                if stands == (False, True):
+                    best = simple
+                elif stands != (True, False):
+                    best = self.simplest(best, [simple])
+        sizes = tuple((option.form.freedom, option.log_evidence) for option in weighed)
         return replace(best, log_evidence=total, most_gain=most_gain, forms=sizes)
+
+    def stands(self, score: Score, beside_others: bool) -> bool:
+        """Whether an effect repeats over the held-out folds and removes enough to be named.
+
+        Args:
+            beside_others: something is named already; its form may not be quite right.
+        """
+        constants = self.constants
+        if score.t < constants.least_t:
+            return False
+        if not score.effect.is_predictable:
+            return bool(score.worth.mean() >= constants.clear_share)
+        least = constants.clear_share if beside_others else constants.least_channel_share
+        some = score.worth >= max(constants.least_share, least)
+        some &= score.weighed.changes & (score.channel_t >= self._least_channel_t(score))
+        return bool(score.worth.mean() >= constants.least_share or some.any())
+
+    def _least_channel_t(self, score: Score) -> float:
+        """The t that one of all channels must reach: choosing among them has its price (Bonferroni)."""
+        freedom = max(len(score.gain) - 1, 1)
+        chance = stats.t.sf(self.constants.least_t, freedom)
+        return float(stats.t.isf(chance / len(CHANNELS), freedom))
 
     def simplest(self, best: Score, scores: Sequence[Score]) -> Score:
         """The likeliest of those simpler than the best that carry most of what it explains, or the best.
@@ -234,7 +283,6 @@ class Scoring:
         log_evidence: float,
         tested: HeldOut,
         *,
-        needs_constant: bool = False,
         energy: Floats | None = None,
     ) -> Score:
         """A score less what the effect explains of the model's own held-out residual."""
@@ -246,7 +294,7 @@ class Scoring:
         taken_off = fall * self.whitening.scale**2
         usual = usual * np.ones_like(gain)
         shares = (gain, worth, taken_off, usual)
-        score = Score(effect, form, weighed, log_evidence, needs_constant, *shares, most_gain=0.0)
+        score = Score(effect, form, weighed, log_evidence, False, *shares, most_gain=0.0)
         return replace(score, most_gain=score.total_gain)
 
     def _usual_evidence(self, name: str) -> Floats | float:
@@ -264,6 +312,10 @@ class Scoring:
             return 0.0
         _, bins = np.unique(self.bins.fold, return_counts=True)
         gain = np.array(self._reference.structure[name].gain)
+        if name not in (Offset.name, ContactOffset.name):
+            # Where the residual is smaller than the model's own, so is what is usual of it. Means are not:
+            # they scatter from recording to recording, and a residual's size leaves them out.
+            gain *= np.minimum(1.0, (self.whitening.scale / np.array(self._reference.std)) ** 2)
         return np.asarray(bins[:, None] * gain / (tested.noise * self.whitening.scale**2))
 
     def unknown_mean(self) -> Floats:

@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from taxel.channels import CHANNELS
 from taxel.manifest import HeldOutResidual
 from taxel_models.loop.attribution import AS_MUCH_ANYWAY, Attribution, Named, Rejected
+from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect
 from taxel_models.loop.inference.constants import DECLARED, Constants
@@ -85,32 +85,17 @@ class JointSelection:
         Args:
             own: that was named already, and is compared with others in its place.
         """
-        constants = self._constants
         if score is not own and (score.name, score.form.candidate.form) in self._tried:
             return False
         if score.form.candidate.certain:
             return True
         if score.log_evidence <= 0:
             return False
-        changes = score.weighed.changes
-        if not changes.any():
+        if not score.weighed.changes.any():
             return False
-        if score.effect.is_predictable:
-            least = constants.clear_share if self._taken else constants.least_channel_share
-            least = max(constants.least_share, least)
-            some = changes & (score.worth >= least) & (score.channel_t >= self._least_channel_t(score))
-            enough = score.worth.mean() >= constants.least_share or some.any()
-        else:
-            enough = score.worth.mean() >= constants.clear_share
-        if not enough or score.t < constants.least_t:
+        if not self._scoring.stands(score, bool(self._taken)):
             return False
         return not self._scoring.contradicts(score, self._taken)
-
-    def _least_channel_t(self, score: Score) -> float:
-        """The t that one of all channels must reach: choosing among them has its price (Bonferroni)."""
-        freedom = max(len(score.gain) - 1, 1)
-        chance = stats.t.sf(self._constants.least_t, freedom)
-        return float(stats.t.isf(chance / len(CHANNELS), freedom))
 
     def _casts_doubt(self, other: Score, best: Score) -> bool:
         """Whether a likelier effect, about as simple, does not repeat: the best may only stand for it."""
@@ -134,8 +119,10 @@ class JointSelection:
             return next((score for score in able if score.effect.is_steady), best)
         constant = next((score for score in able if score.effect.is_constant), None)
         if constant and best.needs_constant and 2 * constant.log_evidence > best.log_evidence:
-            # More than half of what is found is the constant's.
-            return constant
+            # More than half of what is found is the constant's, unless fewer figures tell it, too.
+            fewer = best.freedom <= self._constants.simpler * constant.freedom
+            if not fewer or best.log_evidence_alone <= constant.log_evidence:
+                return constant
         # A constant is judged by itself, and all others beside one.
         others = [score for score in able if not score.effect.is_constant]
         # Where the best has a form as simple and likelier, it is as simple itself.
@@ -228,7 +215,33 @@ class JointSelection:
                 continue
             either[taken.name] = () if own is None else self._alike(own, scores)
             place += 1
-        return tuple(self._finished(taken, either.get(taken.name, ())) for taken in self._taken)
+        shares = self._fit_to_rows()
+        return tuple(
+            self._finished(taken, either.get(taken.name, ()), share)
+            for taken, share in zip(self._taken, shares, strict=True)
+        )
+
+    def _fit_to_rows(self) -> list[Floats]:
+        """(21,) of each named effect's contribution, the share that single rows are best served with.
+
+        Weights are inferred from means of several rows. A driver that is noisy from row to row, such as a
+        force's rate, would bring its noise into every prediction.
+        """
+        fit, shares = self._blocks.fit, []
+        left = self._scoring.residual(self._taken)[fit]
+        for place, taken in enumerate(self._taken):
+            candidate, own = taken.form.candidate, taken.contribution[fit]
+            share = np.ones(len(CHANNELS))
+            if not (candidate.moves or candidate.fitting.fixed) and taken.effect.is_predictable:
+                products = np.array([((left + own) * own).sum(axis=0), (own**2).sum(axis=0)])
+                if candidate.fitting.pooled:
+                    products = (products / self._scoring.whitening.scale**2).sum(axis=1, keepdims=True)
+                share *= np.clip(products[0] / np.maximum(products[1], 1e-12), 0.0, 1.0)
+                share[~own.any(axis=0)] = 1.0
+                left = left + own * (1.0 - share)
+                self._taken[place] = replace(taken, contribution=taken.contribution * share)
+            shares.append(share)
+        return shares
 
     @staticmethod
     def _replaces(chosen: Score, own: Score | None) -> bool:
@@ -248,7 +261,7 @@ class JointSelection:
             and other.most_gain >= self._constants.either * own.total_gain > 0
         )
 
-    def _finished(self, taken: Taken, either: tuple[str, ...]) -> Named:
+    def _finished(self, taken: Taken, either: tuple[str, ...], share: Floats) -> Named:
         others = [each for each in self._taken if each is not taken]
         fit = self._blocks.fit
         first = np.maximum((self._first.residual[fit] ** 2).mean(axis=0), 1e-9)
@@ -267,6 +280,7 @@ class JointSelection:
             weights=taken.weights,
             fold_weights=np.array(fold_weights),
             unknown=unknown,
+            served_share=share,
             contribution=taken.contribution,
             log_evidence=taken.score.log_evidence,
             included=taken.weighed.included,

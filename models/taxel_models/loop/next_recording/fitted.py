@@ -41,7 +41,7 @@ class Fitted:
     @classmethod
     def of(cls, named: Named) -> "Fitted":
         """As it was named."""
-        return cls(named.candidate, named.weights)
+        return cls(named.candidate, named.served_weights)
 
     @property
     def needs_calibration(self) -> bool:

@@ -11,6 +11,7 @@ from taxel_models.loop.report.wording import (
     key_parameters,
     left,
     next_recordings,
+    one_kind,
     paired,
     percent,
     runs_along,
@@ -23,6 +24,7 @@ def findings_table(findings: Findings) -> RenderableType:
     lines = [
         *anyway(findings),
         _errors(findings),
+        *one_kind(findings),
         *confounded(findings),
         *runs_along(findings),
         *next_recordings(findings),

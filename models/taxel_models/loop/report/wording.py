@@ -121,7 +121,7 @@ def headline(findings: Findings) -> str:
 
 def opening(findings: Findings, extras: Sequence[ExtraFeature]) -> str:
     """One paragraph that a reader can act on."""
-    sentences = [_outcome(findings), *_named(findings, extras), *confounded(findings)]
+    sentences = [_outcome(findings), *_named(findings, extras), *one_kind(findings), *confounded(findings)]
     sentences += [
         *runs_along(findings),
         *next_recordings(findings),
@@ -169,8 +169,19 @@ def _outcome(findings: Findings) -> str:
 def paired(test: PairedTest) -> str:
     """The paired test as half a sentence."""
     sure = f"95 % interval {test.low:.4f} to {test.high:.4f}, {chance(test.p_value)}"
-    fall = f"the error falls by {test.difference:.4f} ({sure})"
+    verb = "falls" if test.difference >= 0 else "rises"
+    fall = f"the error {verb} by {abs(test.difference):.4f} ({sure})"
     return fall if test.p_value <= SIGNIFICANT else f"{fall}, which may be chance"
+
+
+def one_kind(findings: Findings) -> list[str]:
+    """What a recording of one kind cannot tell, as a sentence; none where there is no such column."""
+    if not findings.one_kind or not findings.effects:
+        return []
+    return [
+        f"All rows have the same {listed(findings.one_kind)}. The model's own error is known for several "
+        "together: what is named here may be its error on this one."
+    ]
 
 
 def anyway(findings: Findings) -> list[str]:

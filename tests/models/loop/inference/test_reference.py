@@ -83,6 +83,20 @@ def test_other_effects_are_named_beside_what_is_known(smooth: Any, make: Make) -
     assert [effect.name for effect in findings.effects] == ["offset"]
 
 
+def test_where_the_residual_is_smaller_so_is_what_is_usual_of_it(smooth: Any, make: Make) -> None:
+    lacks = held_out_residual(smooth, [with_effect(make, "hysteresis", 8)])
+    assert lacks is not None
+    larger = {
+        name: own.model_copy(update={"gain": tuple(9.0 * gain for gain in own.gain)})
+        for name, own in lacks.structure.items()
+    }
+    update = {"std": tuple(3.0 * std for std in lacks.std), "structure": larger}
+    recording = with_effect(make, "rate", 4)
+    for reference in (lacks, lacks.model_copy(update=update)):
+        findings = run_loop(smooth, [recording], LoopSettings(), reference=reference).findings
+        assert [effect.name for effect in findings.effects] == ["rate"]
+
+
 def apart(make: Make) -> Recording:
     """Contacts of a sensor that scatter more than the model's own errors do."""
     random = np.random.default_rng(1)

@@ -225,6 +225,50 @@ def test_a_slip_that_a_large_offset_hides_is_found_beside_it(smooth: Any, make: 
     assert names(found) == ["offset", "frame"]
 
 
+def test_a_turned_frame_is_no_offset_although_it_shifts_all_channels(smooth: Any, make: Make) -> None:
+    recording = make(9_000, seed=3)
+    turn = Rotation.from_rotvec(np.radians(30.0) * np.array([0.0, 0.6, 0.8]))
+    samples = replace(recording.samples, force=turn.apply(recording.samples.force))
+    offsets = np.random.default_rng(2).normal(0.0, 3.0, 21)
+    found = attributed(smooth, replace(recording, samples=samples, channels=recording.channels + offsets))
+    frame = found.named[0]
+    assert frame.name == "frame"
+    assert frame.candidate.form_parameters["angle"][0] == pytest.approx(30.0, abs=3.0)
+
+
+def test_a_noisy_driver_is_served_with_the_part_that_single_rows_bear(smooth: Any, make: Make) -> None:
+    recording, random = make(12_000, seed=3), np.random.default_rng(5)
+    force = np.linalg.norm(recording.samples.force, axis=1)
+    viscous = np.gradient(force, 0.01)[:, None] * np.linspace(4.0, 10.0, 21)
+    noisy = recording.samples.force + random.normal(0.0, 0.1, (len(recording), 3))
+    channels = np.clip(np.rint(recording.channels + viscous), 0, 4095)
+    recorded = replace(recording, samples=replace(recording.samples, force=noisy), channels=channels)
+    result = run_loop(smooth, [recorded], LoopSettings())
+    (rate,) = result.attribution.named
+    assert rate.name == "rate"
+    assert rate.served_share.max() < 0.9
+    np.testing.assert_allclose(rate.served_weights, rate.weights * rate.served_share[:, None])
+    observations, blocks = result.observations, result.blocks
+
+    def error(contribution: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        return np.asarray(((observations.residual - contribution)[rows] ** 2).mean(axis=0))
+
+    whole = rate.contribution / rate.served_share
+    assert (
+        error(rate.contribution, blocks.fit) < (observations.residual[blocks.fit] ** 2).mean(axis=0)
+    ).all()
+    assert (error(rate.contribution, blocks.evaluation) < error(whole, blocks.evaluation)).all()
+
+
+def test_a_share_of_a_contribution_is_taken_where_it_lowers_the_error(smooth: Any, make: Make) -> None:
+    injection = into(make)
+    offsets = np.linspace(-20.0, 25.0, 21)
+    add(injection, offsets[None])
+    found = only(attributed(smooth, injection.recording))
+    np.testing.assert_allclose(found.served_share[np.abs(offsets) > 3.0], 1.0, atol=0.02)
+    assert found.served_share.max() <= 1.0
+
+
 def test_a_drift_is_named_before_offsets_of_contacts_that_contain_it(smooth: Any, make: Make) -> None:
     def in_contacts(seed: int) -> Recording:
         ticks = make(15_000, seed=seed).ticks()
