@@ -1,6 +1,7 @@
 """The batcher alone: every job is answered once, with its own rows, and no evaluation is too large."""
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from threading import Event, current_thread
 
@@ -134,6 +135,18 @@ def busy(batcher: Batcher, model: LoadedModel, runtime: Recorder) -> Iterator[Me
         yield job
     finally:
         runtime.may_go_on.set()
+
+
+def test_progress_is_a_slice_that_is_done_or_nothing_to_do(model: LoadedModel, runtime: Recorder) -> None:
+    with batching() as batcher, ThreadPoolExecutor(1) as pool:
+        batcher.wait_for_progress(3600)  # Nothing waits.
+        with busy(batcher, model, runtime) as first:
+            batcher.wait_for_progress(0.001)  # The time is over.
+            waiting = pool.submit(batcher.wait_for_progress, 3600)
+            assert not waiting.done()
+        waiting.result(10)
+        assert values_of(first) == [-1]
+        batcher.wait_for_progress(3600)
 
 
 @given(st.lists(st.integers(1, 30), min_size=1, max_size=20), st.integers(1, 12))

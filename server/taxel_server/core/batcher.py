@@ -9,7 +9,7 @@ import time
 from collections.abc import Hashable, Iterable, Sequence
 from math import inf
 from queue import Empty, SimpleQueue
-from threading import Lock, Thread
+from threading import Event, Lock, Thread
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -77,6 +77,8 @@ class Batcher:
         self._bell: SimpleQueue[None] = SimpleQueue()
         self._sleeps = False
         """Whether the worker waits for the bell."""
+        self._progress = Event()
+        """Set whenever a slice is done or nothing waits; cleared by whoever waits for it."""
         self._memory = FreeMemory()
         self.shadows: Final = Shadows()
         self._stopping = False
@@ -165,6 +167,12 @@ class Batcher:
         """
         with self._lock:
             self._refuse(ticket, self._policy.refusal(ticket))
+
+    def wait_for_progress(self, seconds: float) -> None:
+        """Return once a slice is done or nothing waits, at the latest after so many seconds."""
+        self._progress.clear()
+        if not self._sleeps:
+            self._progress.wait(seconds)
 
     def _refuse(self, ticket: Ticket, refusal: str | None) -> None:
         if refusal is not None:
@@ -275,6 +283,7 @@ class Batcher:
             self._evaluate(chosen.model, pieces)
             with self._lock:
                 finished = self._policy.done(chosen, time.monotonic() - started)
+            self._progress.set()
             for job in finished:
                 assert job.work is not None
                 self._answers.give(job, job.work.response())
@@ -299,6 +308,7 @@ class Batcher:
 
     def _rest(self) -> None:
         """Wait for work. If none comes for a while after much work, give memory back to the system."""
+        self._progress.set()
         try:
             self._bell.get(timeout=self._memory.rest_s)
         except Empty:

@@ -18,7 +18,7 @@ from typing_extensions import override
 from zenoh.handlers import FifoChannel, Handler
 
 from taxel.envelopes import RequestReader
-from taxel.errors import Internal, RequestError
+from taxel.errors import Internal, RequestError, ResourceExhausted
 from taxel.protocol import CANCEL_PATH, REPLICAS, InferRequest, InferResponse, pack_infer_response, packb
 from taxel.zenoh_process import close_session
 from taxel_server.core.core import Core
@@ -42,6 +42,16 @@ _CHANNEL: Final = 16
 
 What is in it is neither counted nor refused yet, so it is short.
 """
+
+_REFUSALS: Final = 4
+"""So many requests are refused for each slice that is evaluated; then nothing more is read until the next.
+
+To refuse a small request costs as much as to answer it. What is not read waits in the connection of its
+client, which slows a flood down and nobody else: zenoh reads each connection by itself.
+"""
+
+_PAUSE_S: Final = 0.005
+"""The longest such wait."""
 
 _MORE_BYTES: Final = 32 * 2**20
 """A message that is larger than a request by less gets its error; zenoh drops larger ones unread."""
@@ -94,6 +104,8 @@ class ZenohTransport:
         self._core = core
         self._options = options
         self._reader = RequestReader(core.max_request_rows)
+        self._refused = 0
+        """Requests that found the queue full since the last wait for the evaluation."""
         self._below_prefix = len(options.prefix) + 1
         self._own_keys = ""
         self._clients = ZenohClients(core.gone)
@@ -207,6 +219,15 @@ class ZenohTransport:
             # Here and now: in a queue of refusals, a flood would grow in another place.
             self._core.refusals.add(error, client=CLIENT, model=model.label)
             reply(query, error)
+            if isinstance(error, ResourceExhausted):
+                self._slow_down()
+
+    def _slow_down(self) -> None:
+        """After some refusals, read nothing more until there is room again."""
+        self._refused += 1
+        if self._refused >= _REFUSALS:
+            self._refused = 0
+            self._core.wait_for_progress(_PAUSE_S)
 
 
 def _taken(take: Callable[[], zenoh.Query | None]) -> zenoh.Query | None:
