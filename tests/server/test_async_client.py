@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 import taxel
 from taxel.errors import DeadlineExceeded, InvalidArgument, Unavailable
 from taxel.lane.async_client import AsyncLane
-from taxel.lane.client import ConnectionLost
+from taxel.lane.client import ConnectionLost, RepeatedRequest
 from taxel.lane.frames import pack_reply
 from taxel.lane.prompt_future import PromptFuture
 from taxel.protocol import InferResponse
@@ -251,6 +251,64 @@ def test_replies_in_any_order_and_in_any_pieces_find_their_calls(
         end.setblocking(False)
     with ends[1]:
         asyncio.run(main())
+
+
+def test_a_reply_that_is_there_is_taken_without_a_turn_of_the_loop() -> None:
+    windows = np.zeros((1, 6), np.float32)
+    request = RepeatedRequest(PATH, (1, 6), 9, 9)
+    reply = InferResponse(np.ones((1, 21), np.float32), "skin", "1", None, 1, 2, 1)
+    late = InferResponse(np.zeros((1, 21), np.float32), "skin", "1", None, 1, 2, 1)
+
+    async def main() -> None:
+        lane = AsyncLane("unix:/x", (), ends[0])
+        loop, at_once = asyncio.get_running_loop(), 0
+        for number in range(1, 2001):
+            if number % 3 == 0:
+                # Of a call that was given up; it may come in one piece with the other.
+                ends[1].send(pack_reply(number + 10_000, late))
+            ends[1].send(pack_reply(number, reply))
+            turned: list[bool] = []
+            loop.call_soon(turned.append, True)
+            assert (await lane.repeat(request, windows) == 1).all()
+            at_once += not turned
+            ends[1].recv(1 << 16)
+            if number % 50 == 0:
+                await asyncio.sleep(0)
+        assert at_once > 100
+        assert lane.calls_in_flight == 0
+        lane.close()
+
+    ends = socket.socketpair()
+    ends[0].setblocking(False)
+    with ends[1]:
+        asyncio.run(main())
+
+
+def test_a_task_that_asks_without_end_lets_others_run_and_is_cancelled(
+    engine: Engine, start_module: ServerStarter, make_windows: WindowMaker
+) -> None:
+    async def main() -> None:
+        async with taxel.connect_async(start_module(engine), transport="lane") as source:
+            predictor = await source.predictor("skin")
+            windows = make_windows(1)
+            asked = turns = 0
+
+            async def ask() -> None:
+                nonlocal asked
+                while True:
+                    await predictor.predict(windows)
+                    asked += 1
+
+            task = asyncio.create_task(ask())
+            while asked < 2000:
+                await asyncio.sleep(0)
+                turns += 1
+            assert turns > 20
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+
+    asyncio.run(main())
 
 
 def test_a_future_goes_on_with_its_task_at_once_where_none_runs() -> None:

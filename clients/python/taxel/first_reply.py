@@ -1,20 +1,18 @@
 """Waits for the one reply to a zenoh query."""
 
-import os
 import time
 from typing import Final
 
 import zenoh
 from zenoh.handlers import Handler
 
+from taxel.polling import give_way
+
 _POLL_S: Final = 200e-6
 """How long a reply is asked for again and again before the thread sleeps.
 
 A reply on the same machine usually comes within this time, and waking a sleeping thread takes a part of it.
 """
-
-_give_way = getattr(os, "sched_yield", lambda: time.sleep(0))
-"""Lets other threads run meanwhile: those of this program, and a server on the same core."""
 
 
 def first_reply(replies: Handler[zenoh.Reply]) -> zenoh.Reply | None:
@@ -25,7 +23,7 @@ def first_reply(replies: Handler[zenoh.Reply]) -> zenoh.Reply | None:
             reply = replies.try_recv()
             if reply is not None:
                 return reply
-            _give_way()
+            give_way()
         return replies.recv()
     except zenoh.ZError:
         # The query has ended.

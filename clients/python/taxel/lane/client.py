@@ -1,7 +1,6 @@
 """The client's end of a lane: a pool of connections, so that each call has one to itself."""
 
 import math
-import os
 import select
 import socket
 import sys
@@ -25,6 +24,7 @@ from taxel.lane.frames import (
     read_reply_head,
 )
 from taxel.lane.offer import connect_to
+from taxel.polling import give_way
 
 _MOST_IDLE: Final = 64
 """Connections that are kept for later calls."""
@@ -39,6 +39,13 @@ _LEAST_BYTES: Final = 4096
 
 _SAME_BYTES: Final = 20
 """The first bytes of replies with the same number of counts to requests with the same id are the same."""
+
+POLL_US: Final = 100
+"""A reply is asked for again and again for so long before the thread sleeps.
+
+The reply to a single window usually comes within this time, and waking a sleeping thread on another core
+takes nearly as long.
+"""
 
 _FLOAT: Final = np.dtype(np.float32)
 _WIRE_FLOAT: Final = np.dtype("<f4")
@@ -123,7 +130,8 @@ class Lane:
 
     Args:
         address: `unix:PATH` or `tcp:HOST:PORT`.
-        spin_us: microseconds that a reply is asked for again and again before the thread sleeps.
+        spin_us: microseconds that a reply is asked for again and again before the thread sleeps; at
+            least `POLL_US`.
         extensions: what the server understands beyond requests.
 
     Attributes:
@@ -218,7 +226,7 @@ class LaneConnection:
     def __init__(self, address: str, spin_us: int = 0) -> None:
         self.address = address
         self.socket = connect_to(address)
-        self._spin_s = 0.0 if _DONT_WAIT is None else spin_us / 1e6
+        self._spin_s = 0.0 if _DONT_WAIT is None else max(spin_us, POLL_US) / 1e6
         self._wait_s = math.inf
         self._heads: dict[tuple[str, tuple[int, ...], float, bool], tuple[bytes, bytes]] = {}
         self._last_id = 0
@@ -373,7 +381,7 @@ class LaneConnection:
             try:
                 return self.socket.recv(_RECEIVE_BYTES, _DONT_WAIT)
             except BlockingIOError:
-                os.sched_yield()
+                give_way()
         return None
 
     def _up_to(self, size: int, received: bytes | bytearray, wait_s: float) -> bytearray:
