@@ -40,7 +40,7 @@ def export(
     as_json: Json = False,
 ) -> None:
     """Export a trained model to a repository, and check it against the trained model."""
-    with ERR.status("exporting and checking parity"):
+    with ERR.status("exporting and checking parity") as status:
         if origin is Origin.TRAINED:
             from taxel_exporters.export import export as run
 
@@ -52,6 +52,7 @@ def export(
                 model_format=model_format,
                 weights=weights,
                 description=description,
+                progress=lambda what: status.update(f"what the model gets wrong anyway: {what}"),
             )
         elif weights is not Weights.FLOAT32:
             raise SettingsError(

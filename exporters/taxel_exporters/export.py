@@ -1,6 +1,7 @@
 """Export: a trained model becomes a new version in a repository, or nothing is written."""
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,6 +32,7 @@ def export(
     model_format: str | None = None,
     weights: Weights = Weights.FLOAT32,
     description: str | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> Manifest:
     """Export the trained model in `folder` as `<repository>/<name>/<version>`.
 
@@ -43,6 +45,7 @@ def export(
         model_format: `xgboost` or `onnx`; the family's default if none is given.
         weights: an artifact with rounded weights is compared with measurements instead; only a small
             rise of the error is accepted.
+        progress: is told what takes long.
 
     Raises:
         ArtifactError: the trained model is damaged, the artifact's predictions differ, or rounding
@@ -82,7 +85,8 @@ def export(
         ),
         taxel_version=__version__,
     )
-    residual = held_out_residual(_Source(trained, manifest), trained_models.held_out(folder))
+    recordings = trained_models.held_out(folder)
+    residual = held_out_residual(_Source(trained, manifest), recordings, progress=progress)
     manifest = manifest.model_copy(update={"held_out_residual": residual})
     return publish(repository, manifest, model.content, _check(name, trained, held_out, model))
 

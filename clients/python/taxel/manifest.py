@@ -206,6 +206,18 @@ class OwnStructure(Schema):
     gain: NotNegativePerChannel
 
 
+class KindResidual(Schema):
+    """A model's residual on one kind alone, such as one of several materials.
+
+    Attributes:
+        std: root of the mean square of each channel's residual, counts.
+        structure: what each effect explains of it: mean over the kinds, and one standard deviation more.
+    """
+
+    std: NotNegativePerChannel
+    structure: dict[str, OwnStructure]
+
+
 class HeldOutResidual(Schema):
     """A model's residual on the recordings that its training held out: what it gets wrong anyway.
 
@@ -215,6 +227,7 @@ class HeldOutResidual(Schema):
         shared: the part of each channel's variance that a whole contact shares.
         fading: the part that fades within seconds.
         structure: what each effect explains of it.
+        one_kind: what a recording of one kind alone shows, by the column that names kinds.
     """
 
     rows: Annotated[int, Field(gt=0)]
@@ -222,6 +235,7 @@ class HeldOutResidual(Schema):
     shared: NotNegativePerChannel
     fading: NotNegativePerChannel
     structure: dict[str, OwnStructure] = Field(default_factory=dict)
+    one_kind: dict[str, KindResidual] = Field(default_factory=dict)
 
 
 class ModelFile(Schema):

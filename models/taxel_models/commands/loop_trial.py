@@ -44,6 +44,13 @@ def loop_trial(
         Path | None,
         typer.Option(envvar="TAXEL_DATA", metavar="FOLDER", help="Holds biotac_slide and lasa_contact."),
     ] = None,
+    one_of: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COLUMN",
+            help="Each round plays one value of a column, such as `material`; with --ground slide.",
+        ),
+    ] = None,
     only: Annotated[
         list[str] | None,
         typer.Option(
@@ -98,7 +105,7 @@ def loop_trial(
     moved: list[Sensitivity] = []
     with Progress(console=ERR, disable=not ERR.is_terminal) as progress:
         task = progress.add_task("preparing the ground", total=trials)
-        place = _ground(ground, injector, repository, model, data, rows, seed, jobs)
+        place = _ground(ground, injector, repository, model, data, rows, seed, jobs, one_of)
         benchmark = RecoveryBenchmark(place, ground, seed, draw)
         for finished in run_rounds_on(benchmark, trials, jobs, scheduler):
             rounds.append(finished)
@@ -145,8 +152,12 @@ def _ground(
     rows: int,
     seed: int,
     jobs: int,
+    one_of: str | None,
 ) -> "Ground":
     from taxel_models.shipped import shipped_repository
+
+    if one_of is not None and name != "slide":
+        raise SettingsError(f"--one-of {one_of}: only --ground slide has kinds; this is --ground {name}")
 
     if name != "twin":
         require(f"--ground {name}", "train", "xgboost")
@@ -156,9 +167,9 @@ def _ground(
             raise SettingsError(f"--ground {name}: expected --data, the folder of the real recordings")
         # TAXEL_DATA may name the folder or the one above.
         folder = data if not (data / "data").is_dir() else data / "data"
-        return (
-            RealGround.slide(folder, seed, jobs) if name == "slide" else RealGround.lasa(folder, seed, jobs)
-        )
+        if name == "slide":
+            return RealGround.slide(folder, seed, jobs, one_of)
+        return RealGround.lasa(folder, seed, jobs)
     from taxel_models.ground.twins import StoredModel, TwinGround
     from taxel_models.recovery.own_ground import CleanTwins
 

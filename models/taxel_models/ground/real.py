@@ -37,6 +37,9 @@ DRAWN: Final = 0.8
 LEAST_TRIALS: Final = 20
 """A session with fewer held-out trials is not played."""
 
+LEAST_OF_ONE: Final = 5
+"""The same where a round plays one kind, such as one of 16 materials."""
+
 PAUSE_S: Final = 4 * 3600.0
 """A longer pause ends a session: the slide data are from three days."""
 
@@ -50,7 +53,7 @@ _NOT_MEASURED: Final = {"pac0": (2040.0, 4.5), "pdc": (1973.0, 1.0)}
 
 @dataclass(frozen=True)
 class Session:
-    """Recordings of one finger on one day, with a model that saw neither.
+    """Recordings of one finger on one day, or of one kind, with a model that saw neither.
 
     Attributes:
         held_out: whole trials that the model was not trained on; a round takes some of them.
@@ -73,22 +76,25 @@ class RealGround:
     live: tuple[bool, ...]
 
     @classmethod
-    def slide(cls, folder: Path, seed: int, jobs: int = 1) -> Self:
+    def slide(cls, folder: Path, seed: int, jobs: int = 1, one_of: str | None = None) -> Self:
         """Of the slide data in `folder`/biotac_slide; one model for all days.
 
+        Args:
+            one_of: a column, such as `material`: a round plays trials of one of its values.
+
         Raises:
-            RecordingError: the data are not there, are damaged, or are too few.
+            RecordingError: the data are not there, are damaged, or are too few, or have no such column.
         """
         recording = read_slide(_found(folder / SLIDE))
         trained, held_out = _divided(recording, seed, HELD_OUT[SLIDE])
         model, reference = BaseModel.fit(trained, seed, jobs, REFERENCE[SLIDE])
-        days = _days(held_out)
-        sessions = tuple(
-            Session(model, day, reference) for day in days if len(day.segments) >= LEAST_TRIALS
-        )
+        parts = _days(held_out) if one_of is None else _kinds(held_out, one_of)
+        least = LEAST_TRIALS if one_of is None else LEAST_OF_ONE
+        sessions = tuple(Session(model, part, reference) for part in parts if len(part.segments) >= least)
         if not sessions:
             raise RecordingError(
-                f"{folder / SLIDE}: no day has {LEAST_TRIALS} held-out trials; expected about 60 in all"
+                f"{folder / SLIDE}: no {one_of or 'day'} has {least} held-out trials; "
+                "expected about 60 in all"
             )
         return cls(sessions, seed, PLAYED[SLIDE], False, ALL_CHANNELS)
 
@@ -186,6 +192,20 @@ def _of_trials(recording: Recording, trials: Sequence[slice]) -> Recording:
     for trial in trials:
         keep[trial] = True
     return replace(recording.rows(keep), sha256="")
+
+
+def _kinds(recording: Recording, column: str) -> list[Recording]:
+    """The trials of each value of a column by themselves."""
+    if column not in recording.covariates:
+        known = ", ".join(recording.covariates)
+        raise RecordingError(f"no column {column!r} to play one value of; there are: {known}")
+    values = recording.covariates[column]
+    trials = recording.segments
+    first = np.array([values[trial.start] for trial in trials])
+    return [
+        _of_trials(recording, [trials[place] for place in np.flatnonzero(first == kind)])
+        for kind in np.unique(first)
+    ]
 
 
 def _days(recording: Recording) -> list[Recording]:

@@ -26,6 +26,7 @@ from taxel_models.loop.findings import (
     RejectedEffect,
 )
 from taxel_models.loop.inference.constants import DECLARED, Constants
+from taxel_models.loop.inference.kinds import of_its_kinds
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.inference.stability import on_halves
 from taxel_models.loop.intervals import parameters
@@ -125,8 +126,11 @@ def run_loop(
     runs_along = confounding(observations)
     effects = [effect for effect in candidates(observations) if effect.label not in settings.exclude]
     reference = reference or model.manifest.held_out_residual
-    if reference is not None and not settings.reference:
-        reference = reference.model_copy(update={"structure": {}})
+    narrow = _one_kind(observations, reference)
+    if reference is not None:
+        reference = of_its_kinds(reference, observations)
+        if not settings.reference:
+            reference = reference.model_copy(update={"structure": {}})
     constants = replace(settings.constants, least_share=settings.least_share)
     attribution = JointSelection(
         observations, blocks, effects, reference=reference, constants=constants, progress=progress
@@ -148,7 +152,6 @@ def run_loop(
         after = corrected(observations, attribution, new)
         told = unnamed.found(observations, blocks, before, after)
     findings = _findings(observations, recordings, blocks, settings, attribution, figures, new, after)
-    narrow = _one_kind(observations, reference)
     findings = findings.model_copy(
         update={"confounding": runs_along, "one_kind": narrow, "residual_model": told}
     )
@@ -169,12 +172,15 @@ def run_loop(
 
 
 def _one_kind(observations: Observations, reference: HeldOutResidual | None) -> tuple[str, ...]:
-    """Columns of which the model's own held-out residual had several values, and these observations one."""
-    known = () if reference is None else reference.structure
+    """Columns of which the model's error is known for several values together, and these have one."""
+    if reference is None:
+        return ()
     return tuple(
         name
         for name, values in observations.covariates.items()
-        if f"covariate:{name}" in known and values.min() == values.max()
+        if f"covariate:{name}" in reference.structure
+        and name not in reference.one_kind
+        and values.min() == values.max()
     )
 
 

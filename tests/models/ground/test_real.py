@@ -87,6 +87,17 @@ def test_rounds_differ_and_repeat(slide: RealGround, lasa: RealGround) -> None:
         assert len({ground.clean(number).recording.fingerprint for number in range(6)}) > 3
 
 
+def test_a_round_may_play_one_material(few_materials: Path) -> None:
+    ground = RealGround.slide(few_materials, seed=1, jobs=2, one_of="material")
+    played = [ground.clean(number).recording.covariates["material"] for number in range(6)]
+    assert {len(set(materials.tolist())) for materials in played} == {1}
+    assert {materials[0] for materials in played} == {5.0, 6.0, 7.0}
+    with pytest.raises(
+        RecordingError, match=r"no column 'colour' to play one value of; there are: material"
+    ):
+        RealGround.slide(few_materials, seed=1, jobs=2, one_of="colour")
+
+
 def test_lasa_is_cut_into_stretches_with_places_on_the_skin(data_folder: Path, lasa: RealGround) -> None:
     recording = read_lasa(data_folder / "lasa_contact", "F2", seed=0)
     lengths = [part.stop - part.start for part in recording.segments]

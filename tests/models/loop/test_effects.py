@@ -144,7 +144,7 @@ def weights(name: str, values: dict[str, float], found: Case) -> tuple[np.ndarra
 
 
 def test_intervals_hold_what_was_injected(smooth: Any, make: Make) -> None:
-    """95 % of them: of 84, 73 or fewer hold in one of 300 such tests. An offset of about 0 may not be told."""
+    """95 % of them: of 84, 73 or fewer hold in one of 300 such tests. An offset near 0 may not be told."""
     inside = []
     for seed in (5, 6, 7, 8):
         recording = make(6_000, seed=seed)

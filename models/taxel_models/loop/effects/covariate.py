@@ -17,6 +17,9 @@ MOST_KINDS: Final = 32
 MOST_PAIRED: Final = 16
 """The most kinds that may have a constant and a gain: with more, there are more weights than blocks."""
 
+FEWEST_CONTACTS_OF_A_KIND: Final = 2
+"""A kind that has one contact cannot be told from an offset of this contact."""
+
 NOT_COVARIATES: Final = frozenset({"tdc", "tac", "pac1"})
 
 
@@ -73,6 +76,17 @@ class Covariate(Effect):
     @override
     def label(self) -> str:
         return f"{self.name}:{self.column}"
+
+    @override
+    def out_of_scope(self, observations: Observations) -> str | None:
+        values = observations.covariates[self.column]
+        kinds = np.unique(values)
+        if len(kinds) < 2 or not are_kinds(kinds):
+            return None
+        contacts = [len(np.unique(observations.contact[values == kind])) for kind in kinds]
+        if np.median(contacts) < FEWEST_CONTACTS_OF_A_KIND:
+            return f"most values of {self.column} have one contact each: they number the contacts"
+        return None
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:

@@ -22,17 +22,20 @@ OPEN: Final = 0.99
 """The confidence of the limit up to which few blocks leave open what an effect explains."""
 
 
-def structure_of(scoring: Scoring) -> dict[str, tuple[Floats, Floats]]:
+def structure_of(scoring: Scoring, confidence: float = OPEN) -> dict[str, tuple[Floats, Floats]]:
     """For each effect alone, its log odds (21,) and its gain (21,), counts², for each bin.
 
     Of an effect's likely forms, the largest counts: another recording may show another one.
+
+    Args:
+        confidence: of the limit of what few blocks leave open; 0.5 for the mean itself.
     """
     with threadpool_limits(1):
         structure = {}
         for score in scoring.scores([]):
-            found = [(score.weighed.by_channel, own_gain(scoring, score))]
+            found = [(score.weighed.by_channel, own_gain(scoring, score, confidence))]
             if score.effect.is_predictable and not score.effect.looks_at_residual:
-                found += _of_other_forms(scoring, score)
+                found += _of_other_forms(scoring, score, confidence)
             odds = np.max([odds for odds, _ in found], axis=0)
             gain = max((gain for _, gain in found), key=lambda gain: float(gain.sum()))
             bins = len(scoring.bins)
@@ -40,7 +43,7 @@ def structure_of(scoring: Scoring) -> dict[str, tuple[Floats, Floats]]:
         return structure
 
 
-def _of_other_forms(scoring: Scoring, score: Score) -> list[tuple[Floats, Floats]]:
+def _of_other_forms(scoring: Scoring, score: Score, confidence: float) -> list[tuple[Floats, Floats]]:
     bases = scoring.bases([])
     base = bases.plain if score.effect.is_constant else bases.beside
     likely = []
@@ -49,13 +52,13 @@ def _of_other_forms(scoring: Scoring, score: Score) -> list[tuple[Floats, Floats
         likely.append((form, weighed))
     least = LIKELY * max(weighed.log_evidence for _, weighed in likely)
     return [
-        (weighed.by_channel, own_gain(scoring, replace(score, form=form, weighed=weighed)))
+        (weighed.by_channel, own_gain(scoring, replace(score, form=form, weighed=weighed), confidence))
         for form, weighed in likely
         if weighed.log_evidence >= max(least, 0.0) and form is not score.form
     ]
 
 
-def own_gain(scoring: Scoring, score: Score) -> Floats:
+def own_gain(scoring: Scoring, score: Score, confidence: float = OPEN) -> Floats:
     """(21,) what an effect takes off the squared error in every channel, counts².
 
     Bins that weights are fitted to say too much, held-out bins say as much too little (Akaike 1974).
@@ -77,6 +80,6 @@ def own_gain(scoring: Scoring, score: Score) -> Floats:
     energy = np.maximum((folds[0].before * folds[0].noise).sum(axis=0), 1e-9)
     by_fold = products.folds * (seen / energy)
     error = np.array([corrected_standard_error(own, 1.0 / (products.folds - 1)) for own in by_fold.T])
-    limit = float(stats.t.ppf(OPEN, products.folds - 1))
+    limit = float(stats.t.ppf(confidence, products.folds - 1))
     own = np.maximum(0.5 * (seen + unseen).sum(axis=0), 0.0)
     return np.asarray((own + limit * error * energy) * scoring.whitening.scale**2)

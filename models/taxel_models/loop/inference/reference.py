@@ -1,19 +1,21 @@
 """The reference: a model's own held-out residual, which says what the model gets wrong anyway."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Final
 
 import numpy as np
 from scipy import stats
 
 from taxel.errors import RecordingError
-from taxel.manifest import HeldOutResidual, OwnStructure
+from taxel.manifest import HeldOutResidual, KindResidual, OwnStructure
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks, cut
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED, Constants
-from taxel_models.loop.inference.own_structure import structure_of
+from taxel_models.loop.inference.kinds import kind_columns
+from taxel_models.loop.inference.own_structure import OPEN, structure_of
 from taxel_models.loop.inference.scoring import Scoring
 from taxel_models.loop.inference.whitening import Bins, NoiseShape
 from taxel_models.loop.observations import Observations, gather
@@ -23,19 +25,51 @@ from taxel_models.recordings import Recording
 KEPT: Final = 0.05
 """Blocks that the reference leaves out; the inference wants an evaluation part."""
 
+MEAN: Final = 0.5
+"""The confidence of a limit that is the mean."""
+
+FEWEST_ROWS: Final = 1000
+"""Of a kind, 10 s."""
+
+FEWEST_KINDS: Final = 3
+"""To tell how far kinds differ."""
+
 FEWEST_CONTACTS: Final = 4
 """With fewer, blocks of a few seconds tell how far the mean error may lie."""
 
 
 def held_out_residual(
-    model: Model, recordings: Sequence[Recording], constants: Constants = DECLARED
+    model: Model,
+    recordings: Sequence[Recording],
+    constants: Constants = DECLARED,
+    progress: Callable[[str], None] | None = None,
 ) -> HeldOutResidual | None:
-    """Of a model and the recordings that its training held out; None where they are too short."""
+    """Of a model and the recordings that its training held out; None where they are too short.
+
+    Args:
+        constants: of the inference.
+        progress: is told what is looked at.
+    """
+    progress = progress or _silent
     try:
         observations = gather(model, recordings, measured_temperature=True)
-        blocks = cut(observations, seed=0, held_out=KEPT)
+        found = _residual_of(observations, constants, progress)
     except RecordingError:
         return None
+    kinds = {
+        column: _residual_of_one_kind(observations, column, constants, progress)
+        for column in kind_columns(observations)
+    }
+    return found.model_copy(update={"one_kind": {column: own for column, own in kinds.items() if own}})
+
+
+def _residual_of(
+    observations: Observations,
+    constants: Constants,
+    progress: Callable[[str], None],
+    confidence: float = OPEN,
+) -> HeldOutResidual:
+    blocks = cut(observations, seed=0, held_out=KEPT)
     residual = observations.residual
     shape = NoiseShape.of(Bins.of(blocks, constants.bin_s), residual, constants.fading_s)
     found = HeldOutResidual(
@@ -45,16 +79,43 @@ def held_out_residual(
         fading=tuple(shape.fading.tolist()),
     )
     effects = candidates(observations)
-    scoring = Scoring(observations, blocks, effects, found, constants, lambda _: None)
+    scoring = Scoring(observations, blocks, effects, found, constants, progress)
     structure = {
         name: OwnStructure(log_evidence=tuple(log_evidence.tolist()), gain=tuple(gain.tolist()))
-        for name, (log_evidence, gain) in structure_of(scoring).items()
+        for name, (log_evidence, gain) in structure_of(scoring, confidence).items()
     }
     if Offset.name in structure:
         own = structure[Offset.name]
         gain = np.array(own.gain) + scoring.whitened_constant(_unknown_mean(observations, blocks))
         structure[Offset.name] = own.model_copy(update={"gain": tuple(gain.tolist())})
     return found.model_copy(update={"structure": structure})
+
+
+def _residual_of_one_kind(
+    observations: Observations, column: str, constants: Constants, progress: Callable[[str], None]
+) -> KindResidual | None:
+    """Of a recording of one value of a column; None where fewer than three values have enough rows.
+
+    There is little of each value, so all values together say how much one may show.
+    """
+    found = []
+    values = observations.covariates[column]
+    kinds, rows = np.unique(values, return_counts=True)
+    for kind in kinds[rows >= FEWEST_ROWS]:
+        progress(f"{column} {kind:g}")
+        with suppress(RecordingError):
+            found.append(_residual_of(observations.kept(values == kind), constants, _silent, MEAN))
+    if len(found) < FEWEST_KINDS:
+        return None
+    structure = {}
+    for name in {name for one in found for name in one.structure}:
+        of_kinds = [one.structure[name] for one in found if name in one.structure]
+        figures = np.array([(own.log_evidence, own.gain) for own in of_kinds])
+        if len(figures) >= FEWEST_KINDS:
+            odds, gain = figures.mean(axis=0) + figures.std(axis=0, ddof=1)
+            structure[name] = OwnStructure(log_evidence=tuple(odds.tolist()), gain=tuple(gain.tolist()))
+    std = np.sqrt(np.mean([np.square(one.std) for one in found], axis=0))
+    return KindResidual(std=tuple(std.tolist()), structure=dict(sorted(structure.items())))
 
 
 def _unknown_mean(observations: Observations, blocks: Blocks) -> Floats:
@@ -69,3 +130,6 @@ def _unknown_mean(observations: Observations, blocks: Blocks) -> Floats:
     means = np.array([observations.residual[unit == one].mean(axis=0) for one in np.unique(unit)])
     count = len(means)
     return np.asarray(stats.t.ppf(0.975, count - 1) * means.std(axis=0, ddof=1) / np.sqrt(count))
+
+
+def _silent(_: str) -> None: ...

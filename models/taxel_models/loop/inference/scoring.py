@@ -33,6 +33,7 @@ from taxel_models.loop.inference.evidence import (
     weigh,
 )
 from taxel_models.loop.inference.forms import Form, prepared
+from taxel_models.loop.inference.kinds import counted
 from taxel_models.loop.inference.score import Score, Taken
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
@@ -301,8 +302,7 @@ class Scoring:
         """(21,) log odds that the model's own residual gives an effect."""
         if self._reference is None or name not in self._reference.structure:
             return 0.0
-        # Where other effects make the residual larger, the model's own structure is a smaller part of it.
-        part = np.minimum(1.0, (np.array(self._reference.std) / self.whitening.scale) ** 2)
+        part, _ = counted(name, np.array(self._reference.std), self.whitening.scale)
         usual = np.array(self._reference.structure[name].log_evidence)
         return np.asarray(usual * part * len(self.bins))
 
@@ -311,11 +311,8 @@ class Scoring:
         if self._reference is None or name not in self._reference.structure:
             return 0.0
         _, bins = np.unique(self.bins.fold, return_counts=True)
-        gain = np.array(self._reference.structure[name].gain)
-        if name not in (Offset.name, ContactOffset.name):
-            # Where the residual is smaller than the model's own, so is what is usual of it. Means are not:
-            # they scatter from recording to recording, and a residual's size leaves them out.
-            gain *= np.minimum(1.0, (self.whitening.scale / np.array(self._reference.std)) ** 2)
+        _, part = counted(name, np.array(self._reference.std), self.whitening.scale)
+        gain = part * np.array(self._reference.structure[name].gain)
         return np.asarray(bins[:, None] * gain / (tested.noise * self.whitening.scale**2))
 
     def unknown_mean(self) -> Floats:

@@ -1,0 +1,71 @@
+"""Kinds: a model errs in its own way on each material, and a recording may have few of them."""
+
+import numpy as np
+
+from taxel.channels import CHANNELS
+from taxel.manifest import HeldOutResidual, OwnStructure
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.effects.covariate import NOT_COVARIATES, are_kinds
+from taxel_models.loop.effects.offset import Offset
+from taxel_models.loop.inference.contact_offset import ContactOffset
+from taxel_models.loop.observations import Observations
+
+
+def kind_columns(observations: Observations) -> list[str]:
+    """Columns that name at least two kinds."""
+    return [
+        name
+        for name, values in observations.covariates.items()
+        if name not in NOT_COVARIATES and are_kinds(kinds := np.unique(values)) and len(kinds) > 1
+    ]
+
+
+def counted(effect: str, std: Floats, scale: Floats) -> Floats:
+    """(2, 21) parts of an effect's usual log odds and usual gain that count where the residual has a scale.
+
+    Where other effects make the residual larger, the model's own structure is a smaller part of it. Where
+    the residual is smaller than the model's own, so is what is usual of it. Means are not: they scatter
+    from recording to recording, and a residual's size leaves them out.
+
+    Args:
+        std: (21,) of the model's own held-out residual, counts.
+        scale: (21,) of the residual, counts.
+    """
+    odds = np.minimum(1.0, (std / scale) ** 2)
+    mean = effect in (Offset.name, ContactOffset.name)
+    gain = np.ones(len(CHANNELS)) if mean else np.minimum(1.0, (scale / np.maximum(std, 1e-9)) ** 2)
+    return np.array([odds, gain])
+
+
+def of_its_kinds(reference: HeldOutResidual, observations: Observations) -> HeldOutResidual:
+    """The reference, with what may be usual of the few kinds that a recording has.
+
+    A weight of one kind is a common one plus one of its own. Where the own ones are independent of each
+    other, a weight that is fitted to kinds with the shares p of the rows explains what the common one does,
+    and sum(p**2) of what the own ones do. So a recording of one kind is judged as such, and one of many
+    kinds nearly as all of them together.
+    """
+    scale = np.maximum(observations.residual.std(axis=0), 1e-9)
+    structure = {name: _figures(own) for name, own in reference.structure.items()}
+    for column, one in reference.one_kind.items():
+        if column not in observations.covariates:
+            continue
+        _, rows = np.unique(observations.covariates[column], return_counts=True)
+        alone = float(((rows / rows.sum()) ** 2).sum())
+        for name in one.structure.keys() & structure.keys():
+            unit = counted(name, np.array(reference.std), scale)
+            own = _figures(one.structure[name]) * counted(name, np.array(one.std), scale) / unit
+            structure[name] = np.maximum(structure[name], (1.0 - alone) * structure[name] + alone * own)
+    return reference.model_copy(
+        update={
+            "structure": {
+                name: OwnStructure(log_evidence=tuple(odds.tolist()), gain=tuple(gain.tolist()))
+                for name, (odds, gain) in structure.items()
+            },
+            "one_kind": {},
+        }
+    )
+
+
+def _figures(own: OwnStructure) -> Floats:
+    return np.array([own.log_evidence, own.gain])

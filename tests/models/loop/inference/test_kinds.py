@@ -1,0 +1,106 @@
+"""What a model gets wrong anyway on one material, and what that means for a recording of it alone."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from taxel.manifest import HeldOutResidual, KindResidual, Manifest, OwnStructure
+from taxel_models.loop.effects.covariate import Covariate
+from taxel_models.loop.inference.kinds import of_its_kinds
+from taxel_models.loop.inference.reference import held_out_residual
+from taxel_models.loop.observations import Observations
+from taxel_models.loop.pipeline import LoopSettings, run_loop
+from taxel_models.recordings import Recording
+
+Make = Callable[..., Recording]
+SHARES = {1.0: 0.14, 2.0: -0.14, 3.0: 0.0}
+"""By which the signal of each kind is larger than the model says."""
+
+
+def own(gain: float) -> OwnStructure:
+    return OwnStructure(log_evidence=(gain / 10.0,) * 21, gain=(gain,) * 21)
+
+
+def known() -> HeldOutResidual:
+    one = KindResidual(std=(2.0,) * 21, structure={"gain": own(8.0), "drift": own(0.1)})
+    same = (0.2,) * 21
+    structure = {"gain": own(1.0), "drift": own(0.5), "offset:contact": own(3.0)}
+    return HeldOutResidual(
+        rows=900, std=(3.0,) * 21, shared=same, fading=same, structure=structure, one_kind={"material": one}
+    )
+
+
+def of(observations: Observations, values: list[float]) -> HeldOutResidual:
+    """What is known, for a recording of these materials."""
+    column = np.resize(np.array(values), len(observations))
+    return of_its_kinds(known(), replace(observations, covariates={"material": column}))
+
+
+def test_one_kind_is_judged_as_such(observations: Observations) -> None:
+    one = of(observations, [7.0])
+    assert one.structure["gain"].gain[0] == pytest.approx(8.0)
+    # A residual of 4 counts: 2 squared of 16 are the kind's own, 3 squared of 16 are usual of the model.
+    assert one.structure["gain"].log_evidence[0] == pytest.approx(0.8 * 4.0 / 9.0, rel=1e-3)
+    assert one.one_kind == {}
+
+
+def test_what_one_kind_does_not_show_all_together_do(observations: Observations) -> None:
+    one = of(observations, [7.0])
+    assert one.structure["drift"].gain[0] == pytest.approx(0.5)
+    assert one.structure["offset:contact"].gain[0] == pytest.approx(3.0)
+
+
+def test_own_parts_of_several_kinds_cancel_out(observations: Observations) -> None:
+    both = of(observations, [1.0, 2.0])
+    assert both.structure["gain"].gain[0] == pytest.approx(0.5 * 1.0 + 0.5 * 8.0, rel=1e-3)
+    unequal = of(observations, [1.0] * 9 + [2.0])
+    assert unequal.structure["gain"].gain[0] == pytest.approx(0.18 * 1.0 + 0.82 * 8.0, rel=1e-2)
+    many = of(observations, list(range(10)))
+    assert many.structure["gain"].gain[0] == pytest.approx(0.9 * 1.0 + 0.1 * 8.0, rel=1e-2)
+
+
+def test_a_recording_without_the_column_is_judged_by_all_together(observations: Observations) -> None:
+    together = known().model_copy(update={"one_kind": {}})
+    assert of_its_kinds(known(), replace(observations, covariates={})) == together
+
+
+def errs_by_kind(smooth: Any, make: Make, seed: int, kinds: list[float]) -> Recording:
+    """The model's signal is off by another share on each material, and right in the mean."""
+    recording = make(9_000, seed=seed)
+    material = np.repeat(np.resize(np.array(kinds), 30), 300)
+    signal = smooth.counts(recording.samples.position, recording.samples.force) - smooth.counts(
+        recording.samples.position, 0.0 * recording.samples.force
+    )
+    share = np.array([SHARES[one] for one in material])[:, None]
+    channels = np.clip(np.rint(recording.channels + share * signal), 0, 4095)
+    return replace(recording, channels=channels, covariates={"material": material})
+
+
+def test_a_models_error_on_one_material_is_no_gain_of_the_sensor(smooth: Any, make: Make) -> None:
+    reference = held_out_residual(smooth, [errs_by_kind(smooth, make, 8, [1.0, 2.0, 3.0])])
+    assert reference is not None
+    assert set(reference.one_kind) == {"material"}
+    manifest = smooth.manifest.model_copy(update={"held_out_residual": reference})
+    assert Manifest.model_validate_json(manifest.model_dump_json()) == manifest
+
+    recording = errs_by_kind(smooth, make, 4, [1.0])
+    together = reference.model_copy(update={"one_kind": {}})
+    first = run_loop(smooth, [recording], LoopSettings(), reference=together).findings
+    assert "gain" in [effect.name for effect in first.effects]
+    assert first.one_kind == ("material",)
+    second = run_loop(smooth, [recording], LoopSettings(), reference=reference).findings
+    assert second.effects == ()
+    assert second.one_kind == ()
+
+
+def test_numbers_of_contacts_are_no_covariate(observations: Observations) -> None:
+    numbers = replace(observations, covariates={"trial": observations.segment.astype(np.float64)})
+    several = replace(observations, segment=np.arange(len(observations)) // 300)
+    trial = replace(several, covariates={"trial": several.segment.astype(np.float64)})
+    assert "number the contacts" in (Covariate("trial").out_of_scope(trial) or "")
+    twice = replace(several, covariates={"trial": several.segment // 2.0})
+    assert Covariate("trial").out_of_scope(twice) is None
+    assert Covariate("trial").out_of_scope(numbers) is None
