@@ -212,10 +212,12 @@ class KindResidual(Schema):
     Attributes:
         std: root of the mean square of each channel's residual, counts.
         structure: what each effect explains of it: mean over the kinds, and one standard deviation more.
+        herfindahl: sum of the squared shares of the rows that each kind has in all recordings together.
     """
 
     std: NotNegativePerChannel
     structure: dict[str, OwnStructure]
+    herfindahl: Annotated[float, Field(gt=0, lt=1)]
 
 
 class HeldOutResidual(Schema):

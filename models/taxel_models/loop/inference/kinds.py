@@ -37,21 +37,27 @@ def counted(effect: str, std: Floats, scale: Floats) -> Floats:
     return np.array([odds, gain])
 
 
+def herfindahl(values: Floats) -> float:
+    """Sum of the squared shares of the rows that each value has; 1 where there is one value only."""
+    _, rows = np.unique(values, return_counts=True)
+    return float(((rows / len(values)) ** 2).sum())
+
+
 def of_its_kinds(reference: HeldOutResidual, observations: Observations) -> HeldOutResidual:
     """The reference, with what may be usual of the few kinds that a recording has.
 
     A weight of one kind is a common one plus one of its own. Where the own ones are independent of each
-    other, a weight that is fitted to kinds with the shares p of the rows explains what the common one does,
-    and sum(p**2) of what the own ones do. So a recording of one kind is judged as such, and one of many
-    kinds nearly as all of them together.
+    other, a weight that is fitted to several kinds explains what the common one does, and of what the own
+    ones do the share of the Herfindahl index of the kinds' rows. So a recording of one kind is judged as
+    such, and one of as many kinds as the reference has as all of them together.
     """
     scale = np.maximum(observations.residual.std(axis=0), 1e-9)
     structure = {name: _figures(own) for name, own in reference.structure.items()}
     for column, one in reference.one_kind.items():
         if column not in observations.covariates:
             continue
-        _, rows = np.unique(observations.covariates[column], return_counts=True)
-        alone = float(((rows / rows.sum()) ** 2).sum())
+        few = herfindahl(observations.covariates[column]) - one.herfindahl
+        alone = max(few, 0.0) / (1.0 - one.herfindahl)
         for name in one.structure.keys() & structure.keys():
             unit = counted(name, np.array(reference.std), scale)
             own = _figures(one.structure[name]) * counted(name, np.array(one.std), scale) / unit

@@ -14,7 +14,7 @@ from taxel_models.loop.blocks import Blocks, cut
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED, Constants
-from taxel_models.loop.inference.kinds import kind_columns
+from taxel_models.loop.inference.kinds import herfindahl, kind_columns
 from taxel_models.loop.inference.own_structure import OPEN, structure_of
 from taxel_models.loop.inference.scoring import Scoring
 from taxel_models.loop.inference.whitening import Bins, NoiseShape
@@ -115,7 +115,9 @@ def _residual_of_one_kind(
             odds, gain = figures.mean(axis=0) + figures.std(axis=0, ddof=1)
             structure[name] = OwnStructure(log_evidence=tuple(odds.tolist()), gain=tuple(gain.tolist()))
     std = np.sqrt(np.mean([np.square(one.std) for one in found], axis=0))
-    return KindResidual(std=tuple(std.tolist()), structure=dict(sorted(structure.items())))
+    return KindResidual(
+        std=tuple(std.tolist()), structure=dict(sorted(structure.items())), herfindahl=herfindahl(values)
+    )
 
 
 def _unknown_mean(observations: Observations, blocks: Blocks) -> Floats:

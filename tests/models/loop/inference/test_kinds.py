@@ -25,7 +25,8 @@ def own(gain: float) -> OwnStructure:
 
 
 def known() -> HeldOutResidual:
-    one = KindResidual(std=(2.0,) * 21, structure={"gain": own(8.0), "drift": own(0.1)})
+    structure = {"gain": own(8.0), "drift": own(0.1)}
+    one = KindResidual(std=(2.0,) * 21, structure=structure, herfindahl=0.1)
     same = (0.2,) * 21
     structure = {"gain": own(1.0), "drift": own(0.5), "offset:contact": own(3.0)}
     return HeldOutResidual(
@@ -55,11 +56,12 @@ def test_what_one_kind_does_not_show_all_together_do(observations: Observations)
 
 def test_own_parts_of_several_kinds_cancel_out(observations: Observations) -> None:
     both = of(observations, [1.0, 2.0])
-    assert both.structure["gain"].gain[0] == pytest.approx(0.5 * 1.0 + 0.5 * 8.0, rel=1e-3)
+    assert both.structure["gain"].gain[0] == pytest.approx(1.0 + 7.0 * 0.4 / 0.9, rel=1e-3)
     unequal = of(observations, [1.0] * 9 + [2.0])
-    assert unequal.structure["gain"].gain[0] == pytest.approx(0.18 * 1.0 + 0.82 * 8.0, rel=1e-2)
-    many = of(observations, list(range(10)))
-    assert many.structure["gain"].gain[0] == pytest.approx(0.9 * 1.0 + 0.1 * 8.0, rel=1e-2)
+    assert unequal.structure["gain"].gain[0] == pytest.approx(1.0 + 7.0 * 0.72 / 0.9, rel=1e-2)
+    for kinds in (10, 30):
+        many = of(observations, list(range(kinds)))
+        assert many.structure["gain"].gain[0] == pytest.approx(1.0, rel=1e-2)
 
 
 def test_a_recording_without_the_column_is_judged_by_all_together(observations: Observations) -> None:
