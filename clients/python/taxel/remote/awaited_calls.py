@@ -1,6 +1,7 @@
 """How the asynchronous face waits: in its event loop, with no thread for a call."""
 
 import asyncio
+import time
 from asyncio import AbstractEventLoop
 from contextlib import suppress
 from typing import Final
@@ -12,11 +13,21 @@ from typing_extensions import override
 from taxel.errors import DeadlineExceeded, RequestError
 from taxel.lane.async_client import AsyncLane
 from taxel.lane.prompt_future import PromptFuture
-from taxel.remote.query_transport import QueryTransport
+from taxel.polling import PollingInLoop, give_way
+from taxel.remote.query_transport import Polled, QueryTransport
 from taxel.remote.waiting import Reply, Waiting
 
 _PATIENCE_S: Final = 1.0
 """How much longer than a query's timeout its transport may take to tell that it has passed."""
+
+_POLL_S: Final = 2e-4
+"""A lone query's answer is looked for again and again for so long before the loop turns."""
+
+_QUICK_S: Final = 4e-4
+"""Where the last answer took longer, the next one is not looked for in this way."""
+
+_LOOK_AGAIN_S: Final = 1e-3
+"""How often it is looked for after that."""
 
 
 class AwaitedCalls(Waiting[AsyncLane]):
@@ -28,6 +39,8 @@ class AwaitedCalls(Waiting[AsyncLane]):
 
     def __init__(self, loop: AbstractEventLoop) -> None:
         self._loop = loop
+        self._polling = PollingInLoop(loop, _QUICK_S)
+        self._waiting = 0
 
     @override
     async def ask(
@@ -37,6 +50,39 @@ class AwaitedCalls(Waiting[AsyncLane]):
         payload: bytes | None,
         timeout: float,
         cancel_key: str | None = None,
+    ) -> bytes:
+        began = time.monotonic()
+        alone = not self._waiting and self._polling.may_poll(began)
+        polled = transport.start_polled(key, payload, timeout, cancel_key) if alone else None
+        self._waiting += 1
+        try:
+            if polled is not None:
+                return await self._looked_for(polled, began)
+            return await self._called_back(transport, key, payload, timeout, cancel_key)
+        finally:
+            self._waiting -= 1
+            self._polling.note(time.monotonic() - began)
+
+    @staticmethod
+    async def _looked_for(polled: Polled, began: float) -> bytes:
+        try:
+            while (answer := polled.look()) is None:
+                if time.monotonic() < began + _POLL_S:
+                    give_way()
+                else:
+                    await asyncio.sleep(_LOOK_AGAIN_S)
+        except asyncio.CancelledError:
+            polled.give_up()
+            raise
+        return answer
+
+    async def _called_back(
+        self,
+        transport: QueryTransport,
+        key: str,
+        payload: bytes | None,
+        timeout: float,
+        cancel_key: str | None,
     ) -> bytes:
         answer: PromptFuture[bytes] = PromptFuture(loop=self._loop)
 

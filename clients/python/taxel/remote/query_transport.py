@@ -6,7 +6,7 @@ only inference (`taxel.lane`).
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Protocol
 
 from taxel.errors import RequestError
 
@@ -16,6 +16,16 @@ Done = Callable[[bytes | RequestError], None]
 
 def nothing_to_give_up() -> None:
     """Of a query that has ended, or whose server need not be told."""
+
+
+class Polled(Protocol):
+    """A query on its way, whose answer can be looked for."""
+
+    def look(self) -> bytes | None:
+        """The answer, if it is there; raises as the function that `QueryTransport.start` returns."""
+
+    def give_up(self) -> None:
+        """Nobody waits for the answer any more: the server is told."""
 
 
 class QueryTransport(ABC):
@@ -66,6 +76,13 @@ class QueryTransport(ABC):
             What to call if nobody waits for the answer any more: it tells the server. `done` is called all
             the same.
         """
+
+    def start_polled(
+        self, key: str, payload: bytes | None, timeout: float, cancel_key: str | None = None
+    ) -> Polled | None:
+        """Send a query, as `start` does; None, and nothing is sent, where answers cannot be looked for."""
+        del key, payload, timeout, cancel_key
+        return None
 
     @abstractmethod
     def silence(self, key: str) -> RequestError:

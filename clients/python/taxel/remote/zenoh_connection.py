@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Final, Literal
 
 import zenoh
 from typing_extensions import override
-from zenoh.handlers import Callback
+from zenoh.handlers import Callback, Handler
 
 from taxel.endpoints import reason_of
 from taxel.errors import (
@@ -26,7 +26,7 @@ from taxel.first_reply import first_reply
 from taxel.protocol import unpack_error
 from taxel.remote.credentials import Credentials
 from taxel.remote.known_servers import TIMEOUT, KnownServers
-from taxel.remote.query_transport import Done, QueryTransport
+from taxel.remote.query_transport import Done, Polled, QueryTransport
 from taxel.remote.zenoh_opening import open_client_session
 from taxel.zenoh_process import close_session, leave_behind_after_fork
 
@@ -125,21 +125,7 @@ class Connection(QueryTransport):
         self, key: str, payload: bytes | None, timeout: float, cancel_key: str | None = None
     ) -> Callable[[], bytes]:
         started = time.monotonic()
-        source = self._source if cancel_key is None else self._named()
-        querier = self._queriers.get((key, timeout))
-        try:
-            if querier is not None:
-                replies = querier.get(payload=payload, source_info=source)
-            else:
-                replies = self._session.get(
-                    key,
-                    payload=payload,
-                    timeout=timeout,
-                    consolidation=_AS_THEY_COME,
-                    source_info=source,
-                )
-        except zenoh.ZError as error:
-            raise self._broken(error) from None
+        replies, source = self._sent(key, payload, timeout, cancel_key)
 
         def answer() -> bytes:
             stranger = None
@@ -163,6 +149,44 @@ class Connection(QueryTransport):
             return outcome
 
         return answer
+
+    @override
+    def start_polled(
+        self, key: str, payload: bytes | None, timeout: float, cancel_key: str | None = None
+    ) -> Polled:
+        started = time.monotonic()
+        replies, source = self._sent(key, payload, timeout, cancel_key)
+        return _PolledQuery(
+            self, replies, key, timeout, started, partial(self._give_up, cancel_key, source)
+        )
+
+    def outcome(
+        self,
+        reply: zenoh.Reply | None,
+        key: str,
+        timeout: float,
+        started: float,
+        stranger: zenoh.Reply | None,
+    ) -> bytes | RequestError | None:
+        """What a reply says, or the end of replies if it is None; None if it comes from a stranger."""
+        if reply is None:
+            return self._end(key, timeout, started, stranger)
+        return self._outcome(reply, key, timeout) if self._known.answers(reply) else None
+
+    def _sent(
+        self, key: str, payload: bytes | None, timeout: float, cancel_key: str | None
+    ) -> tuple[Handler[zenoh.Reply], zenoh.SourceInfo]:
+        """Send a query: where its replies come, and its name."""
+        source = self._source if cancel_key is None else self._named()
+        querier = self._queriers.get((key, timeout))
+        try:
+            if querier is not None:
+                return querier.get(payload=payload, source_info=source), source
+            return self._session.get(
+                key, payload=payload, timeout=timeout, consolidation=_AS_THEY_COME, source_info=source
+            ), source
+        except zenoh.ZError as error:
+            raise self._broken(error) from None
 
     @override
     def send(
@@ -259,6 +283,45 @@ class Connection(QueryTransport):
 
     def _broken(self, error: zenoh.ZError) -> Unavailable:
         return Unavailable(f"{self.endpoint}: {reason_of(error)}")
+
+
+class _PolledQuery:
+    """A query whose replies come into a channel, which nobody waits at."""
+
+    def __init__(
+        self,
+        connection: Connection,
+        replies: Handler[zenoh.Reply],
+        key: str,
+        timeout: float,
+        started: float,
+        give_up: Callable[[], None],
+    ) -> None:
+        self._connection = connection
+        self._replies = replies
+        self._asked = key, timeout, started
+        self._stranger: zenoh.Reply | None = None
+        self.give_up = give_up
+
+    def look(self) -> bytes | None:
+        try:
+            reply = self._replies.try_recv()
+        except zenoh.ZError:
+            ended, reply = True, None
+        else:
+            ended = False
+        if reply is None and not ended:
+            return None
+        outcome = self._connection.outcome(reply, *self._asked, self._stranger)
+        if isinstance(outcome, RequestError):
+            # The server's own comes earlier.
+            _, timeout, started = self._asked
+            if isinstance(outcome, DeadlineExceeded) and time.monotonic() - started >= timeout:
+                self.give_up()
+            raise outcome
+        if outcome is None:
+            self._stranger = reply
+        return outcome
 
 
 def _ignore(_: zenoh.Reply) -> None: ...
