@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from llvmlite import ir
-from numba.core import types
+from numba.core import cgutils, types
 from numba.extending import intrinsic, models, register_model
 
 _BYTE = ir.IntType(8)
@@ -168,6 +168,22 @@ def prefetch(_context: Any, _address: Any, literal_level: Any) -> Any:
         return context.get_dummy_value()
 
     return types.void(types.intp, literal_level), generate
+
+
+@operation
+def call(_context: Any, _function: Any, arguments: Any) -> Any:
+    """Calls a function by its address with the addresses and counts in a tuple; it returns nothing.
+
+    So a kernel takes another kernel as an argument.
+    """
+
+    def generate(context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        kind = ir.FunctionType(ir.VoidType(), [ir.IntType(64)] * len(arguments))
+        values = cgutils.unpack_tuple(builder, given[1], len(arguments))
+        builder.call(builder.inttoptr(given[0], kind.as_pointer()), values)
+        return context.get_dummy_value()
+
+    return types.void(types.intp, arguments), generate
 
 
 @operation
