@@ -13,7 +13,8 @@ from typing import Any, Final
 
 import numpy as np
 from llvmlite import ir
-from numba.core import cgutils, types
+from numba import types
+from numba.core import cgutils
 from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.processor import register_bytes
