@@ -32,7 +32,7 @@ def held_out_residual(
 ) -> HeldOutResidual | None:
     """Of a model and the recordings that its training held out; None where they are too short."""
     try:
-        observations = gather(model, recordings, measured_temperature=True)
+        observations = gather(model, recordings)
         blocks = cut(observations, seed=0, held_out=KEPT)
     except RecordingError:
         return None

@@ -47,7 +47,6 @@ def propose(result: LoopResult, *, progress: Callable[[str], None] | None = None
         attribution.observations,
         result.blocks,
         attribution.residual,
-        bool(split["measured_temperature"]),
         result.reference,
         replace(DECLARED, least_share=float(split["least_share"])),
     )

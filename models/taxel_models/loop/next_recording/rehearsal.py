@@ -38,7 +38,6 @@ class Ground:
         observations: of the recordings at hand, with their inputs put right.
         blocks: theirs.
         left: (n, 21) what no named effect explains, counts: the noise.
-        measured_temperature: whether the model is given the recording's temperature.
         reference: the model's own held-out residual; None if it is not known.
         constants: of the inference.
     """
@@ -46,7 +45,6 @@ class Ground:
     observations: Observations
     blocks: Blocks
     left: Floats
-    measured_temperature: bool
     reference: HeldOutResidual | None
     constants: Constants
 
@@ -113,7 +111,7 @@ def rehearse(
     right, left = 0, DRAWS * len(causes)
     for _ in range(DRAWS):
         recording = ground.placed(perform(protocol, int(random.integers(1 << 31))))
-        observations = gather(ground.model, [recording], measured_temperature=ground.measured_temperature)
+        observations = gather(ground.model, [recording], withheld=ground.observations.withheld)
         blocks = cut(observations, seed=0)
         for cause in causes:
             counts = cause.counts(observations) + ground.noise(len(observations), random)
