@@ -135,8 +135,10 @@ def residual_model(
     chosen: list[tuple[str, ...]] = []
     best = _Fit.of(data, chosen, WIDTHS[1], COSINES_TRIED, seed)
     while len(chosen) < len(groups):
-        rest = [group for group in groups.values() if group not in chosen]
-        tried = {group: _Fit.of(data, [*chosen, group], WIDTHS[1], COSINES_TRIED, seed) for group in rest}
+        remaining = [group for group in groups.values() if group not in chosen]
+        tried = {
+            group: _Fit.of(data, [*chosen, group], WIDTHS[1], COSINES_TRIED, seed) for group in remaining
+        }
         group = max(tried, key=lambda name: tried[name].falls.mean())
         if not _rises(tried[group].falls.mean(axis=1) - best.falls.mean(axis=1)):
             break

@@ -13,7 +13,7 @@ from taxel_models.loop.report.correlation_pictures import outside, strongest
 from taxel_models.loop.report.document import (
     Block,
     Document,
-    Fold,
+    Folded,
     Heading,
     Note,
     Paragraph,
@@ -139,7 +139,7 @@ def _parameters(effect: FoundEffect) -> list[Block]:
     )
     table = Table(("parameter", "value", "95 % interval", "unit"), rows)
     if len(rows) > _MOST_OPEN:
-        return [Fold(f"{len(rows)} parameters with their intervals", (table,))]
+        return [Folded(f"{len(rows)} parameters with their intervals", (table,))]
     return [table] if rows else []
 
 

@@ -55,8 +55,8 @@ def assembled_lane(lanes: int) -> list[int]:
     places = []
     for place in range(lanes):
         register, inside = divmod(place, width)
-        part, rest = divmod(inside, quarter)
-        half, entry = divmod(rest, 4)
+        part, remaining = divmod(inside, quarter)
+        half, entry = divmod(remaining, 4)
         places.append(width * register + 16 * half + 4 * part + entry)
     return places
 
