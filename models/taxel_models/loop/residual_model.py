@@ -1,4 +1,4 @@
-"""A residual model: foretells what no named effect explains. It has no name and no cause.
+"""A residual model: predicts what no named effect explains. It has no name and no cause.
 
 It is a ridge regression on random features (Rahimi and Recht 2007) of what serving can compute: the base
 model's prediction, the window, memories of the force, and the recorded columns. It takes no calibration: an
@@ -281,12 +281,12 @@ class _Fit:
         features = np.cos(z @ projection + phases)
         sums = {fold: _Sums.of(data, features, data.fold == fold) for fold in np.unique(data.fold).tolist()}
         whole = _Sums(*(sum(parts) for parts in zip(*(part.parts for part in sums.values()), strict=True)))
-        foretold = np.empty((len(RIDGES), *data.target.shape))
+        predicted = np.empty((len(RIDGES), *data.target.shape))
         for fold, held in sums.items():
             rows = data.fold == fold
             weights, constants = whole.less(held).ridges()
-            foretold[:, rows] = features[rows] @ weights + constants[:, None]
-        falls = np.abs(data.target) - np.abs(data.target - foretold)
+            predicted[:, rows] = features[rows] @ weights + constants[:, None]
+        falls = np.abs(data.target) - np.abs(data.target - predicted)
         rows_of_block = np.diff(data.starts, append=len(z))
         falls = np.add.reduceat(falls, data.starts, axis=1) / rows_of_block[:, None]
         best = falls.mean(axis=1).argmax(axis=0)

@@ -1,4 +1,4 @@
-"""What no effect explains is foretold where it can be, and served as fitted; noise is left alone."""
+"""What no effect explains is predicted where it can be, and served as fitted; noise is left alone."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace

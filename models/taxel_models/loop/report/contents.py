@@ -189,7 +189,7 @@ def _confounding(told: Told) -> list[Block]:
     rows = tuple((name, *(shares.get((name, other), "") for other in along)) for name in quantities)
     text = (
         "Before anything is fitted: the share of each quantity's variance over rows in contact that "
-        "another one foretells. Where it is large, causes that depend on the two cannot be told apart."
+        "another one predicts. Where it is large, causes that depend on the two cannot be told apart."
     )
     return [Heading("What runs along with what"), Paragraph(text), Table(("quantity", *along), rows)]
 
