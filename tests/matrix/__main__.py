@@ -141,7 +141,7 @@ def _options() -> argparse.Namespace:
         "--extra-versions",
         action="append",
         choices=("tested", "lowest"),
-        help="What an extra by itself has: the versions of constraints.txt (tested, the default), or lowest.",
+        help="Versions for an extra by itself: of constraints.txt (tested, the default), or lowest.",
     )
     parser.add_argument("--jobs", type=int, default=1, help="Environments at a time, of about 1 GB each.")
     parser.add_argument("--json", action="store_true", help="Print one JSON object instead of a table.")
