@@ -111,7 +111,7 @@ def loop(
         seed=seed,
         held_out=held_out,
         hold_out_by=hold_out_by,
-        measured_temperature=temperature == "measured",
+        withheld=() if temperature == "measured" else ("tdc", "tac"),
         calibration_s=calibration,
         least_share=least_share,
         exclude=tuple(exclude or ()),

@@ -7,11 +7,11 @@ from typing import Final
 _REQUEST_BYTES: Final = 1024
 """Of a request, besides what arrived."""
 
-_REST_S: Final = 1.0
+_IDLE_S: Final = 1.0
 
 
 class FreeMemory:
-    """Notes what was handled; gives free memory back after much work and a rest."""
+    """Notes what was handled; gives free memory back when it is idle after much work."""
 
     MUCH_BYTES: Final = 8 * 2**20
     """Requests of so many bytes may have left memory behind."""
@@ -24,9 +24,9 @@ class FreeMemory:
         self._handled += size + _REQUEST_BYTES
 
     @property
-    def rest_s(self) -> float | None:
+    def idle_s(self) -> float | None:
         """After how many seconds without work `release` is to be called; None if there is no need."""
-        return _REST_S if self._handled > self.MUCH_BYTES else None
+        return _IDLE_S if self._handled > self.MUCH_BYTES else None
 
     def release(self) -> None:
         """Give the allocator's free pages back, where it is glibc.

@@ -64,7 +64,7 @@ def evidence_of(repository: Path, data: Path, version: str) -> Observations:
     with taxel.load(repository) as source:
         predictor = source.predictor(MODEL, version)
         recording = read_recording(data)
-        return gather(predictor, [recording], measured_temperature=True)
+        return gather(predictor, [recording])
 
 
 def test_what_is_exported_gives_what_was_reported(

@@ -1,6 +1,7 @@
 """Try the wheel on every Python, with the newest and the lowest packages, and each extra by itself.
 
-    python3 tests/matrix [--python 3.12] [--versions lowest] [--extra loop] [--json]
+    python3 tests/matrix [--python 3.12] [--versions lowest] [--json]
+                         [--extra loop] [--extra-versions lowest]
 
 Exit status: 0 where every environment passed, 1 where one failed, none was tried or a Python that was
 asked for is missing, 2 for bad use.
@@ -45,7 +46,11 @@ def main() -> int:
             for python in pythons.values()
             for versions in options.versions
         ]
-        alone = [partial(_extra, first, wheel, extra) for extra in options.extra]
+        alone = [
+            partial(_extra, first, wheel, extra, versions)
+            for versions in options.extra_versions
+            for extra in options.extra
+        ]
         with ThreadPoolExecutor(options.jobs) as pool:
             cells = list(pool.map(lambda step: step(), serving + alone))
     if options.json:
@@ -67,12 +72,15 @@ def _serving(python: Python, wheel: Path, versions: str) -> Cell:
     return _tried(Cell(python.version, "server", versions), python, wheel, install, CHECKS)
 
 
-def _extra(python: Python, wheel: Path, extra: str) -> Cell:
-    """An extra by itself, with the versions that the project is tested with."""
-    target = wheel if extra == "client" else f"{wheel}[{extra}]"
-    cell = Cell(python.version, "" if extra == "client" else extra, "tested")
-    install = partial(Environment.install, constraints=CONSTRAINTS)
-    return _tried(cell, python, wheel, lambda found: install(found, target), EXTRAS[extra])
+def _extra(python: Python, wheel: Path, extra: str, versions: str) -> Cell:
+    """An extra by itself, with the versions that the project is tested with, or with the lowest."""
+    name = "" if extra == "client" else extra
+
+    def install(found: Environment) -> None:
+        limits = CONSTRAINTS if versions == "tested" else lowest(found, ROOT, name)
+        found.install(f"{wheel}[{name}]" if name else wheel, constraints=limits)
+
+    return _tried(Cell(python.version, name, versions), python, wheel, install, EXTRAS[extra])
 
 
 def _tried(
@@ -127,13 +135,20 @@ def _options() -> argparse.Namespace:
         "--extra",
         action="append",
         choices=(*EXTRAS, "none"),
-        help="Only this extra by itself, tested: with the versions of constraints.txt.",
+        help="Only this extra by itself.",
+    )
+    parser.add_argument(
+        "--extra-versions",
+        action="append",
+        choices=("tested", "lowest"),
+        help="Versions for an extra by itself: of constraints.txt (tested, the default), or lowest.",
     )
     parser.add_argument("--jobs", type=int, default=1, help="Environments at a time, of about 1 GB each.")
     parser.add_argument("--json", action="store_true", help="Print one JSON object instead of a table.")
     options = parser.parse_args()
     options.versions = [one for one in options.versions or ("newest", "lowest") if one != "none"]
     options.extra = [one for one in options.extra or EXTRAS if one != "none"]
+    options.extra_versions = options.extra_versions or ["tested"]
     return options
 
 

@@ -13,7 +13,7 @@ from pythons import Python
 TIMEOUT_S = 1800
 
 # Their releases are source archives of plain Python; there is nothing to compile.
-_PURE = ("smac", "pynisher")
+PURE = ("smac", "pynisher")
 
 
 class Failed(Exception):
@@ -57,7 +57,7 @@ class Environment:
     def install(self, *requirements: str | Path, constraints: Path | None = None) -> None:
         """Install packages from wheels alone; `constraints` is a file of versions to take."""
         limits = ("-c", constraints) if constraints else ()
-        sources = [option for name in _PURE for option in ("--no-binary", name)]
+        sources = [option for name in PURE for option in ("--no-binary", name)]
         self.python(
             *("-m", "pip", "install", "-q", "--only-binary", ":all:", *sources), *limits, *requirements
         )

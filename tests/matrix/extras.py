@@ -17,7 +17,11 @@ REFUSED = {
     "watch": ("watch --demo --no-open",),
     "foxglove": ("watch twin.csv --mcap x.mcap",),
     "rerun": ("watch twin.csv --rerun x.rrd",),
-    "plot": ("recording twin.csv --plot x.png", "predict twin.csv --model xgb -o x.csv --report x"),
+    "plot": (
+        "recording twin.csv --plot x.png",
+        "predict twin.csv --model xgb -o x.csv --report x",
+        "frame -o x.svg",
+    ),
     "train": ("train --data twin.csv -o x", "export x --repository x"),
     "loop": (
         "loop --model xgb --repository x --data twin.csv -o x",
@@ -34,6 +38,8 @@ REFUSED = {
         "bench load --scenario single-stream --model xgb",
         "bench compare",
         "bench forms",
+        "bench lane",
+        "bench chaos",
     ),
 }
 

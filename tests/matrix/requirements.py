@@ -3,7 +3,7 @@
 import tomllib
 from pathlib import Path
 
-from environments import Environment, environment
+from environments import PURE, Environment, environment
 
 
 def extras(root: Path) -> dict[str, list[str]]:
@@ -16,6 +16,8 @@ def extras(root: Path) -> dict[str, list[str]]:
 def lowest(found: Environment, root: Path, extra: str) -> Path:
     """Constraints, as a file: each direct requirement of the project with an extra at its lower bound.
 
+    Without an extra, if its name is empty.
+
     Where the index has no wheel of that version or of what it needs for its Python, the next
     one that has. uv resolves them, in an environment of its own.
 
@@ -23,11 +25,13 @@ def lowest(found: Environment, root: Path, extra: str) -> Path:
         Failed: there are none.
     """
     constraints = found.work / "lowest.txt"
+    chosen = ("--extra", extra) if extra else ()
+    sources = [option for name in PURE for option in ("--no-binary", name)]
     with environment(found.interpreter) as resolver:
         resolver.install("uv")
         resolver.run(
-            *("uv", "pip", "compile", root / "pyproject.toml", "--extra", extra, "--quiet"),
-            *("--resolution", "lowest-direct", "--only-binary", ":all:"),
+            *("uv", "pip", "compile", root / "pyproject.toml", *chosen, "--quiet"),
+            *("--resolution", "lowest-direct", "--only-binary", ":all:", *sources),
             *("--python", found.folder / "bin" / "python", "--output-file", constraints),
         )
     return constraints

@@ -83,7 +83,7 @@ def recording(make: Make) -> Recording:
 @pytest.fixture(scope="session")
 def observations(smooth: SmoothModel, recording: Recording) -> Observations:
     """The recording beside the model: a residual of nothing but noise."""
-    return gather(smooth, [recording], measured_temperature=True)
+    return gather(smooth, [recording])
 
 
 @pytest.fixture

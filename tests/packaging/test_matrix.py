@@ -31,6 +31,18 @@ def test_every_extra_is_tried_by_itself(matrix: ModuleType) -> None:
     assert {*matrix.EXTRAS} - {"client"} == users
 
 
+def test_all_has_every_extra() -> None:
+    extras: dict[str, list[str]] = PROJECT["optional-dependencies"]
+    found, left = set[str](), ["all"]
+    while left:
+        for requirement in extras[left.pop()]:
+            if brought := re.fullmatch(r"taxel\[(.*)\]", requirement):
+                names = brought.group(1).split(",")
+                found |= {*names}
+                left += names
+    assert found == {*extras} - {"all", "dev"}
+
+
 def test_its_tests_import_only_what_a_server_has(matrix: ModuleType) -> None:
     """There, one import of something else would fail before the first test."""
     serving = importlib.import_module("serving")

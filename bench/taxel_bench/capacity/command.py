@@ -30,7 +30,7 @@ def capacity(
     rates: Annotated[str, typer.Option(help="Steps a second, with commas between.")] = "100,1000",
     transports: Annotated[str, typer.Option(help="How clients ask, with commas between.")] = "lane,zenoh",
     clients: Annotated[int, typer.Option(min=1, max=64, help="Processes that share the fingers.")] = 2,
-    seconds: Annotated[float, typer.Option(min=0.1, help="Least time of a trial.")] = 2.0,
+    seconds: Annotated[float, typer.Option(min=0.1, help="Least time of an attempt.")] = 2.0,
     most: Annotated[int, typer.Option(min=1, max=65_536, help="Fingers that are tried at most.")] = 16_384,
     repository: Annotated[
         Path | None, typer.Option(help="What the server serves; the shipped models if not set.")
@@ -42,7 +42,7 @@ def capacity(
     Each client asks for its part of the fingers in one request a step, as `predictor.fingers` does.
     """
     from taxel_bench.capacity.printing import capacity_table, service_table
-    from taxel_bench.capacity.search import result_of, search
+    from taxel_bench.capacity.search import find_capacity, result_of
     from taxel_bench.capacity.service_time import measure_service_time
     from taxel_bench.machine import describe_machine
     from taxel_models.shipped import shipped_repository
@@ -69,8 +69,8 @@ def capacity(
                 for rate in steps:
                     status.update(f"{model} over {transport} at {rate} Hz")
                     attempt = partial(asking.try_fingers, model, transport, rate)
-                    fingers, trials = search(attempt, most)
-                    results.append(result_of(model, transport, rate, fingers, trials, most))
+                    fingers, attempts = find_capacity(attempt, most)
+                    results.append(result_of(model, transport, rate, fingers, attempts, most))
     if as_json:
         told = {"machine": machine, "clients": clients, "seconds": seconds, "service": services}
         print_json({**told, "results": results})
@@ -95,6 +95,6 @@ def generator(repository: Path, clients: int, seconds: float) -> "Iterator[Gener
         running_server_process(repository) as server,
         ProcessPoolExecutor(clients, context) as pool,
     ):
-        # A process starts with its first task; the first trial must not wait for that.
+        # A process starts with its first task; the first attempt must not wait for that.
         list(pool.map(abs, range(4 * clients)))
         yield Generator(pool, server, clients, seconds)

@@ -18,7 +18,7 @@ from taxel_bench.server_process import RunningServer
 from taxel_bench.verdict import queries_for, verdict
 
 FIRST: Final = 32
-"""Fingers of the first trial."""
+"""Fingers of the first attempt."""
 
 CLOSE: Final = 1.1
 """The search ends where the least that does not fit is at most so many times the most that does."""
@@ -34,7 +34,7 @@ _HEAD_START_S: Final = 0.2
 
 
 @dataclass(frozen=True)
-class Trial:
+class Attempt:
     """So many fingers, asked for a while.
 
     Attributes:
@@ -65,7 +65,7 @@ class Generator:
     clients: int
     seconds: float
 
-    def try_fingers(self, model: str, transport: Transport, rate: float, fingers: int) -> Trial:
+    def try_fingers(self, model: str, transport: Transport, rate: float, fingers: int) -> Attempt:
         """Ask for so many fingers for a while; each client has its part of them in one request a step."""
         clients = min(self.clients, fingers)
         shares = [fingers // clients + (client < fingers % clients) for client in range(clients)]
@@ -86,34 +86,36 @@ class Generator:
         of_server, of_family, busy = (
             (end - begin) / seconds for begin, end in zip(before, after, strict=True)
         )
-        return _trial(fingers, told, 1e3 / rate, of_server, max(busy - of_family, 0.0))
+        return _attempt(fingers, told, 1e3 / rate, of_server, max(busy - of_family, 0.0))
 
 
-def _trial(fingers: int, told: list[Steps], step_ms: float, server_cpu: float, others_cpu: float) -> Trial:
+def _attempt(
+    fingers: int, told: list[Steps], step_ms: float, server_cpu: float, others_cpu: float
+) -> Attempt:
     latencies = np.concatenate([each.latency_ms for each in told])
     woke = np.concatenate([each.woke_late_ms for each in told])
     errors = {code: count for each in told for code, count in each.errors.items()}
     p99 = float(np.percentile(latencies, 99)) if len(latencies) else None
     late = float(np.mean(woke > LATE_STEPS * step_ms)) if len(woke) else 0.0
     fits = p99 is not None and p99 < step_ms and not errors
-    return Trial(fingers, fits, p99, late, errors, server_cpu, others_cpu)
+    return Attempt(fingers, fits, p99, late, errors, server_cpu, others_cpu)
 
 
-def search(attempt: Callable[[int], Trial], most: int = MAX_ROWS) -> tuple[int, list[Trial]]:
-    """The most fingers that fit, 0 if not even one does; and all trials.
+def find_capacity(ask: Callable[[int], Attempt], most: int = MAX_ROWS) -> tuple[int, list[Attempt]]:
+    """The most fingers that fit, 0 if not even one does; and all attempts.
 
     A number that does not fit is tried a second time, as another program may have disturbed it.
 
     Args:
-        attempt: tries a number of fingers.
+        ask: tries a number of fingers.
         most: that are tried.
     """
-    trials: list[Trial] = []
+    attempts: list[Attempt] = []
 
     def fits(fingers: int) -> bool:
         for _ in range(2):
-            trials.append(attempt(fingers))
-            if trials[-1].fits:
+            attempts.append(ask(fingers))
+            if attempts[-1].fits:
                 return True
         return False
 
@@ -130,22 +132,22 @@ def search(attempt: Callable[[int], Trial], most: int = MAX_ROWS) -> tuple[int, 
             fingers = max(round(math.sqrt(low * high)), low + 1)
         else:
             fingers = high // 2
-    return low, trials
+    return low, attempts
 
 
 def result_of(
-    model: str, transport: Transport, rate: float, fingers: int, trials: list[Trial], most: int
+    model: str, transport: Transport, rate: float, fingers: int, attempts: list[Attempt], most: int
 ) -> dict[str, Any]:
     """A row of the table.
 
     A generator that is late, and other programs, only add to latencies. So what fits, fits; but the bound
     above it is not to be trusted, and the row is INVALID.
     """
-    above = [trial for trial in trials if not trial.fits and trial.fingers > fingers]
-    best = next((trial for trial in trials if trial.fits and trial.fingers == fingers), None)
+    above = [attempt for attempt in attempts if not attempt.fits and attempt.fingers > fingers]
+    best = next((attempt for attempt in attempts if attempt.fits and attempt.fingers == fingers), None)
     reasons = []
     if above:
-        nearest = min(above, key=lambda trial: (trial.fingers, trial.generator_late))
+        nearest = min(above, key=lambda attempt: (attempt.fingers, attempt.generator_late))
         if nearest.generator_late > LATE_SHARE:
             reasons.append(
                 f"at {nearest.fingers} fingers the load generator woke late for "
@@ -166,7 +168,7 @@ def result_of(
         "p99_ms": best.p99_ms if best else None,
         "server_cpu": best.server_cpu if best else None,
         **verdict(reasons),
-        "trials": [asdict(trial) for trial in trials],
+        "trials": [asdict(attempt) for attempt in attempts],
     }
 
 

@@ -1,5 +1,6 @@
 """Peers for forests: XGBoost with one merged booster, ONNX Runtime, Treelite twice, daal4py."""
 
+from importlib.metadata import version
 from typing import Any, Final
 
 import numpy as np
@@ -101,7 +102,8 @@ def _daal4py(model: ForestModel) -> Engine:
         models = [daal4py.mb.convert_model(booster) for booster in model.boosters]
     except (TypeError, ValueError) as error:
         raise Unavailable(f"daal4py cannot read the forest: {error}") from None
-    version = ".".join(str(part) for part in daal4py._get__version__()[:3])
+
+    release = version("scikit-learn-intelex")
 
     def evaluate(windows: NDArray[np.float32]) -> list[NDArray[Any]]:
         return [each.predict(windows) for each in models]
@@ -109,7 +111,7 @@ def _daal4py(model: ForestModel) -> Engine:
     return _on_z_scores(
         model,
         "daal4py",
-        f"{len(models)} x predict, as it reads models of one output, daal4py {version}",
+        f"{len(models)} x predict, as it reads models of one output, daal4py {release}",
         evaluate,
         stack=lambda columns: np.stack([column.reshape(-1) for column in columns], 1).astype(np.float32),
     )

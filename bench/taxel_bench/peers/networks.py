@@ -57,7 +57,7 @@ def _int8_dynamic(model: GraphModel) -> Engine:
 def _compiled_torch(model: GraphModel) -> Engine:
     if model.network is None:
         raise Unavailable("there is no torch network behind this artifact")
-    torch._dynamo.reset()
+    torch.compiler.reset()
     # Weights of its own: the published way's would be in the caches after that has had its turn.
     network = copy.deepcopy(model.network.network).cpu().eval()
     compiled = torch.compile(network, dynamic=False)

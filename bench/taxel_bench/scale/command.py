@@ -11,7 +11,7 @@ from taxel.commands.cli import ERR, OUT, Json, needs, print_json
 from taxel.dependencies import SERVING
 from taxel.errors import SettingsError
 from taxel.remote.options import Transport
-from taxel_bench.scale.queueing import Arrivals, Spread
+from taxel_bench.scale.queueing import Arrivals, Balancing
 
 if TYPE_CHECKING:
     from taxel_bench.capacity.service_time import ServiceTime
@@ -34,8 +34,8 @@ def scale(
     arrivals: Annotated[
         Arrivals, typer.Option(help="At random, or at a fixed moment of a step.")
     ] = "poisson",
-    spread: Annotated[
-        Spread, typer.Option(help="A replica for each client, or the less busy of two.")
+    balancing: Annotated[
+        Balancing, typer.Option("--spread", help="A replica for each client, or the less busy of two.")
     ] = "fixed",
     requests: Annotated[int, typer.Option(min=10_000, help="That are simulated.")] = 200_000,
     seed: Annotated[int, typer.Option(min=0, help="Of arrivals and choices.")] = 0,
@@ -53,7 +53,7 @@ def scale(
     service = _read(measured, model, transport) if measured is not None else _measure(model, transport)
     with ERR.status("simulating"):
         tried = plan(
-            fleet, service, bound_ms, arrivals=arrivals, spread=spread, requests=requests, seed=seed
+            fleet, service, bound_ms, arrivals=arrivals, balancing=balancing, requests=requests, seed=seed
         )
     told: dict[str, Any] = {
         **asdict(fleet),
@@ -61,7 +61,7 @@ def scale(
         "transport": transport,
         "latency_bound_ms": bound_ms,
         "arrivals": arrivals,
-        "spread": spread,
+        "spread": balancing,
         "seed": seed,
         "service": service._asdict(),
         "replicas": tried[-1].replicas,

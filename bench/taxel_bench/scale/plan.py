@@ -8,7 +8,7 @@ import numpy as np
 
 from taxel.errors import SettingsError
 from taxel_bench.capacity.service_time import ServiceTime
-from taxel_bench.scale.queueing import Arrivals, Spread, fleet_sojourn_times
+from taxel_bench.scale.queueing import Arrivals, Balancing, fleet_sojourn_times
 
 _FEWEST_A_REPLICA: Final = 2_000
 """Simulated requests at each replica: p99 needs 662."""
@@ -59,7 +59,7 @@ def plan(
     bound_ms: float,
     *,
     arrivals: Arrivals,
-    spread: Spread,
+    balancing: Balancing,
     requests: int,
     seed: int,
 ) -> list[Replicas]:
@@ -93,7 +93,7 @@ def plan(
             service_s,
             count,
             arrivals=arrivals,
-            spread=spread,
+            balancing=balancing,
             requests=max(requests, _FEWEST_A_REPLICA * count),
             seed=seed,
         )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from taxel_bench.load.arrivals import poisson_arrivals
 
 Arrivals = Literal["poisson", "steps"]
-Spread = Literal["fixed", "two-choices"]
+Balancing = Literal["fixed", "two-choices"]
 
 SETTLING: Final = 0.1
 """The share of the requests at the beginning that do not count: the queues start empty."""
@@ -49,7 +49,7 @@ def fleet_sojourn_times(
     replicas: int,
     *,
     arrivals: Arrivals = "poisson",
-    spread: Spread = "fixed",
+    balancing: Balancing = "fixed",
     requests: int = 200_000,
     seed: int = 0,
 ) -> NDArray[np.float64]:
@@ -62,7 +62,7 @@ def fleet_sojourn_times(
         replicas: how many there are.
         arrivals: `poisson`, as if each client came at random; `steps`, each client at its own fixed moment
             of a step.
-        spread: `fixed`, each client has its replica; `two-choices`, each request goes to that one of two
+        balancing: `fixed`, each client has its replica; `two-choices`, each request goes to that one of two
             random replicas which has less to do.
         requests: about so many are simulated.
         seed: of the arrivals and choices.
@@ -77,7 +77,7 @@ def fleet_sojourn_times(
         moments = ((np.arange(steps)[:, None] + phases) / rate).ravel()
         senders = np.tile(rng.permutation(clients), steps)
     count = len(moments)
-    if spread == "fixed":
+    if balancing == "fixed":
         homes = (senders % replicas).tolist()
         taken = sojourn_times(moments, service_s, lambda number, _: homes[number], replicas)
     else:

@@ -14,7 +14,7 @@ from taxel.commands.top import compared, read_statistics
 from taxel.errors import RequestError
 from taxel.protocol import unpackb
 from taxel.remote import RemoteSource
-from taxel_watch.scene import PREDICTED, RATE_HZ, Finger, Frame, Moments, Scene
+from taxel_watch.scene import PREDICTED, RATE_HZ, Finger, Scene, TraceBlock, Update
 
 _STATISTICS_S: Final = 1.0
 _TIMES: Final = 300
@@ -37,7 +37,7 @@ class Heard:
 
     Attributes:
         scene: every fingertip that was heard of lately.
-        moments: the newest of each, by key.
+        blocks: the newest of each, by key.
         number: rises with each look at the server that brought something.
         state: `live`, `waiting` for clients, or `no answer`.
         rate_hz: requests in a second; None before two looks.
@@ -47,7 +47,7 @@ class Heard:
     """
 
     scene: Scene
-    moments: Mapping[str, Moments] = field(default_factory=dict)
+    blocks: Mapping[str, TraceBlock] = field(default_factory=dict)
     number: int = 0
     state: str = "waiting"
     rate_hz: float | None = None
@@ -114,12 +114,12 @@ class Live:
         """Keep the newest of every client that has asked lately."""
         now = time.monotonic()
         fingers: list[Finger] = []
-        moments: dict[str, Moments] = {}
+        blocks: dict[str, TraceBlock] = {}
         for client in told["clients"]:
             if client.get("age_s", _SILENT_S) < _SILENT_S:
-                for finger, moment in _fingers_of(client, now - client["age_s"] - self._began):
+                for finger, block in _fingers_of(client, now - client["age_s"] - self._began):
                     fingers.append(finger)
-                    moments[finger.key] = moment
+                    blocks[finger.key] = block
                 self._times.append(client["queue_us"] + client["compute_us"])
         scene = self.heard.scene
         if [finger.key for finger in fingers] != [finger.key for finger in scene.fingers]:
@@ -128,7 +128,7 @@ class Live:
         self._totals.append((now, sum(client["requests"] for client in told["clients"])))
         self._change(
             scene=scene,
-            moments=moments,
+            blocks=blocks,
             number=self.heard.number + 1,
             state="live" if fingers else "waiting",
             rate_hz=_rate(self._totals),
@@ -152,7 +152,7 @@ class Live:
         self.heard = replace(self.heard, **changes)
 
 
-def _fingers_of(client: Mapping[str, Any], time_s: float) -> Iterator[tuple[Finger, Moments]]:
+def _fingers_of(client: Mapping[str, Any], time_s: float) -> Iterator[tuple[Finger, TraceBlock]]:
     """The fingertips of a client's newest request: each of its windows is one."""
     place = f"{client['client']} · {client['model']}/{client['version']}"
     contacts = np.frombuffer(client["contacts"], "<f4").reshape(-1, 6).astype(np.float64)
@@ -160,10 +160,10 @@ def _fingers_of(client: Mapping[str, Any], time_s: float) -> Iterator[tuple[Fing
     for number in range(len(counts)):
         row = slice(number, number + 1)
         finger = Finger(f"{place} {number}", f"finger {number + 1}", place, np.array(client["rest"]))
-        moments = Moments(
+        block = TraceBlock(
             np.array([time_s]), contacts[row, :3], contacts[row, 3:], {PREDICTED: counts[row]}
         )
-        yield finger, moments
+        yield finger, block
 
 
 def _rate(totals: "deque[tuple[float, int]]") -> float | None:
@@ -195,15 +195,15 @@ class LivePlayer:
         self._scene = scene
         return scene
 
-    def frame(self) -> Frame | None:
+    def update(self) -> Update | None:
         """The newest moment of each fingertip that has a new one."""
         fresh = {}
-        for key, moments in self._live.heard.moments.items():
+        for key, block in self._live.heard.blocks.items():
             # A request is noted every 25 ms at most; a smaller difference is one of clocks.
-            if moments.time_s[-1] > self._given.get(key, -1.0) + _SAME_S:
-                self._given[key] = moments.time_s[-1]
-                fresh[key] = moments
-        return Frame(self._live.now_s, fresh) if fresh else None
+            if block.time_s[-1] > self._given.get(key, -1.0) + _SAME_S:
+                self._given[key] = block.time_s[-1]
+                fresh[key] = block
+        return Update(self._live.now_s, fresh) if fresh else None
 
     def status(self) -> dict[str, Any]:
         """State, rate, latency and figures of the server."""

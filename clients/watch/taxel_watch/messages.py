@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS
 from taxel.skin import PAD, Fingertip
 from taxel_watch.colours import LIMIT, STOPS
-from taxel_watch.scene import HISTORY_S, Frame, Moments, Scene
+from taxel_watch.scene import HISTORY_S, Scene, TraceBlock, Update
 from taxel_watch.skin_map import electrodes_on_map, force_on_map, on_map, outline
 
 VERSION: Final = 1
@@ -46,26 +46,26 @@ def scene_message(scene: Scene) -> dict[str, Any]:
     }
 
 
-def frame_message(frame: Frame, number: int) -> dict[str, Any]:
-    """A frame; its number is what the page answers once it is drawn."""
+def update_message(update: Update, number: int) -> dict[str, Any]:
+    """An update; its number is what the page answers once it is drawn."""
     return {
         "type": "frame",
         "number": number,
-        "at_s": round(frame.at_s, 3),
-        "restarts": frame.restarts,
-        "fingers": {key: _moments(moments) for key, moments in frame.fingers.items()},
+        "at_s": round(update.at_s, 3),
+        "restarts": update.restarts,
+        "fingers": {key: _block(block) for key, block in update.fingers.items()},
     }
 
 
-def _moments(moments: Moments) -> dict[str, Any]:
+def _block(block: TraceBlock) -> dict[str, Any]:
     tip = Fingertip.biotac_2p()
-    last = slice(len(moments.time_s) - 1, None)
+    last = slice(len(block.time_s) - 1, None)
     return {
-        "time_s": _rounded(moments.time_s, 3),
-        "force_n": _rounded(moments.force, 4),
-        "place_mm": _rounded(on_map(moments.position[last], tip)[0], 3),
-        "push_n": _rounded(force_on_map(moments.position[last], moments.force[last], tip)[0], 4),
-        "counts": {trace: _rounded(counts, 1) for trace, counts in moments.counts.items()},
+        "time_s": _rounded(block.time_s, 3),
+        "force_n": _rounded(block.force, 4),
+        "place_mm": _rounded(on_map(block.position[last], tip)[0], 3),
+        "push_n": _rounded(force_on_map(block.position[last], block.force[last], tip)[0], 4),
+        "counts": {trace: _rounded(counts, 1) for trace, counts in block.counts.items()},
     }
 
 

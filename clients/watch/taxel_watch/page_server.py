@@ -1,4 +1,4 @@
-"""Serves the page and its data from one port: files over HTTP, scenes and frames over a WebSocket."""
+"""Serves the page and its data from one port: files over HTTP, scenes and updates over a WebSocket."""
 
 import asyncio
 import contextlib
@@ -18,7 +18,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from taxel.errors import SettingsError
-from taxel_watch.messages import encoded, frame_message, scene_message
+from taxel_watch.messages import encoded, scene_message, update_message
 from taxel_watch.pacing import Pacing
 from taxel_watch.scene import RATE_HZ, Player, Source
 
@@ -151,7 +151,7 @@ def _response(
 
 
 async def _show(connection: ServerConnection, player: Player) -> None:
-    """Send scenes, frames and states to one page, until it leaves."""
+    """Send scenes, updates and states to one page, until it leaves."""
     pacing = Pacing()
     hearing = asyncio.create_task(_hear(connection, player, pacing))
     try:
@@ -171,9 +171,9 @@ async def _send(connection: ServerConnection, player: Player, pacing: Pacing) ->
     while True:
         if (scene := player.scene()) is not None:
             await connection.send(encoded(scene_message(scene)))
-        if pacing.may_send() and (frame := player.frame()) is not None:
+        if pacing.may_send() and (update := player.update()) is not None:
             pacing.note_sent()
-            await connection.send(encoded(frame_message(frame, pacing.sent)))
+            await connection.send(encoded(update_message(update, pacing.sent)))
         if loop.time() >= status_due:
             status_due = loop.time() + _STATUS_S
             viewer = {"sent": pacing.sent, "dropped": pacing.dropped}

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from taxel.windows import PERIOD_NS
 from taxel_models.loop.resting import resting
 from taxel_models.recordings import Recording
-from taxel_watch.scene import HISTORY_S, MEASURED, Finger, Frame, Moments, Scene
+from taxel_watch.scene import HISTORY_S, MEASURED, Finger, Scene, TraceBlock, Update
 
 PERIOD_S: Final = PERIOD_NS / 1e9
 _OVERVIEW: Final = 400
@@ -98,7 +98,7 @@ class Replay:
             overview=self._overview,
         )
 
-    def moments(self, last: int, count: int, step: int = 1) -> dict[str, Moments]:
+    def blocks(self, last: int, count: int, step: int = 1) -> dict[str, TraceBlock]:
         """Every `step`th of `count` rows up to `last`, by key, of fingertips whose recordings have them."""
         found = {}
         for number, recording in enumerate(self.recordings):
@@ -108,7 +108,7 @@ class Replay:
                 counts = {MEASURED: recording.channels[rows]}
                 if self.predictions.counts:
                     counts |= {name: each[rows] for name, each in self.predictions.counts[number].items()}
-                found[str(number)] = Moments(
+                found[str(number)] = TraceBlock(
                     (rows * PERIOD_S).astype(np.float64),
                     recording.samples.position[rows],
                     recording.samples.force[rows],
@@ -145,16 +145,16 @@ class ReplayPlayer:
         self._shown = None
         return self._replay.scene()
 
-    def frame(self) -> Frame | None:
-        """The rows since the last frame, at most the strip charts' past."""
+    def update(self) -> Update | None:
+        """The rows since the last update, at most the strip charts' past."""
         row = self._row()
         if row == self._shown:
             return None
         shown, self._shown = self._shown, row
         if shown is None or not 0 < row - shown <= _HISTORY_ROWS // _HISTORY_STEP:
-            past = self._replay.moments(row, _HISTORY_ROWS, _HISTORY_STEP)
-            return Frame(row * PERIOD_S, past, restarts=True)
-        return Frame(row * PERIOD_S, self._replay.moments(row, row - shown))
+            past = self._replay.blocks(row, _HISTORY_ROWS, _HISTORY_STEP)
+            return Update(row * PERIOD_S, past, restarts=True)
+        return Update(row * PERIOD_S, self._replay.blocks(row, row - shown))
 
     def status(self) -> dict[str, Any]:
         """State, rate and what predicts."""

@@ -1,4 +1,4 @@
-"""What is shown: a scene, which stays, and frames, which follow each other.
+"""What is shown: a scene, which stays, and updates, which follow each other.
 
 A source of data makes both; the page, the terminal and other viewers show them.
 """
@@ -15,7 +15,7 @@ PREDICTED: Final = "predicted"
 CORRECTED: Final = "corrected"
 
 RATE_HZ: Final = 30.0
-"""Frames a second."""
+"""Updates a second."""
 
 HISTORY_S: Final = 10.0
 """How much of the past the strip charts show, s."""
@@ -26,7 +26,7 @@ class Finger:
     """A fingertip of a scene.
 
     Attributes:
-        key: its name in frames.
+        key: its name in updates.
         label: its name on the screen.
         hand: what it belongs to: fingertips of one hand stand together.
         rest: (21,) resting counts, which what is shown is less.
@@ -40,13 +40,13 @@ class Finger:
 
 @dataclass(frozen=True)
 class Scene:
-    """What stays while frames come.
+    """What stays while updates come.
 
     Attributes:
         kind: where the data come from.
         title: the name of the source.
         fingers: every fingertip there is now.
-        traces: the names of the counts in frames (`measured`, `predicted`, `corrected`), and the model of
+        traces: the names of the counts in updates (`measured`, `predicted`, `corrected`), and the model of
             each; empty where it is the sensor itself.
         duration_s: how long the recording is; None of a live source.
         overview: (n,) the largest force in each of n equal parts of a recording, N.
@@ -61,8 +61,8 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class Moments:
-    """Consecutive moments of one fingertip; the last is the one that is shown.
+class TraceBlock:
+    """Consecutive samples of one fingertip, and the counts of each trace there; the last one is shown.
 
     Attributes:
         time_s: (n,), on the scene's clock, s.
@@ -78,17 +78,17 @@ class Moments:
 
 
 @dataclass(frozen=True)
-class Frame:
-    """What is new.
+class Update:
+    """What is new; the page gets it as a message of type `frame`.
 
     Attributes:
         at_s: the moment that is shown, on the scene's clock, s.
-        fingers: by key, those with new moments since the last frame.
-        restarts: whether the moments replace the past instead of following it.
+        fingers: by key, those with new samples since the last update.
+        restarts: whether the samples replace the past instead of following it.
     """
 
     at_s: float
-    fingers: Mapping[str, Moments]
+    fingers: Mapping[str, TraceBlock]
     restarts: bool = False
 
 
@@ -98,7 +98,7 @@ class Player(Protocol):
     def scene(self) -> Scene | None:
         """The scene, if it has changed since the last call."""
 
-    def frame(self) -> Frame | None:
+    def update(self) -> Update | None:
         """What is new since the last call; None if nothing is."""
 
     def status(self) -> dict[str, Any]:
@@ -109,7 +109,7 @@ class Player(Protocol):
 
 
 class Source(Protocol):
-    """Where scenes and frames come from."""
+    """Where scenes and updates come from."""
 
     def player(self) -> Player:
         """For one more viewer, from the start of a recording, or from now on."""

@@ -20,7 +20,7 @@ from rich.text import Text
 from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
 from taxel.skin import Fingertip
 from taxel_watch.colours import LIMIT, colours_of
-from taxel_watch.scene import MEASURED, Finger, Moments, Player, Scene
+from taxel_watch.scene import MEASURED, Finger, Player, Scene, TraceBlock
 from taxel_watch.skin_map import electrodes_on_map, outline
 
 RATE_HZ: Final = 8.0
@@ -95,15 +95,15 @@ class Terminal:
     def __init__(self, player: Player) -> None:
         self._player = player
         self._scene: Scene | None = None
-        self._newest: dict[str, Moments] = {}
+        self._newest: dict[str, TraceBlock] = {}
         self._past: dict[tuple[str, str], deque[float]] = {}
 
     def picture(self) -> Group:
         """The picture of this moment."""
         self._scene = self._player.scene() or self._scene
-        frame = self._player.frame()
-        if frame is not None:
-            self._newest.update(frame.fingers)
+        update = self._player.update()
+        if update is not None:
+            self._newest.update(update.fingers)
         scene, status = self._scene, self._player.status()
         head = Text(f"{scene.title if scene else ''}   {_told(status)}")
         if scene is None:
@@ -113,10 +113,10 @@ class Terminal:
         return Group(head, *lines, Columns(panels), legend())
 
     def _panel(self, finger: Finger, scene: Scene) -> Panel:
-        moments = self._newest[finger.key]
-        less = moments.counts[next(iter(scene.traces))][-1] - finger.rest
+        block = self._newest[finger.key]
+        less = block.counts[next(iter(scene.traces))][-1] - finger.rest
         text = skin_text(less[ELECTRODE_COLUMNS])
-        force = float(np.linalg.norm(moments.force[-1]))
+        force = float(np.linalg.norm(block.force[-1]))
         for name, told, value in (
             ("force", f"{force:.2f} N", force),
             ("pdc", f"{less[CHANNELS.index('pdc')]:+.0f}", less[CHANNELS.index("pdc")]),
@@ -127,7 +127,7 @@ class Terminal:
             text.append(f"{name:<5}{told:>7} {strip(past)}\n")
         for trace in scene.traces:
             if trace != MEASURED and MEASURED in scene.traces:
-                wrong = moments.counts[MEASURED][-1] - moments.counts[trace][-1]
+                wrong = block.counts[MEASURED][-1] - block.counts[trace][-1]
                 rms = np.sqrt(np.mean(wrong[ELECTRODE_COLUMNS] ** 2))
                 text.append(f"{trace}: {rms:.0f} counts RMS\n", style="dim")
         text.rstrip()

@@ -26,29 +26,31 @@ Name = Annotated[str, Field(min_length=1, max_length=200)]
 _Index = Literal["0"]
 
 
-class _Part(BaseModel):
-    # Keras writes more than an evaluation needs: initialisers, regularisers, whether to train.
+class Part(BaseModel):
+    """A part of the document; what an evaluation does not need is ignored."""
+
+    # Keras writes more: initialisers, regularisers, whether to train.
     model_config = ConfigDict(extra="ignore", frozen=True)
 
 
-class _DenseConfig(_Part):
+class _DenseConfig(Part):
     units: Annotated[int, Field(ge=1, le=MAX_WIDTH)]
     activation: Activation
     use_bias: bool
 
 
-class _InputConfig(_Part):
+class _InputConfig(Part):
     batch_input_shape: tuple[str, Annotated[int, Field(ge=len(INPUTS), le=len(INPUTS))]] | None = None
 
 
-class _Layer(_Part):
+class _Layer(Part):
     class_name: Literal["InputLayer", "Dense", "Multiply", "Add"]
     name: Name
     config: dict[str, Any]
     inbound_nodes: Annotated[list[list[list[Any]]], Field(max_length=1)]
 
 
-class Graph(_Part):
+class Graph(Part):
     """The `layers` of the document: a Keras functional model's configuration."""
 
     layers: Annotated[list[Any], Field(min_length=1, max_length=MAX_LAYERS)]

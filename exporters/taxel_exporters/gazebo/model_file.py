@@ -2,12 +2,12 @@
 
 from typing import Annotated, Any, Final
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from taxel.errors import ArtifactError
 from taxel_exporters.gazebo.columns import INPUTS, OUTPUTS
 from taxel_exporters.gazebo.document import parse_document, short
-from taxel_exporters.gazebo.layers import Graph, LayerReader, parse
+from taxel_exporters.gazebo.layers import Graph, LayerReader, Part, parse
 from taxel_exporters.gazebo.network import Network, Statistics
 
 _LARGEST: Final = 1e18
@@ -17,26 +17,22 @@ _Mean = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST)]
 _Std = Annotated[float, Field(ge=1 / _LARGEST, le=_LARGEST)]
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="ignore", frozen=True)
-
-
-class _Inputs(_Part):
+class _Inputs(Part):
     center: Annotated[tuple[_Mean, ...], Field(min_length=len(INPUTS), max_length=len(INPUTS))]
     scale: Annotated[tuple[_Std, ...], Field(min_length=len(INPUTS), max_length=len(INPUTS))]
 
 
-class _Outputs(_Part):
+class _Outputs(Part):
     center: Annotated[tuple[_Mean, ...], Field(min_length=len(OUTPUTS), max_length=len(OUTPUTS))]
     scale: Annotated[tuple[_Std, ...], Field(min_length=len(OUTPUTS), max_length=len(OUTPUTS))]
 
 
-class _Normalization(_Part):
+class _Normalization(Part):
     input: _Inputs
     output: _Outputs
 
 
-class _Document(_Part):
+class _Document(Part):
     layers: dict[str, Any]
     weights: list[Any]
     normalization: dict[str, Any]

@@ -116,10 +116,10 @@ class ForeignInjection:
         """(21,) of any size and sign, counts."""
         return self.random.standard_normal(len(CHANNELS)) * self.deviation
 
-    def like_weights(self, spread: float) -> Floats:
+    def like_weights(self, sd: float) -> Floats:
         """(21,) of one sign, counts."""
         sign = self.random.choice([-1.0, 1.0])
-        factors = np.maximum(1.0 + spread * self.random.standard_normal(len(CHANNELS)), 0.2)
+        factors = np.maximum(1.0 + sd * self.random.standard_normal(len(CHANNELS)), 0.2)
         return np.asarray(sign * factors * self.deviation)
 
     def add(self, change: Floats, **parameters: Any) -> None:

@@ -67,8 +67,8 @@ def temperature_contact(injection: ForeignInjection) -> None:
 
 def _conducts(injection: ForeignInjection, warmth: Floats, **parameters: float) -> None:
     """ln Z of each electrode shifts in proportion to a warmth (n,); tared electrodes shift in counts."""
-    spread = float(warmth.std())
-    warmer = (warmth - warmth.mean()) / spread if spread > 0 else np.zeros_like(warmth)
+    sd = float(warmth.std())
+    warmer = (warmth - warmth.mean()) / sd if sd > 0 else np.zeros_like(warmth)
     slopes = np.maximum(1.0 + 0.25 * injection.random.standard_normal(len(CHANNELS)), 0.3)
     slopes *= injection.random.choice([-1.0, 1.0])
     slopes[:2] = 0.0

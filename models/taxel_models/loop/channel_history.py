@@ -106,17 +106,17 @@ def _change(time: Floats, slopes: Floats) -> tuple[float, float | None] | None:
     errors = [slopes[:place].var() * place + slopes[place:].var() * (count - place) for place in places]
     place = int(places[int(np.argmin(errors))])
     before, after = slopes[:place], slopes[place:]
-    spread = np.sqrt(before.var(ddof=1) / len(before) + after.var(ddof=1) / len(after))
+    standard_error = np.sqrt(before.var(ddof=1) / len(before) + after.var(ddof=1) / len(after))
     line = np.polyfit(time, slopes, 1)
     first, last = np.polyval(line, time[0]), np.polyval(line, time[-1])
     gradual = ((slopes - np.polyval(line, time)) ** 2).sum() < min(errors)
     if gradual:
         scatter = np.sqrt(((slopes - np.polyval(line, time)) ** 2).sum() / (count - 2))
-        spread = scatter / (time.std() * np.sqrt(count)) * (time[-1] - time[0])
+        standard_error = scatter / (time.std() * np.sqrt(count)) * (time[-1] - time[0])
         kept, change = last / max(first, 1e-9), last - first
     else:
         kept, change = after.mean() / max(before.mean(), 1e-9), after.mean() - before.mean()
     usual = abs(first if gradual else before.mean())
-    if abs(change) < LEAST_CHANGE * max(usual, 1e-9) or abs(change) < LEAST_T * max(spread, 1e-9):
+    if abs(change) < LEAST_CHANGE * max(usual, 1e-9) or abs(change) < LEAST_T * max(standard_error, 1e-9):
         return None
     return float(max(kept, 0.0)), None if gradual else float(time[place])

@@ -35,7 +35,7 @@ class _Quantity(NamedTuple):
 
 
 def confounding(observations: Observations) -> tuple[RunsAlong, ...]:
-    """The share of each quantity's variance that another one foretells, the largest first.
+    """The share of each quantity's variance that another one predicts, the largest first.
 
     The other ones are time, the order of contacts, the phase within a contact, and every further column.
     The share is epsilon squared (Kelley 1935) over cells of the other quantity; only rows in
@@ -62,7 +62,7 @@ def confounding(observations: Observations) -> tuple[RunsAlong, ...]:
         for along, other in given.items():
             # Contacts come one after another, so time and their order are nearly the same.
             if name != along and {name, along} != {TIME, ORDER}:
-                share = _foretold(quantity.values, other.cells, contacts)
+                share = _predicted_share(quantity.values, other.cells, contacts)
                 found.append(RunsAlong(quantity=name, along=along, share=share))
     return tuple(sorted(found, key=lambda one: -one.share))
 
@@ -91,7 +91,7 @@ def _amount(values: Floats) -> _Quantity:
     return _Quantity(values[:, None], np.searchsorted(edges, values, side="right"))
 
 
-def _foretold(values: Floats, cells: NDArray[np.int64], contacts: int) -> float:
+def _predicted_share(values: Floats, cells: NDArray[np.int64], contacts: int) -> float:
     """The share of the variance (m, k) between cells (m,), less what chance gives so many contacts."""
     about = values - values.mean(axis=0)
     total = float((about**2).sum())

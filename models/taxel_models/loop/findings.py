@@ -142,7 +142,7 @@ class RunsAlong(Schema):
     Attributes:
         quantity: such as `place`.
         along: such as `time` or `material`.
-        share: of the quantity's variance that the other one foretells, less what chance gives.
+        share: of the quantity's variance that the other one predicts, less what chance gives.
     """
 
     quantity: str
@@ -246,7 +246,7 @@ class Findings(Schema):
         after: errors of the corrected model there, by the forms that are served.
         changes: a sentence for each channel whose sensitivity changed over the session.
         one_kind: columns with one value here, of which the model's own held-out residual had several.
-        residual_model: what foretells a part of the rest, if it was asked for and proved itself.
+        residual_model: what predicts a part of what remains, if it was asked for and proved itself.
         confounding: what runs along with what in the recordings, the largest share first; empty for
             fewer than eight contacts.
         next_recordings: for each pair of causes that cannot be told apart, what to record.

@@ -61,6 +61,7 @@ class Observations:
         covariates: any other column by name, `tdc` and `tac` among them, each (n,).
         samples: the ticks of each recording, for features of the past.
         rows: for each recording, which of its ticks the rows are.
+        withheld: names of the columns that neither the model nor the loop is given.
         turn: how the windows were turned before they were predicted.
         shift_ticks: how far the windows were moved into the past.
         calibration: taken at the start of each segment; None where none was.
@@ -78,6 +79,7 @@ class Observations:
     covariates: Mapping[str, Floats]
     samples: tuple[Samples, ...]
     rows: tuple[NDArray[np.int64], ...]
+    withheld: tuple[str, ...] = ()
     turn: Frame | None = None
     shift_ticks: int = 0
     calibration: TakenCalibration | None = None
@@ -198,13 +200,15 @@ class Observations:
         return self._history[feature]
 
 
-def gather(model: Model, recordings: Sequence[Recording], *, measured_temperature: bool) -> Observations:
+def gather(
+    model: Model, recordings: Sequence[Recording], *, withheld: tuple[str, ...] = ()
+) -> Observations:
     """Windows, predictions and measurements of recordings, aligned.
 
     Args:
         model: is called with up to `ROWS_A_REQUEST` windows.
-        measured_temperature: whether a model that takes `tdc` gets the recording's. If not, it gets the
-            default, and the loop does not use the temperature.
+        withheld: names of columns that the model is not given, nor the loop. A model that takes one of
+            them gets the default in its place.
 
     Raises:
         RecordingError: no recording has a whole window.
@@ -216,8 +220,7 @@ def gather(model: Model, recordings: Sequence[Recording], *, measured_temperatur
         raise RecordingError("the recordings hold no whole window: expected segments of at least 0.3 s")
     rows = tuple(windows.rows for windows in built)
     extras = [
-        _extras(manifest, recording, kept, measured_temperature)
-        for recording, kept in zip(ticks, rows, strict=True)
+        _extras(manifest, recording, kept, withheld) for recording, kept in zip(ticks, rows, strict=True)
     ]
     windows = np.concatenate(
         [
@@ -226,10 +229,8 @@ def gather(model: Model, recordings: Sequence[Recording], *, measured_temperatur
         ]
     )
     predicted, base = _predictions(model, windows)
-    names = set.intersection(*({*recording.auxiliary, *recording.covariates} for recording in ticks)) - {
-        "pac1"
-    }
-    names -= set() if measured_temperature else {"tdc", "tac"}
+    names = set.intersection(*({*recording.auxiliary, *recording.covariates} for recording in ticks))
+    names -= {"pac1", *withheld}
     columns = [{**recording.auxiliary, **recording.covariates} for recording in ticks]
     starts = [recording.samples.time_ns[0] for recording in ticks]
     return Observations(
@@ -259,6 +260,7 @@ def gather(model: Model, recordings: Sequence[Recording], *, measured_temperatur
         },
         samples=tuple(recording.samples for recording in ticks),
         rows=rows,
+        withheld=withheld,
     )
 
 
@@ -269,12 +271,11 @@ def _predictions(model: Model, windows: NDArray[np.float32]) -> tuple[Floats, Fl
 
 
 def _extras(
-    manifest: Manifest, recording: Recording, rows: NDArray[np.int64], measured_temperature: bool
+    manifest: Manifest, recording: Recording, rows: NDArray[np.int64], withheld: tuple[str, ...]
 ) -> Floats:
     columns = {**recording.auxiliary, **recording.covariates}
-    if not measured_temperature:
-        columns.pop("tdc")
-    return extra_columns(recording.samples, manifest.window.extras, columns)[rows]
+    given = {name: values for name, values in columns.items() if name not in withheld}
+    return extra_columns(recording.samples, manifest.window.extras, given)[rows]
 
 
 def _segments(recordings: Sequence[Recording], rows: tuple[NDArray[np.int64], ...]) -> NDArray[np.int64]:

@@ -47,7 +47,7 @@ class LoopSettings:
         seed: the seed of the split.
         held_out: the share of the blocks in the evaluation part.
         hold_out_by: a covariate whose values are held out whole, such as `material`.
-        measured_temperature: whether a model that takes the temperature is given the recording's.
+        withheld: columns that neither the model nor the loop is given, such as `tdc`.
         calibration_s: seconds at the start of each segment in which a user's own sensor is measured.
         least_share: the share of the error that an effect must remove to be named.
         exclude: effects that are not tried, such as `temperature`.
@@ -60,7 +60,7 @@ class LoopSettings:
     seed: int = 0
     held_out: float = 0.3
     hold_out_by: str | None = None
-    measured_temperature: bool = True
+    withheld: tuple[str, ...] = ()
     calibration_s: float = 0.0
     least_share: float = DECLARED.least_share
     exclude: tuple[str, ...] = ()
@@ -119,7 +119,7 @@ def run_loop(
     """
     if progress is not None:
         progress("predicting")
-    observations = gather(model, recordings, measured_temperature=settings.measured_temperature)
+    observations = gather(model, recordings, withheld=settings.withheld)
     if settings.calibration_s:
         observations = observations.calibrated(settings.calibration_s)
     blocks = cut(observations, seed=settings.seed, held_out=settings.held_out, group=settings.hold_out_by)
@@ -228,7 +228,7 @@ def _findings(
             "rows": len(observations),
             "evaluation_rows": int(rows.sum()),
             "seed": settings.seed,
-            "measured_temperature": settings.measured_temperature,
+            "measured_temperature": "tdc" not in settings.withheld,
             "calibration_s": settings.calibration_s,
             "least_share": settings.least_share,
             "reference": settings.reference,

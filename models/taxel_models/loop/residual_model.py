@@ -1,4 +1,4 @@
-"""A residual model: foretells what no named effect explains. It has no name and no cause.
+"""A residual model: predicts what no named effect explains. It has no name and no cause.
 
 It is a ridge regression on random features (Rahimi and Recht 2007) of what serving can compute: the base
 model's prediction, the window, memories of the force, and the recorded columns. It takes no calibration: an
@@ -135,8 +135,10 @@ def residual_model(
     chosen: list[tuple[str, ...]] = []
     best = _Fit.of(data, chosen, WIDTHS[1], COSINES_TRIED, seed)
     while len(chosen) < len(groups):
-        rest = [group for group in groups.values() if group not in chosen]
-        tried = {group: _Fit.of(data, [*chosen, group], WIDTHS[1], COSINES_TRIED, seed) for group in rest}
+        remaining = [group for group in groups.values() if group not in chosen]
+        tried = {
+            group: _Fit.of(data, [*chosen, group], WIDTHS[1], COSINES_TRIED, seed) for group in remaining
+        }
         group = max(tried, key=lambda name: tried[name].falls.mean())
         if not _rises(tried[group].falls.mean(axis=1) - best.falls.mean(axis=1)):
             break
@@ -279,12 +281,12 @@ class _Fit:
         features = np.cos(z @ projection + phases)
         sums = {fold: _Sums.of(data, features, data.fold == fold) for fold in np.unique(data.fold).tolist()}
         whole = _Sums(*(sum(parts) for parts in zip(*(part.parts for part in sums.values()), strict=True)))
-        foretold = np.empty((len(RIDGES), *data.target.shape))
+        predicted = np.empty((len(RIDGES), *data.target.shape))
         for fold, held in sums.items():
             rows = data.fold == fold
             weights, constants = whole.less(held).ridges()
-            foretold[:, rows] = features[rows] @ weights + constants[:, None]
-        falls = np.abs(data.target) - np.abs(data.target - foretold)
+            predicted[:, rows] = features[rows] @ weights + constants[:, None]
+        falls = np.abs(data.target) - np.abs(data.target - predicted)
         rows_of_block = np.diff(data.starts, append=len(z))
         falls = np.add.reduceat(falls, data.starts, axis=1) / rows_of_block[:, None]
         best = falls.mean(axis=1).argmax(axis=0)

@@ -88,7 +88,7 @@ def without_effects(model: Model, recording: Recording, seed: int) -> Recording:
     """
     recording = recording.ticks()
     for _ in range(CLEANINGS):
-        observations = gather(model, [recording], measured_temperature=True)
+        observations = gather(model, [recording])
         blocks = cut(observations, seed=seed)
         selection = JointSelection(
             observations,

@@ -304,13 +304,13 @@ class Batcher:
             if dropped:
                 self._answers.give_all(dropped, Unavailable(_STOPPING))
             else:
-                self._rest()
+                self._wait_idle()
 
-    def _rest(self) -> None:
+    def _wait_idle(self) -> None:
         """Wait for work. If none comes for a while after much work, give memory back to the system."""
         self._progress.set()
         try:
-            self._bell.get(timeout=self._memory.rest_s)
+            self._bell.get(timeout=self._memory.idle_s)
         except Empty:
             self._memory.release()
 

@@ -35,7 +35,7 @@ _LITTLE_SHARED: Final = 128 * 2**20
 
 
 @dataclass(frozen=True)
-class Finding:
+class Check:
     """One thing that was looked at.
 
     Attributes:
@@ -51,9 +51,9 @@ class Finding:
     remedy: str = ""
 
 
-def examine(port: int = PORT) -> Iterator[Finding]:
+def examine(port: int = PORT) -> Iterator[Check]:
     """Look at everything, one after the other."""
-    looks: tuple[Callable[[], Finding], ...] = (
+    looks: tuple[Callable[[], Check], ...] = (
         _python,
         _packages,
         _processor,
@@ -70,16 +70,16 @@ def examine(port: int = PORT) -> Iterator[Finding]:
         try:
             yield look()
         except Exception as error:  # one look must not stop the others
-            yield Finding(look.__name__.strip("_").replace("_", " "), "note", f"cannot be told: {error!r}")
+            yield Check(look.__name__.strip("_").replace("_", " "), "note", f"cannot be told: {error!r}")
     yield _port(port)
 
 
-def _python() -> Finding:
+def _python() -> Check:
     found = f"{platform.python_version()}, {platform.machine()}, {platform.system()} {platform.release()}"
-    return Finding("Python", "good", f"{found}; taxel {__version__} in {sys.prefix}")
+    return Check("Python", "good", f"{found}; taxel {__version__} in {sys.prefix}")
 
 
-def _packages() -> Finding:
+def _packages() -> Check:
     versions, missing = [], []
     for name in _PACKAGES:
         try:
@@ -88,15 +88,15 @@ def _packages() -> Finding:
             missing.append(name)
     if missing:
         found = f"{', '.join(versions)}; missing: {', '.join(missing)}"
-        return Finding("packages", "note", found, "serving needs pip install 'taxel[server]'")
-    return Finding("packages", "good", ", ".join(versions))
+        return Check("packages", "note", found, "serving needs pip install 'taxel[server]'")
+    return Check("packages", "good", ", ".join(versions))
 
 
-def _processor() -> Finding:
+def _processor() -> Check:
     try:
         from taxel_server.runtimes.compiled.processor import instruction_set
     except ImportError as error:
-        return Finding("processor", "note", f"compiled code cannot run: {error}", "install taxel[server]")
+        return Check("processor", "note", f"compiled code cannot run: {error}", "install taxel[server]")
     used, name = instruction_set(), platform.processor() or platform.machine()
     with suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
@@ -104,38 +104,38 @@ def _processor() -> Finding:
             (line.partition(":")[2].strip() for line in lines if line.startswith("model name")), name
         )
     if used == "generic":
-        return Finding("processor", "note", f"{name}: code for any processor", "use one with AVX2 or NEON")
-    return Finding("processor", "good", f"{name}: code for {used}")
+        return Check("processor", "note", f"{name}: code for any processor", "use one with AVX2 or NEON")
+    return Check("processor", "good", f"{name}: code for {used}")
 
 
-def _cores() -> Finding:
+def _cores() -> Check:
     allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     found = f"{allowed} of {os.cpu_count()} may be used; load {os.getloadavg()[0]:.1f}"
     with suppress(OSError):
         quota, period = Path("/sys/fs/cgroup/cpu.max").read_text(encoding="ascii").split()
         if quota != "max":
             found += f"; limited to {int(quota) / int(period):.1f} by the container"
-            return Finding("cores", "note", found, "a limit stops all threads for milliseconds: set none")
+            return Check("cores", "note", found, "a limit stops all threads for milliseconds: set none")
     if allowed < 2:
-        return Finding("cores", "note", found, "give the server and the simulator a core each")
+        return Check("cores", "note", found, "give the server and the simulator a core each")
     if os.getloadavg()[0] > allowed:
-        return Finding("cores", "note", found, "other programs take the cores")
-    return Finding("cores", "good", found)
+        return Check("cores", "note", found, "other programs take the cores")
+    return Check("cores", "good", found)
 
 
-def _compiled_code() -> Finding:
+def _compiled_code() -> Check:
     from taxel_server.runtimes.compiled.compiling import cache_folder
 
     folder = cache_folder()
     if folder is None:
         remedy = "set NUMBA_CACHE_DIR to a folder that can be written, or each start takes half a minute"
-        return Finding("compiled code", "note", "no cache folder can be written", remedy)
+        return Check("compiled code", "note", "no cache folder can be written", remedy)
     files = sum(1 for _ in folder.rglob("*.nbc"))
     state = f"{files} functions" if files else "empty: the first start compiles"
-    return Finding("compiled code", "good", f"{folder}: {state}")
+    return Check("compiled code", "good", f"{folder}: {state}")
 
 
-def _clock() -> Finding:
+def _clock() -> Check:
     resolution = time.get_clock_info("monotonic").resolution
     source = ""
     with suppress(OSError):
@@ -147,13 +147,13 @@ def _clock() -> Finding:
     cost_ns = (time.perf_counter() - started) / reads * 1e9
     found = f"{source or 'source unknown'}, steps of {resolution * 1e9:.0f} ns, {cost_ns:.0f} ns to read"
     if source and source not in _GOOD_CLOCKS:
-        return Finding(
+        return Check(
             "clock", "note", found, "a slow clock source: boot with clocksource=tsc if it is stable"
         )
-    return Finding("clock", "good", found)
+    return Check("clock", "good", found)
 
 
-def _timer() -> Finding:
+def _timer() -> Check:
     late = []
     for _ in range(_SLEEPS):
         due = time.perf_counter() + 1e-3
@@ -162,13 +162,11 @@ def _timer() -> Finding:
     middle, worst = statistics.median(late), sorted(late)[int(0.99 * len(late))]
     found = f"after 1 ms of sleep {middle:.0f} µs late, in 1 of 100 cases {worst:.0f} µs or more"
     if worst > _LATE_US:
-        return Finding(
-            "timer", "note", found, "a loop of 1 kHz needs a quieter machine, or cores of its own"
-        )
-    return Finding("timer", "good", found)
+        return Check("timer", "note", found, "a loop of 1 kHz needs a quieter machine, or cores of its own")
+    return Check("timer", "good", found)
 
 
-def _idle_cores() -> Finding:
+def _idle_cores() -> Check:
     states = sorted(Path("/sys/devices/system/cpu/cpu0/cpuidle").glob("state*/name"))
     names = ", ".join(path.read_text(encoding="ascii").strip() for path in states)
     governor = ""
@@ -177,54 +175,54 @@ def _idle_cores() -> Finding:
         governor = f"; frequencies: {path.read_text(encoding='ascii').strip()}"
     found = f"sleep states: {names or 'not told, as in most virtual machines'}{governor}"
     if not _LATENCY.exists():
-        return Finding("idle cores", "good", f"{found}; --no-halt is not possible: there is no {_LATENCY}")
+        return Check("idle cores", "good", f"{found}; --no-halt is not possible: there is no {_LATENCY}")
     if not os.access(_LATENCY, os.R_OK | os.W_OK):
-        return Finding("idle cores", "note", found, f"--no-halt needs the right to write {_LATENCY}")
-    return Finding("idle cores", "good", f"{found}; --no-halt is possible")
+        return Check("idle cores", "note", found, f"--no-halt needs the right to write {_LATENCY}")
+    return Check("idle cores", "good", f"{found}; --no-halt is possible")
 
 
-def _open_files() -> Finding:
+def _open_files() -> Check:
     import resource
 
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     found = f"{soft} open files, at most {hard}"
     if soft < _FEW_FILES:
-        return Finding("files", "note", found, "each client takes one: ulimit -n 4096, or LimitNOFILE=")
-    return Finding("files", "good", found)
+        return Check("files", "note", found, "each client takes one: ulimit -n 4096, or LimitNOFILE=")
+    return Check("files", "good", found)
 
 
-def _lane_folder() -> Finding:
+def _lane_folder() -> Check:
     from taxel_server.transports.lane_socket import automatic_address
 
     try:
         address = automatic_address((f"tcp/127.0.0.1:{PORT}",))
     except TaxelError as error:
-        return Finding("lane", "note", str(error), "set XDG_RUNTIME_DIR, or --lane unix:PATH")
-    return Finding("lane", "good", f"{address.rpartition('/')[0]} can be used")
+        return Check("lane", "note", str(error), "set XDG_RUNTIME_DIR, or --lane unix:PATH")
+    return Check("lane", "good", f"{address.rpartition('/')[0]} can be used")
 
 
-def _shared_memory() -> Finding:
+def _shared_memory() -> Check:
     if not _SHARED.is_dir():
-        return Finding("shared memory", "good", f"there is no {_SHARED}; --shared-memory is not possible")
+        return Check("shared memory", "good", f"there is no {_SHARED}; --shared-memory is not possible")
     space = shutil.disk_usage(_SHARED)
     found = f"{_SHARED}: {space.free // 2**20} of {space.total // 2**20} MiB free"
     with suppress(OSError), tempfile.TemporaryFile(dir=_SHARED):
         if space.free >= _LITTLE_SHARED:
-            return Finding("shared memory", "good", found)
-    return Finding("shared memory", "note", found, "--shared-memory needs more: docker run --shm-size=256m")
+            return Check("shared memory", "good", found)
+    return Check("shared memory", "note", found, "--shared-memory needs more: docker run --shm-size=256m")
 
 
-def _port(port: int) -> Finding:
+def _port(port: int) -> Check:
     subject = f"port {port}"
     found = listeners_on(port)
     if found is None:
-        return Finding(subject, "note", "this system does not tell who listens")
+        return Check(subject, "note", "this system does not tell who listens")
     if not found:
-        return Finding(subject, "good", "free")
+        return Check(subject, "good", "free")
     who = ", ".join(found)
     remedy = "choose another with --listen tcp/127.0.0.1:PORT"
     if any("rmw_zenohd" in each or "zenohd" in each for each in found):
-        return Finding(subject, "bad", f"taken by {who}: the router of zenoh or ROS 2", remedy)
+        return Check(subject, "bad", f"taken by {who}: the router of zenoh or ROS 2", remedy)
     if any("taxel" in each for each in found):
-        return Finding(subject, "good", f"a Taxel server listens: {who}")
-    return Finding(subject, "bad", f"taken by {who}; ROS 2's router listens there, too", remedy)
+        return Check(subject, "good", f"a Taxel server listens: {who}")
+    return Check(subject, "bad", f"taken by {who}; ROS 2's router listens there, too", remedy)

@@ -7,7 +7,7 @@ import typer
 from rich.text import Text
 
 from taxel.commands.cli import OUT, Json, print_json
-from taxel_server.operations.doctor import PORT, Finding, examine
+from taxel_server.operations.doctor import PORT, Check, examine
 
 _MARKS: Final = {"good": ("✓", "green"), "note": ("!", "yellow"), "bad": ("✗", "red")}
 
@@ -20,20 +20,20 @@ def doctor(
 
     It changes no setting and takes about a second. Exit code 1: something keeps Taxel from running.
     """
-    findings = []
-    for finding in examine(port):
-        findings.append(finding)
+    checks = []
+    for check in examine(port):
+        checks.append(check)
         if not as_json:
-            _print(finding)
+            _print(check)
     if as_json:
-        print_json({"findings": [asdict(finding) for finding in findings]})
-    if any(finding.grade == "bad" for finding in findings):
+        print_json({"findings": [asdict(check) for check in checks]})
+    if any(check.grade == "bad" for check in checks):
         raise typer.Exit(1)
 
 
-def _print(finding: Finding) -> None:
-    mark, colour = _MARKS[finding.grade]
-    line = Text.assemble((mark, colour), " ", (f"{finding.subject:<14}", "bold"), finding.found)
+def _print(check: Check) -> None:
+    mark, colour = _MARKS[check.grade]
+    line = Text.assemble((mark, colour), " ", (f"{check.subject:<14}", "bold"), check.found)
     OUT.print(line, soft_wrap=True)
-    if finding.remedy:
-        OUT.print(Text(f"  {'':<14}{finding.remedy}"), soft_wrap=True)
+    if check.remedy:
+        OUT.print(Text(f"  {'':<14}{check.remedy}"), soft_wrap=True)

@@ -1,7 +1,7 @@
 """Who gets in over zenoh, and what they may do there: settings of the server's own session.
 
 zenoh checks each message where it comes in and where it leaves, and drops what no rule allows. So a client
-can neither declare keys, nor publish, nor ask beyond its rights, be it on a network or on this machine.
+can neither declare keys, nor publish, nor ask beyond its rights, whether on a network or on this machine.
 """
 
 import logging

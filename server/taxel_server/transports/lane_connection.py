@@ -80,7 +80,7 @@ class ClientConnection:
         self._core = core
         self._budget = budget
         self._notify = notify
-        self._rest = b""
+        self._remaining = b""
         """The start of a request whose head or path is not there yet."""
         self._arriving: Arriving | None = None
         self._buffer = buffer
@@ -108,7 +108,7 @@ class ClientConnection:
     @property
     def is_under_way(self) -> bool:
         """Whether the client owes bytes, or does not read its replies."""
-        return bool(self._rest or self._arriving or self._to_skip or self._outbox or self._at_end)
+        return bool(self._remaining or self._arriving or self._to_skip or self._outbox or self._at_end)
 
     @property
     def is_closed(self) -> bool:
@@ -155,15 +155,15 @@ class ClientConnection:
             skipped = min(self._to_skip, len(data))
             self._to_skip -= skipped
             data = data[skipped:]
-        if self._rest:
-            data = self._rest + data
-            self._rest = b""
+        if self._remaining:
+            data = self._remaining + data
+            self._remaining = b""
         try:
             self._take_requests(data)
         except InvalidArgument as error:
             # Where the next request starts is not known any more.
             self._core.refusals.add(error, client=self._name)
-            self._rest = b""
+            self._remaining = b""
             self._owed += 1
             self._at_end = True
             self.send(pack_reply(0, error))
@@ -260,7 +260,7 @@ class ClientConnection:
                 path = data[at + HEAD_BYTES : at + HEAD_BYTES + head.path_bytes].decode(errors="replace")
                 model = self._model_of(head, path)
                 if stop > end:
-                    self._await_rest(head, model, memoryview(data)[start:])
+                    self._await_remaining(head, model, memoryview(data)[start:])
             except RequestError as error:
                 self._refused(error, head)
                 self.send(pack_reply(head.id, error))
@@ -276,7 +276,7 @@ class ClientConnection:
                     if head.size == end <= RECEIVE_BYTES and may_be_repeated(head):
                         self._remember(data, head, path)
             at = stop
-        self._rest = data[at:]
+        self._remaining = data[at:]
 
     def _remember(self, data: bytes, head: RequestHead, path: str) -> None:
         """Expect more requests like this one."""
@@ -284,7 +284,7 @@ class ClientConnection:
             self._buffer[: len(data)] = data
             self._repeated[head.size] = Repeated(self._buffer, head, path)
 
-    def _await_rest(self, head: RequestHead, model: LoadedModel, data: memoryview) -> None:
+    def _await_remaining(self, head: RequestHead, model: LoadedModel, data: memoryview) -> None:
         size = head.size - head.data_at
         self._core.check_room(Ticket(self._client, model, head.rows, head.size))
         if not self._budget.take(size):

@@ -195,7 +195,7 @@ class ZenohTransport:
             self._metadata_thread.take(query, Internal("the query failed: the server's log says more"))
 
     def _path(self, key: str) -> str:
-        """The path that a key names, be it a common one or this server's own."""
+        """The path that a key names, whether a common one or this server's own."""
         if key.startswith(self._own_keys):
             return key[len(self._own_keys) :]
         return key[self._below_prefix :]

@@ -7,47 +7,48 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taxel_bench.capacity.command import generator
-from taxel_bench.capacity.search import CLOSE, Trial, result_of, search
+from taxel_bench.capacity.search import CLOSE, Attempt, find_capacity, result_of
 from taxel_bench.capacity.service_time import measure_service_time
 from taxel_models.shipped import shipped_repository
 
 
-def trial(fingers: int, *, fits: bool, late: float = 0.0, others: float = 0.0) -> Trial:
-    return Trial(fingers, fits, 1.0, late, {}, 0.5, others)
+def attempt(fingers: int, *, fits: bool, late: float = 0.0, others: float = 0.0) -> Attempt:
+    return Attempt(fingers, fits, 1.0, late, {}, 0.5, others)
 
 
 @given(capacity=st.integers(0, 5000), most=st.integers(1, 4096))
 def test_the_search_ends_close_below_the_capacity(capacity: int, most: int) -> None:
-    found, trials = search(lambda fingers: trial(fingers, fits=fingers <= capacity), most)
+    found, attempts = find_capacity(lambda fingers: attempt(fingers, fits=fingers <= capacity), most)
     assert found <= capacity
-    assert all(1 <= each.fingers <= most for each in trials)
+    assert all(1 <= each.fingers <= most for each in attempts)
     if capacity >= most:
         assert found == most
     elif capacity:
         assert capacity < max(CLOSE * found, found + 1)
-    assert len(trials) <= 40
+    assert len(attempts) <= 40
 
 
 def test_what_does_not_fit_once_is_tried_again() -> None:
     tried: list[int] = []
 
-    def attempt(fingers: int) -> Trial:
+    def ask(fingers: int) -> Attempt:
         tried.append(fingers)
-        return trial(fingers, fits=fingers <= 100 and (fingers != 64 or tried.count(64) == 2))
+        return attempt(fingers, fits=fingers <= 100 and (fingers != 64 or tried.count(64) == 2))
 
-    assert 91 <= search(attempt, 4096)[0] <= 100
+    assert 91 <= find_capacity(ask, 4096)[0] <= 100
 
 
 def test_a_late_generator_makes_a_row_invalid() -> None:
-    good = [trial(64, fits=True), trial(70, fits=False), trial(70, fits=False)]
+    good = [attempt(64, fits=True), attempt(70, fits=False), attempt(70, fits=False)]
     assert result_of("xgb", "lane", 100, 64, good, 4096)["verdict"] == "VALID"
-    late = [trial(64, fits=True), trial(70, fits=False, late=0.2)]
+    late = [attempt(64, fits=True), attempt(70, fits=False, late=0.2)]
     assert "woke late for 20%" in result_of("xgb", "lane", 100, 64, late, 4096)["reasons"][0]
-    busy = [trial(64, fits=True), trial(70, fits=False, others=0.4)]
+    busy = [attempt(64, fits=True), attempt(70, fits=False, others=0.4)]
     assert "other programs took 0.4" in result_of("xgb", "lane", 100, 64, busy, 4096)["reasons"][0]
     # What is slow for the generator's sake is no matter where the fewest that do not fit are sound.
     assert (
-        result_of("xgb", "lane", 100, 64, [*good, trial(128, fits=False, late=0.2)], 4096)["reasons"] == []
+        result_of("xgb", "lane", 100, 64, [*good, attempt(128, fits=False, late=0.2)], 4096)["reasons"]
+        == []
     )
     assert "more were not tried" in result_of("xgb", "lane", 100, 64, good[:1], 64)["reasons"][0]
 

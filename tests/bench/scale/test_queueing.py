@@ -38,7 +38,7 @@ def test_clients_with_fixed_moments_and_too_little_to_do_never_wait() -> None:
 
 def test_two_choices_wait_less_than_a_fixed_replica() -> None:
     fixed = fleet_sojourn_times(4000, 1 / 500, 0.9, 8, requests=50_000)
-    choices = fleet_sojourn_times(4000, 1 / 500, 0.9, 8, spread="two-choices", requests=50_000)
+    choices = fleet_sojourn_times(4000, 1 / 500, 0.9, 8, balancing="two-choices", requests=50_000)
     assert np.percentile(choices, 99) < 0.5 * np.percentile(fixed, 99)
 
 
@@ -66,7 +66,7 @@ def test_each_replica_serves_one_request_at_a_time(
 def test_the_plan_is_the_least_number_that_keeps_the_bound() -> None:
     service = ServiceTime(request_s=90e-6, row_s=10e-6, way_s=0.2e-3)
     fleet = Fleet(fingers=4096, windows=1, rate=100.0)
-    how = {"arrivals": "poisson", "spread": "fixed", "requests": 50_000, "seed": 3}
+    how = {"arrivals": "poisson", "balancing": "fixed", "requests": 50_000, "seed": 3}
     tried = plan(fleet, service, 0.6, **how)  # type: ignore[arg-type]
     assert tried[0].replicas == 52
     assert len(tried) > 1

@@ -20,7 +20,7 @@ from taxel_server.core.traffic import Traffic
 from taxel_server.options import ServerOptions
 from taxel_server.transports.memory import MemoryServer
 from taxel_watch.live import Live
-from taxel_watch.scene import PREDICTED, Frame, Player
+from taxel_watch.scene import PREDICTED, Player, Update
 
 MODEL = "network-b"
 
@@ -137,10 +137,10 @@ def test_too_many_clients_are_left_out() -> None:
     assert follows == [True]
 
 
-def shown(player: Player, finger: int) -> Frame | None:
-    """A frame with a new moment of a fingertip, if there is one."""
-    frame = player.frame()
-    return frame if frame and any(key.endswith(f" {finger}") for key in frame.fingers) else None
+def shown(player: Player, finger: int) -> Update | None:
+    """An update with a new moment of a fingertip, if there is one."""
+    update = player.update()
+    return update if update and any(key.endswith(f" {finger}") for key in update.fingers) else None
 
 
 def test_a_player_shows_each_window_as_a_fingertip(source: RemoteSource) -> None:
@@ -163,13 +163,13 @@ def test_a_player_shows_each_window_as_a_fingertip(source: RemoteSource) -> None
 
         def moved() -> Any:
             counts = predictor.predict(windows(source, 1.1))
-            frame = shown(player, 2)
-            moments = frame.fingers[scene.fingers[2].key] if frame else None
-            same = moments is not None and np.array_equal(moments.counts[PREDICTED][0], counts[2])
-            return moments if same else None
+            update = shown(player, 2)
+            block = update.fingers[scene.fingers[2].key] if update else None
+            same = block is not None and np.array_equal(block.counts[PREDICTED][0], counts[2])
+            return block if same else None
 
-        moments = until(moved)
-        np.testing.assert_allclose(moments.force[0], [0.0, 0.0, 3.3], rtol=1e-6)
+        block = until(moved)
+        np.testing.assert_allclose(block.force[0], [0.0, 0.0, 3.3], rtol=1e-6)
         status = until(lambda: player.status() if player.status()["server"] else None)
         assert status["state"] == "live"
         assert status["rate_hz"] > 0

@@ -29,7 +29,7 @@ ROWS = 600
 
 
 def test_all_moments_are_written_once(paced: Replay) -> None:
-    times = np.concatenate([frame.fingers["1"].time_s for frame in of_whole(paced)])
+    times = np.concatenate([update.fingers["1"].time_s for update in of_whole(paced)])
     np.testing.assert_allclose(times, 0.01 * np.arange(ROWS))
 
 
@@ -82,7 +82,7 @@ def test_a_rerun_file_holds_the_recording(paced: Replay, tmp_path: Path) -> None
     (_, colours), *_ = sorted(found["/left/thumb/electrodes"])[450:]
     rgb = (np.array(colours)[:, None] >> np.array([24, 16, 8])) & 255
     finger = paced.scene().fingers[0]
-    np.testing.assert_array_equal(rgb, electrode_colours(finger, paced.moments(450, 1)["0"])[0])
+    np.testing.assert_array_equal(rgb, electrode_colours(finger, paced.blocks(450, 1)["0"])[0])
 
 
 def test_a_file_is_never_overwritten(tmp_path: Path) -> None:
@@ -108,7 +108,7 @@ def test_foxglove_gets_topics_and_moments(paced: Replay, clock: Any) -> None:
         app.send(json.dumps({"op": "subscribe", "subscriptions": [wanted]}))
         player = paced.player()
         clock.now += 3.0
-        # The subscription is made at some moment: the frame comes again until it is heard.
+        # The subscription is made at some moment: the update comes again until it is heard.
         for _ in range(200):
             player.command("seek", 3.0)
             write_as_it_comes(player, output, seconds=0.01)

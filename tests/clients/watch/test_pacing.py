@@ -1,4 +1,4 @@
-"""Frames for a viewer that is slower than the data."""
+"""Updates for a viewer that is slower than the data."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -7,7 +7,7 @@ from taxel_watch.pacing import IN_FLIGHT, Pacing
 
 
 def happen(pacing: Pacing, due: bool) -> None:
-    """A moment of a viewer's life: True is a frame that is due, False a frame that it has drawn."""
+    """A moment of a viewer's life: True is an update that is due, False an update that it has drawn."""
     if not due:
         pacing.note_drawn()
     elif pacing.may_send():
@@ -22,7 +22,7 @@ def run(events: list[bool]) -> Pacing:
 
 
 @given(st.lists(st.booleans(), max_size=200))
-def test_each_due_frame_is_sent_or_dropped_and_few_are_ever_under_way(events: list[bool]) -> None:
+def test_each_due_update_is_sent_or_dropped_and_few_are_ever_under_way(events: list[bool]) -> None:
     pacing, due = Pacing(), 0
     for event in events:
         happen(pacing, event)

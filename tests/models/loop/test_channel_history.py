@@ -27,7 +27,7 @@ def changes(
     rest = smooth.counts(np.zeros((1, 3)), np.zeros((1, 3)))[0, CHANNEL]
     channels[:, CHANNEL] = rest + kept * (channels[:, CHANNEL] - rest) + added
     changed = Recording(recording.samples, np.rint(channels), recording.auxiliary, recording.covariates)
-    observations = gather(smooth, [changed], measured_temperature=True)
+    observations = gather(smooth, [changed])
     explained = np.zeros_like(observations.residual)
     explained[:, CHANNEL] = added
     return list(sensitivity_changes(observations, cut(observations, seed=0), explained))
@@ -75,7 +75,7 @@ def test_a_small_change_is_not_told(smooth: Any, long: Recording) -> None:
 
 def test_few_blocks_tell_nothing(smooth: Any, make: Make) -> None:
     recording = make(1_800, seed=5)
-    observations = gather(smooth, [recording], measured_temperature=True)
+    observations = gather(smooth, [recording])
     blocks = cut(observations, seed=0)
     some = observations.kept(blocks.of_row < 9)
     few = type(blocks)(blocks.of_row[blocks.of_row < 9], blocks.fold)
@@ -89,7 +89,7 @@ def test_a_channel_that_is_cut_off_lost_no_sensitivity(smooth: Any, make: Make) 
     highest = float(np.quantile(channels[:, CHANNEL], 0.3))
     channels[late, CHANNEL] = np.minimum(channels[late, CHANNEL] + COUNTS_MAX - highest, COUNTS_MAX)
     changed = replace(recording, channels=np.rint(channels))
-    observations = gather(smooth, [changed], measured_temperature=True)
+    observations = gather(smooth, [changed])
     cut_off = (observations.measured[:, CHANNEL] == COUNTS_MAX)[late[observations.rows[0]]]
     assert 0.2 < cut_off.mean() < 0.9
     blocks = cut(observations, seed=0)

@@ -33,7 +33,7 @@ def test_materials_one_after_another_run_along_with_time(
     rows = len(recording)
     material = np.repeat(np.arange(1.0, 6.0), rows // 5)
     sequence = replace(recording, covariates={"material": material})
-    found = shares(gather(smooth, [sequence], measured_temperature=True))
+    found = shares(gather(smooth, [sequence]))
     assert found["material", TIME] > 0.8
     assert found["material", ORDER] > 0.8
     assert found["temperature", "material"] > 0.7
@@ -49,10 +49,10 @@ def test_a_place_that_follows_the_phase_is_told(smooth: Any, make: Callable[...,
         position=np.column_stack([0.06 * time, np.zeros((len(time), 2))]),
         force=np.column_stack([np.zeros((len(time), 2)), pressed]),
     )
-    found = shares(gather(smooth, [replace(recording, samples=samples)], measured_temperature=True))
+    found = shares(gather(smooth, [replace(recording, samples=samples)]))
     assert found["place", PHASE] == pytest.approx(0.98, abs=0.03)
     assert found["place", TIME] < 0.2
 
 
 def test_few_contacts_tell_nothing(smooth: Any, make: Callable[..., Recording]) -> None:
-    assert confounding(gather(smooth, [make(600)], measured_temperature=True)) == ()
+    assert confounding(gather(smooth, [make(600)])) == ()

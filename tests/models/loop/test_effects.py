@@ -48,7 +48,7 @@ def played(smooth: Any, recording: Recording, name: str, seed: int = 11) -> Case
     injection.respond = smooth.counts
     inject(injection, name, 1.0)
     result = run_loop(smooth, [injection.recording], LoopSettings())
-    base = gather(smooth, [recording], measured_temperature=True)
+    base = gather(smooth, [recording])
     truth = injection.truth[0]["parameters"]
     return Case(result, truth, np.abs(base.measured - base.predicted))
 
@@ -241,11 +241,11 @@ def test_a_channel_that_an_offset_takes_to_the_end_of_its_counts_is_not_broken(
     recording = make(6_000)
     counts = recording.channels.copy()
     counts[:, 5] = np.clip(counts[:, 5] - np.quantile(counts[:, 5], 0.3), 0, 4095)
-    cut = gather(smooth, [replace(recording, channels=counts)], measured_temperature=True)
+    cut = gather(smooth, [replace(recording, channels=counts)])
     broken = recording.channels.copy()
     # A loose contact reads 0 wherever the channel is.
     broken[(np.arange(len(counts)) // 150) % 4 == 0, 5] = 0
-    loose = gather(smooth, [replace(recording, channels=broken)], measured_temperature=True)
+    loose = gather(smooth, [replace(recording, channels=broken)])
     every = np.ones(len(cut), np.bool_)
     forms = [
         list(Fault().forms(one, Remaining(one.residual, every, np.ones(len(one))))) for one in (cut, loose)

@@ -20,7 +20,7 @@ def observed(smooth: Any, make: Make) -> Observations:
     """In segments of 6.8 s."""
     ticks = make(seed=3).ticks()
     parts = ticks.rows(np.arange(len(ticks)) % 700 >= 20)
-    return gather(smooth, [parts], measured_temperature=True)
+    return gather(smooth, [parts])
 
 
 def forms(observations: Observations) -> list[str]:

@@ -27,7 +27,7 @@ NOISE: Final = np.full(len(CHANNELS), 4.0)
 
 
 def forms(model: Any, recording: Recording) -> list[Candidate]:
-    observations = gather(model, [recording], measured_temperature=True)
+    observations = gather(model, [recording])
     return list(Interference().forms(observations, remaining(observations)))
 
 
@@ -160,7 +160,7 @@ def test_each_segment_has_its_own_phase(smooth: Any, recording: Recording) -> No
 def test_it_is_found_in_segments_that_are_cut_into_short_blocks(smooth: Any, recording: Recording) -> None:
     ticks = recording.ticks()
     parts = ticks.rows(np.arange(len(ticks)) % 500 >= 20)
-    observations = gather(smooth, [parts], measured_temperature=True)
+    observations = gather(smooth, [parts])
     assert np.diff(np.flatnonzero(np.diff(cut(observations, seed=0).of_row))).max() < 256
     (found,) = forms(smooth, with_wave(parts, 6.3, [7], 8.0))
     assert found.form == "6.3 Hz in e6"

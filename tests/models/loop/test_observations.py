@@ -33,7 +33,7 @@ def test_rows_are_aligned(observations: Observations, recording: Recording, smoo
 
 
 def test_an_unmeasured_temperature_is_no_covariate(recording: Recording, smooth: Any) -> None:
-    observations = gather(smooth, [recording], measured_temperature=False)
+    observations = gather(smooth, [recording], withheld=("tdc", "tac"))
     assert set(observations.covariates) == {"material"}
 
 
@@ -42,7 +42,7 @@ def test_segments_are_numbered_through_and_only_common_columns_count(
 ) -> None:
     first, second = make(600), replace(make(500, seed=4), covariates={})
     gap = first.rows(np.arange(600) // 100 != 2)
-    observations = gather(smooth, [gap, second], measured_temperature=True)
+    observations = gather(smooth, [gap, second])
     assert set(observations.covariates) == {"tac", "tdc"}
     assert list(np.unique(observations.segment)) == [0, 1, 2]
     assert [len(rows) for rows in observations.rows] == [180 + 280, 480]
@@ -52,7 +52,7 @@ def test_segments_are_numbered_through_and_only_common_columns_count(
 
 def test_recordings_without_a_whole_window_are_refused(make: Callable[..., Recording], smooth: Any) -> None:
     with pytest.raises(RecordingError, match="no whole window"):
-        gather(smooth, [make(15)], measured_temperature=True)
+        gather(smooth, [make(15)])
 
 
 def test_rest_is_that_of_free_air(observations: Observations) -> None:
@@ -129,7 +129,7 @@ def test_a_corrected_model_is_asked_for_its_base(smooth: Any, recording: Recordi
         def predict(self, windows: np.ndarray) -> np.ndarray:
             return Correction((effect,), self.manifest.spec, ()).apply(smooth.predict, windows)
 
-    found = gather(Corrected(), [recording], measured_temperature=True)
+    found = gather(Corrected(), [recording])
     np.testing.assert_array_equal(found.base, predict_all(smooth.predict, found.windows))
     np.testing.assert_allclose(found.predicted, found.base + 12.0, atol=1e-3)
     again = found.with_windows(found.windows[::-1], turn=None, shift_ticks=0)

@@ -17,7 +17,7 @@ Make = Callable[..., Recording]
 
 
 def observed(model: Any, recording: Recording) -> Observations:
-    return gather(model, [recording], measured_temperature=True)
+    return gather(model, [recording])
 
 
 def lost(rows: int, share: float, length: int, seed: int = 0) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""What no effect explains is foretold where it can be, and served as fitted; noise is left alone."""
+"""What no effect explains is predicted where it can be, and served as fitted; noise is left alone."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -49,7 +49,7 @@ def observations(smooth: Any, make: Make) -> Observations:
     material = recording.covariates["material"]
     channels = recording.channels.copy()
     channels[:, BENT] += ((material - 3.0) * 40.0 * pressed / (1.0 + pressed**2))[:, None]
-    return gather(smooth, [replace(recording, channels=channels)], measured_temperature=True)
+    return gather(smooth, [replace(recording, channels=channels)])
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +120,7 @@ def test_far_from_what_was_recorded_it_stays_bounded(found: ResidualModel) -> No
 
 @pytest.mark.parametrize("seed", [4, 5, 6])
 def test_noise_has_no_residual_model(smooth: Any, make: Make, seed: int) -> None:
-    observations = gather(smooth, [make(seed=seed)], measured_temperature=True)
+    observations = gather(smooth, [make(seed=seed)])
     found = fitted(observations, cut(observations, seed=seed), seed=seed)
     assert found is None or found.has.sum() <= 1
 

@@ -127,7 +127,7 @@ def test_a_round_is_marked_by_what_was_injected(smooth: Any, make: Make) -> None
 
 
 def named_in(smooth: Any, recording: Recording) -> list[str]:
-    observations = gather(smooth, [recording], measured_temperature=True)
+    observations = gather(smooth, [recording])
     selection = JointSelection(observations, cut(observations, seed=1), candidates(observations))
     return [named.name for named in selection.run().named]
 

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from taxel_server.runtimes.networks.panel_product import LANES
-from taxel_server.runtimes.networks.panels import panels_of
+from taxel_server.runtimes.networks.panels import LANES, panels_of
 from taxel_server.runtimes.networks.program import Operation, ProgramBuilder
 from taxel_server.runtimes.networks.runtime import ProgramEvaluator
 

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from taxel_server.runtimes.compiled.vectors import call
 from taxel_server.runtimes.trees.few_rows.kernels import find_exits, trees_at_once
 from taxel_server.runtimes.trees.layout.tree_lanes import COLUMN_BITS
-from taxel_server.runtimes.trees.simd.calls import call
 from taxel_server.runtimes.trees.simd.lookups import can_look_up
 
 COLUMNS = 31

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from taxel.manifest import Normalisation
 from taxel_server.runtimes.compiled.arguments import pack
 from taxel_server.runtimes.compiled.compiling import compiled
-from taxel_server.runtimes.trees.few_rows.ranks import ROWS, padded_cuts, rank_rows
+from taxel_server.runtimes.trees.few_rows.kernels import ROWS, padded_cuts, rank_rows
 from taxel_server.runtimes.trees.layout.columns import Columns, Cuts, read_cuts
 from taxel_server.runtimes.trees.normalisation import Scales, read_scales
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS
 from taxel.errors import SettingsError
 from taxel_watch.outputs.output import METRES_A_NEWTON, RADIUS_M, electrode_colours, electrodes_m
-from taxel_watch.scene import Finger, Frame, Moments, Scene
+from taxel_watch.scene import Finger, Scene, TraceBlock, Update
 
 _NUMBERS: Final = {"type": "number"}
 _XYZ: Final = {"type": "object", "properties": dict.fromkeys("xyz", _NUMBERS)}
@@ -43,18 +43,18 @@ class FoxgloveOutput:
         self._signals: dict[str, foxglove.Channel] = {}
         self._skins: dict[str, SceneUpdateChannel] = {}
 
-    def write(self, scene: Scene, frame: Frame) -> None:
-        """Take the next frame of a scene."""
+    def write(self, scene: Scene, update: Update) -> None:
+        """Take the next update of a scene."""
         for finger in scene.fingers:
-            if (moments := frame.fingers.get(finger.key)) is not None:
-                self._write(finger, moments, list(scene.traces))
+            if (block := update.fingers.get(finger.key)) is not None:
+                self._write(finger, block, list(scene.traces))
 
     def close(self) -> None:
         """Write what is left, and end."""
         close = getattr(self._sink, "stop", None) or self._sink.close
         close()
 
-    def _write(self, finger: Finger, moments: Moments, traces: list[str]) -> None:
+    def _write(self, finger: Finger, block: TraceBlock, traces: list[str]) -> None:
         if finger.key not in self._signals:
             topic = f"/{finger.hand}/{finger.label}"
             schema = {
@@ -66,23 +66,23 @@ class FoxgloveOutput:
                 f"{topic}/signals", schema=schema, message_encoding="json", context=self._context
             )
             self._skins[finger.key] = SceneUpdateChannel(f"{topic}/skin", context=self._context)
-        for row, moment in enumerate(moments.time_s):
+        for row, moment in enumerate(block.time_s):
             message = {
-                "position_m": dict(zip("xyz", moments.position[row].tolist(), strict=True)),
-                "force_n": dict(zip("xyz", moments.force[row].tolist(), strict=True)),
+                "position_m": dict(zip("xyz", block.position[row].tolist(), strict=True)),
+                "force_n": dict(zip("xyz", block.force[row].tolist(), strict=True)),
                 **{
                     trace: dict(zip(CHANNELS, counts[row].tolist(), strict=True))
-                    for trace, counts in moments.counts.items()
+                    for trace, counts in block.counts.items()
                     if np.isfinite(counts[row]).all()
                 },
             }
             self._signals[finger.key].log(message, log_time=_ns(moment))
         # Every third moment, back from the last: a picture needs 30 in a second.
-        colours = electrode_colours(finger, moments)
-        for row in range((len(moments.time_s) - 1) % 3, len(moments.time_s), 3):
-            at = _ns(moments.time_s[row])
+        colours = electrode_colours(finger, block)
+        for row in range((len(block.time_s) - 1) % 3, len(block.time_s), 3):
+            at = _ns(block.time_s[row])
             name = f"{finger.hand}/{finger.label}"
-            entity = _skin(moments.position[row], moments.force[row], colours[row], at, name)
+            entity = _skin(block.position[row], block.force[row], colours[row], at, name)
             self._skins[finger.key].log(SceneUpdate(entities=[entity]), log_time=at)
 
 

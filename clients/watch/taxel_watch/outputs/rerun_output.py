@@ -9,7 +9,7 @@ import rerun as rr
 from taxel.channels import CHANNELS, ELECTRODES
 from taxel.errors import SettingsError
 from taxel_watch.outputs.output import METRES_A_NEWTON, RADIUS_M, electrode_colours, electrodes_m
-from taxel_watch.scene import Finger, Frame, Moments, Scene
+from taxel_watch.scene import Finger, Scene, TraceBlock, Update
 
 TIMELINE: Final = "time"
 """Seconds since the start."""
@@ -26,19 +26,19 @@ class RerunOutput:
         self._stream = stream
         self._known: set[str] = set()
 
-    def write(self, scene: Scene, frame: Frame) -> None:
-        """Take the next frame of a scene."""
+    def write(self, scene: Scene, update: Update) -> None:
+        """Take the next update of a scene."""
         for finger in scene.fingers:
-            if (moments := frame.fingers.get(finger.key)) is not None:
-                self._write(finger, moments)
+            if (block := update.fingers.get(finger.key)) is not None:
+                self._write(finger, block)
 
     def close(self) -> None:
         """Write what is left."""
         self._stream.flush()
         self._stream.disconnect()
 
-    def _write(self, finger: Finger, moments: Moments) -> None:
-        rows = len(moments.time_s)
+    def _write(self, finger: Finger, block: TraceBlock) -> None:
+        rows = len(block.time_s)
 
         def entity(name: str) -> str:
             return rr.new_entity_path([finger.hand, finger.label, name])
@@ -48,20 +48,20 @@ class RerunOutput:
             points = rr.Points3D(electrodes_m(), radii=RADIUS_M, labels=list(ELECTRODES), show_labels=False)
             self._stream.log(entity("electrodes"), points, static=True)
             self._stream.log(entity("force_n"), rr.SeriesLines(names=["x", "y", "z"]), static=True)
-            for trace in moments.counts:
+            for trace in block.counts:
                 self._stream.log(entity(trace), rr.SeriesLines(names=list(CHANNELS)), static=True)
-        colours = electrode_colours(finger, moments).reshape(-1, 3).astype(np.uint8)
+        colours = electrode_colours(finger, block).reshape(-1, 3).astype(np.uint8)
         columns = {
-            "force_n": rr.Scalars.columns(scalars=moments.force),
-            **{trace: rr.Scalars.columns(scalars=counts) for trace, counts in moments.counts.items()},
+            "force_n": rr.Scalars.columns(scalars=block.force),
+            **{trace: rr.Scalars.columns(scalars=counts) for trace, counts in block.counts.items()},
             "electrodes": rr.Points3D.columns(colors=colours).partition([len(ELECTRODES)] * rows),
             "force": rr.Arrows3D.columns(
-                origins=moments.position,
-                vectors=METRES_A_NEWTON * moments.force,
+                origins=block.position,
+                vectors=METRES_A_NEWTON * block.force,
                 radii=[RADIUS_M / 4] * rows,
             ),
         }
-        when = [rr.TimeColumn(TIMELINE, duration=moments.time_s)]
+        when = [rr.TimeColumn(TIMELINE, duration=block.time_s)]
         for name, values in columns.items():
             rr.send_columns(entity(name), indexes=when, columns=values, recording=self._stream)
 

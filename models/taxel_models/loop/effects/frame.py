@@ -37,7 +37,7 @@ NAMES: Final = {
 }
 
 
-class Frame(Effect):
+class FrameEffect(Effect):
     """A rigid motion between the recorded frame and the model's frame. All channels share it."""
 
     name = "frame"

@@ -32,7 +32,7 @@ class Gain(Effect):
     name = "gain"
     equation = "delta_c = (g_c + a_c t) (p_c - rest_c)"
     source = "definition; gain acts on the change about rest, since rest is tared or known apart"
-    signature = "the residual is in proportion to the channel's own signal, and nil in free air"
+    signature = "the residual is in proportion to the channel's own signal, and zero in free air"
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:

@@ -12,7 +12,7 @@ from taxel_models.loop.effects.crosstalk import Crosstalk
 from taxel_models.loop.effects.drift import Drift
 from taxel_models.loop.effects.effect import Effect
 from taxel_models.loop.effects.fault import Fault
-from taxel_models.loop.effects.frame import Frame
+from taxel_models.loop.effects.frame import FrameEffect
 from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.hysteresis import Hysteresis
 from taxel_models.loop.effects.interference import Interference
@@ -33,7 +33,7 @@ EFFECTS: Final[tuple[type[Effect], ...]] = (
     Hysteresis,
     Rate,
     Lag,
-    Frame,
+    FrameEffect,
     Location,
     Crosstalk,
     Saturation,

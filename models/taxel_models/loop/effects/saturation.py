@@ -24,7 +24,7 @@ class Saturation(Effect):
     name = "saturation"
     equation = "delta_c = -k_c sign(s_c) max(|s_c| - L_c, 0), s_c = p_c - rest_c"
     source = "skin meets the core near 2 N, the converter's end (SynTouch manual): a bent line"
-    signature = "the residual is nil below a level of the signal and grows beyond, against it"
+    signature = "the residual is zero below a level of the signal and grows beyond, against it"
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:

@@ -1,6 +1,6 @@
 """Offsets of each contact: steady within contacts, scattered between them.
 
-No model can foretell them. They are told by their size: the part of the residual that a whole contact
+No model can predict them. They are told by their size: the part of the residual that a whole contact
 shares is larger than in the model's own held-out residual.
 """
 

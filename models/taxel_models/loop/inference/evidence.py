@@ -295,13 +295,13 @@ def posterior_weights(
         weights = (np.maximum(common, 0.0) if fitting.positive else common)[None] * changes[:, None]
     else:
         precision = np.where(changes, weighed.strength**-2, np.inf)
-        spread = np.broadcast_to(precision[:, None], cross.shape)
-        weights = np.einsum("ckl,cl->ck", inverse_of(gram, spread), cross)
+        broadcast = np.broadcast_to(precision[:, None], cross.shape)
+        weights = np.einsum("ckl,cl->ck", inverse_of(gram, broadcast), cross)
         weights = np.maximum(weights, 0.0) if fitting.positive else weights
     if not base.size:
         return np.zeros((len(weights), 0)), weights
-    rest = sums.base_cross - np.einsum("cbk,ck->cb", sums.between, weights)
-    return np.einsum("cbd,cd->cb", inverse_of(sums.base_gram, base.precision), rest), weights
+    remaining = sums.base_cross - np.einsum("cbk,ck->cb", sums.between, weights)
+    return np.einsum("cbd,cd->cb", inverse_of(sums.base_gram, base.precision), remaining), weights
 
 
 @dataclass(frozen=True)

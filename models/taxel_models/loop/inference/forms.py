@@ -16,7 +16,7 @@ _HAS_MEAN = 0.02
 
 
 @dataclass(frozen=True)
-class Form:
+class WhitenedForm:
     """A form with its whitened regressors.
 
     Attributes:
@@ -47,7 +47,7 @@ class Form:
         return scaled / self.unit
 
 
-def prepared(candidate: Candidate, whitening: Whitening) -> Iterator[Form]:
+def prepared(candidate: Candidate, whitening: Whitening) -> Iterator[WhitenedForm]:
     """A form, and the same less its mean where that makes a difference.
 
     A channel that the regressors do not move has no weights.
@@ -63,7 +63,7 @@ def prepared(candidate: Candidate, whitening: Whitening) -> Iterator[Form]:
         yield _prepared(about_mean(candidate, average), means - average[:, None, :], whitening)
 
 
-def _prepared(candidate: Candidate, means: Floats, whitening: Whitening) -> Form:
+def _prepared(candidate: Candidate, means: Floats, whitening: Whitening) -> WhitenedForm:
     fitting, channels = candidate.fitting, len(CHANNELS)
     size = np.broadcast_to(np.sqrt((means**2).mean(axis=1)), (channels, means.shape[2]))
     relative = size / whitening.scale[:, None]
@@ -82,4 +82,4 @@ def _prepared(candidate: Candidate, means: Floats, whitening: Whitening) -> Form
         white = whitening(means / unit[:1][:, None, :])
     else:
         white = whitening(means / unit[:, None, :])
-    return Form(candidate, Design(white, whitening.bins.fold), unit)
+    return WhitenedForm(candidate, Design(white, whitening.bins.fold), unit)

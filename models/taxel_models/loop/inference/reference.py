@@ -52,7 +52,7 @@ def held_out_residual(
     """
     progress = progress or _silent
     try:
-        observations = gather(model, recordings, measured_temperature=True)
+        observations = gather(model, recordings)
         found = _residual_of(observations, constants, progress)
     except RecordingError:
         return None

@@ -10,7 +10,7 @@ from taxel_models.evaluation.standard_error import corrected_standard_error
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Effect
 from taxel_models.loop.inference.evidence import Weighed
-from taxel_models.loop.inference.forms import Form
+from taxel_models.loop.inference.forms import WhitenedForm
 
 UNSHRUNK: Final = 1e3
 """A prior size, over the channel's residual, that leaves weights as the recording gives them."""
@@ -37,7 +37,7 @@ class Score:
     """
 
     effect: Effect
-    form: Form
+    form: WhitenedForm
     weighed: Weighed
     log_evidence: float
     needs_constant: bool
@@ -101,7 +101,7 @@ class Taken:
     """
 
     score: Score
-    form: Form
+    form: WhitenedForm
     weights: Floats
     contribution: Floats
 

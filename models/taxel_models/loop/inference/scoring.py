@@ -32,7 +32,7 @@ from taxel_models.loop.inference.evidence import (
     posterior_weights,
     weigh,
 )
-from taxel_models.loop.inference.forms import Form, prepared
+from taxel_models.loop.inference.forms import WhitenedForm, prepared
 from taxel_models.loop.inference.kinds import counted
 from taxel_models.loop.inference.score import Score, Taken
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
@@ -60,7 +60,7 @@ class Option(NamedTuple):
     """
 
     log_evidence: float
-    form: Form
+    form: WhitenedForm
     products: Products
     weighed: Weighed
     alone: float
@@ -113,7 +113,7 @@ class Scoring:
         self._ones = Design(self.whitening(ones), self.bins.fold)
         target = self.base([]).target.values[:, :, 0]
         self._energy = np.maximum((target**2).sum(axis=1), 1e-9)
-        self._forms: dict[str, list[Form]] = {}
+        self._forms: dict[str, list[WhitenedForm]] = {}
         self._hopeless: dict[str, int] = {}
         """Effects with costly forms that the residual did not speak for: 0 alone, 1 beside others."""
 
@@ -152,7 +152,7 @@ class Scoring:
         constant = weigh(Products.of(plain, self._ones), Fitting(), self.constants)
         return Bases(plain, beside, constant.log_evidence, bool(taken))
 
-    def _forms_of(self, effect: Effect, left: Floats) -> list[Form]:
+    def _forms_of(self, effect: Effect, left: Floats) -> list[WhitenedForm]:
         if effect.looks_at_residual or effect.label not in self._forms:
             remaining = Remaining(left, self._blocks.fit, self._mean_row_weights)
             self._forms[effect.label] = [
@@ -162,7 +162,7 @@ class Scoring:
             ]
         return self._forms[effect.label]
 
-    def forms_of(self, effect: Effect) -> list[Form]:
+    def forms_of(self, effect: Effect) -> list[WhitenedForm]:
         """The forms of an effect while nothing is named."""
         return self._forms_of(effect, self.residual([]))
 
@@ -189,7 +189,7 @@ class Scoring:
         found += [] if contact is None else [contact]
         return sorted(found, key=lambda score: -score.log_evidence)
 
-    def _score(self, effect: Effect, forms: Sequence[Form], bases: Bases) -> Score:
+    def _score(self, effect: Effect, forms: Sequence[WhitenedForm], bases: Bases) -> Score:
         usual = self._usual_evidence(effect.label)
         weighed: list[Option] = []
         logs = []
@@ -279,7 +279,7 @@ class Scoring:
     def _scored(
         self,
         effect: Effect,
-        form: Form,
+        form: WhitenedForm,
         weighed: Weighed,
         log_evidence: float,
         tested: HeldOut,

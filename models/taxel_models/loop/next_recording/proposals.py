@@ -13,7 +13,7 @@ from taxel_models.loop.effects.temperature import TDC
 from taxel_models.loop.findings import NextRecording
 from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.next_recording.fitted import Fitted, fitted_in_place
-from taxel_models.loop.next_recording.rehearsal import Ground, Rehearsal, rehearse
+from taxel_models.loop.next_recording.rehearsal import Rehearsal, Stage, rehearse
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.pipeline import LoopResult
 from taxel_models.loop.resting import TOUCH_N
@@ -43,11 +43,10 @@ def propose(result: LoopResult, *, progress: Callable[[str], None] | None = None
     """
     split = result.findings.split
     attribution = result.attribution
-    ground = Ground(
+    stage = Stage(
         attribution.observations,
         result.blocks,
         attribution.residual,
-        bool(split["measured_temperature"]),
         result.reference,
         replace(DECLARED, least_share=float(split["least_share"])),
     )
@@ -56,10 +55,10 @@ def propose(result: LoopResult, *, progress: Callable[[str], None] | None = None
         if progress is not None:
             progress(f"what would tell {named.name} from {name}")
         other = fitted_in_place(
-            result.observations, result.blocks, attribution, named, name, ground.reference, ground.constants
+            result.observations, result.blocks, attribution, named, name, stage.reference, stage.constants
         )
         if other is not None:
-            proposals.append(_proposal(ground, Fitted.of(named), other))
+            proposals.append(_proposal(stage, Fitted.of(named), other))
     numbered = tuple(_with_file(one, number) for number, one in enumerate(proposals, 1))
     return replace(result, findings=result.findings.model_copy(update={"next_recordings": numbered}))
 
@@ -75,13 +74,13 @@ def _pairs(named: tuple[Named, ...]) -> Iterator[tuple[Named, str]]:
                 yield one, name
 
 
-def _proposal(ground: Ground, first: Fitted, second: Fitted) -> NextRecording:
+def _proposal(stage: Stage, first: Fitted, second: Fitted) -> NextRecording:
     best: tuple[RecordingProtocol, Rehearsal] | None = None
     # Nobody knows what a calibration would tell of contacts that are still to come.
     untold = first.needs_calibration or second.needs_calibration
-    for protocol in [] if untold else _protocols(ground.observations, first, second):
+    for protocol in [] if untold else _protocols(stage.observations, first, second):
         must_exceed = FEWEST_RIGHT - 1 if best is None else best[1].right
-        found = rehearse(ground, protocol, (first, second), must_exceed=must_exceed, seed=0)
+        found = rehearse(stage, protocol, (first, second), must_exceed=must_exceed, seed=0)
         if found is not None:
             best = protocol, found
         if best is not None and best[1].right == best[1].simulated:

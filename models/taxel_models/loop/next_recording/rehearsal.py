@@ -31,14 +31,13 @@ DRAWS: Final = 5
 
 
 @dataclass(frozen=True)
-class Ground:
-    """What simulated recordings take from the recordings at hand.
+class Stage:
+    """What a rehearsal takes from the recordings at hand.
 
     Attributes:
         observations: of the recordings at hand, with their inputs put right.
         blocks: theirs.
         left: (n, 21) what no named effect explains, counts: the noise.
-        measured_temperature: whether the model is given the recording's temperature.
         reference: the model's own held-out residual; None if it is not known.
         constants: of the inference.
     """
@@ -46,7 +45,6 @@ class Ground:
     observations: Observations
     blocks: Blocks
     left: Floats
-    measured_temperature: bool
     reference: HeldOutResidual | None
     constants: Constants
 
@@ -99,7 +97,7 @@ class Rehearsal:
 
 
 def rehearse(
-    ground: Ground, protocol: RecordingProtocol, causes: Sequence[Fitted], *, must_exceed: int, seed: int
+    stage: Stage, protocol: RecordingProtocol, causes: Sequence[Fitted], *, must_exceed: int, seed: int
 ) -> Rehearsal | None:
     """Simulate recordings of a protocol, each with one of two causes, and let the loop decide.
 
@@ -112,13 +110,13 @@ def rehearse(
     random = np.random.default_rng(seed)
     right, left = 0, DRAWS * len(causes)
     for _ in range(DRAWS):
-        recording = ground.placed(perform(protocol, int(random.integers(1 << 31))))
-        observations = gather(ground.model, [recording], measured_temperature=ground.measured_temperature)
+        recording = stage.placed(perform(protocol, int(random.integers(1 << 31))))
+        observations = gather(stage.model, [recording], withheld=stage.observations.withheld)
         blocks = cut(observations, seed=0)
         for cause in causes:
-            counts = cause.counts(observations) + ground.noise(len(observations), random)
+            counts = cause.counts(observations) + stage.noise(len(observations), random)
             measured = np.clip(np.rint(counts), 0, COUNTS_MAX)
-            found = _found(ground, replace(observations, measured=measured), blocks, causes)
+            found = _found(stage, replace(observations, measured=measured), blocks, causes)
             others = {other.name for other in causes} - {cause.name}
             right += _decides(found, cause.name, others)
             left -= 1
@@ -128,12 +126,12 @@ def rehearse(
 
 
 def _found(
-    ground: Ground, observations: Observations, blocks: Blocks, causes: Sequence[Fitted]
+    stage: Stage, observations: Observations, blocks: Blocks, causes: Sequence[Fitted]
 ) -> Attribution:
     names = dict.fromkeys([*(cause.name for cause in causes), Offset.name])
     effects = [effect_named(name) for name in names]
     return JointSelection(
-        observations, blocks, effects, reference=ground.reference, constants=ground.constants
+        observations, blocks, effects, reference=stage.reference, constants=stage.constants
     ).run()
 
 

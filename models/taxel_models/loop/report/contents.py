@@ -13,7 +13,7 @@ from taxel_models.loop.report.correlation_pictures import outside, strongest
 from taxel_models.loop.report.document import (
     Block,
     Document,
-    Fold,
+    Folded,
     Heading,
     Note,
     Paragraph,
@@ -139,7 +139,7 @@ def _parameters(effect: FoundEffect) -> list[Block]:
     )
     table = Table(("parameter", "value", "95 % interval", "unit"), rows)
     if len(rows) > _MOST_OPEN:
-        return [Fold(f"{len(rows)} parameters with their intervals", (table,))]
+        return [Folded(f"{len(rows)} parameters with their intervals", (table,))]
     return [table] if rows else []
 
 
@@ -189,7 +189,7 @@ def _confounding(told: Told) -> list[Block]:
     rows = tuple((name, *(shares.get((name, other), "") for other in along)) for name in quantities)
     text = (
         "Before anything is fitted: the share of each quantity's variance over rows in contact that "
-        "another one foretells. Where it is large, causes that depend on the two cannot be told apart."
+        "another one predicts. Where it is large, causes that depend on the two cannot be told apart."
     )
     return [Heading("What runs along with what"), Paragraph(text), Table(("quantity", *along), rows)]
 

@@ -54,7 +54,7 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Fold:
+class Folded:
     """What a reader opens only if needed."""
 
     kind: ClassVar = "fold"
@@ -62,7 +62,7 @@ class Fold:
     blocks: "tuple[Block, ...]"
 
 
-Block = Heading | Paragraph | Note | Table | Picture | Fold
+Block = Heading | Paragraph | Note | Table | Picture | Folded
 
 
 @dataclass(frozen=True)

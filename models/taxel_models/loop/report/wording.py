@@ -12,7 +12,7 @@ SIGNIFICANT: Final = 0.05
 """Of the paired test: above, the error is not said to have fallen."""
 
 RUNS_ALONG: Final = 0.5
-"""A quantity runs along with another that foretells this share of its variance."""
+"""A quantity runs along with another that predicts this share of its variance."""
 
 _MOST_KEY_PARAMETERS: Final = 3
 _MOST_NEEDS: Final = 3
@@ -144,7 +144,7 @@ def unnamed(findings: Findings) -> list[str]:
     if found is None:
         return []
     return [
-        "A residual model without a name foretells a part of what no cause explains in "
+        "A residual model without a name predicts a part of what no cause explains in "
         f"{len(found.channels)} channels: the normalised MAE falls by {found.gain:.4f} more on the "
         "evaluation part."
     ]

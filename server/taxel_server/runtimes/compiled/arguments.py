@@ -6,7 +6,7 @@ from typing import Any, Final
 import numba
 import numpy as np
 from llvmlite import ir
-from numba.core import types
+from numba import types
 from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.compiling import inlined

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from llvmlite import ir
-from numba.core import types
+from numba import types
 from numba.extending import intrinsic, models, register_model
 
 _BYTE = ir.IntType(8)
@@ -17,7 +17,7 @@ _FLOAT = ir.FloatType()
 _INT64 = ir.IntType(64)
 
 
-class Vector(types.Type):
+class Vector(types.Type):  # type: ignore[misc]
     """Integers of `bits` bits in `lanes` lanes; a mask has one bit a lane."""
 
     def __init__(self, bits: int, lanes: int) -> None:
@@ -26,7 +26,7 @@ class Vector(types.Type):
         super().__init__(name=f"Vector(int{bits} x {lanes})")
 
 
-class FloatVector(types.Type):
+class FloatVector(types.Type):  # type: ignore[misc]
     """Float32 values in `lanes` lanes."""
 
     def __init__(self, lanes: int) -> None:
@@ -168,6 +168,22 @@ def prefetch(_context: Any, _address: Any, literal_level: Any) -> Any:
         return context.get_dummy_value()
 
     return types.void(types.intp, literal_level), generate
+
+
+@operation
+def call(_context: Any, _function: Any, arguments: Any) -> Any:
+    """Calls a function by its address with the addresses and counts in a tuple; it returns nothing.
+
+    So a kernel takes another kernel as an argument.
+    """
+
+    def generate(context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        kind = ir.FunctionType(ir.VoidType(), [ir.IntType(64)] * len(arguments))
+        values = [builder.extract_value(given[1], place) for place in range(len(arguments))]
+        builder.call(builder.inttoptr(given[0], kind.as_pointer()), values)
+        return context.get_dummy_value()
+
+    return types.void(types.intp, arguments), generate
 
 
 @operation

@@ -18,7 +18,7 @@ from taxel_server.runtimes.networks.activations import (
     sigmoid,
     tanh,
 )
-from taxel_server.runtimes.networks.panel_product import FIXED_POINT, LANES, MOST_ROWS, multiply_panel
+from taxel_server.runtimes.networks.panels import FIXED_POINT, LANES, MOST_ROWS, multiply_panel
 from taxel_server.runtimes.networks.program import RECORD, Operation, Step
 
 Floats = NDArray[np.float32]

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel_server.runtimes.networks.graph import Graph, Node, Unsupported
-from taxel_server.runtimes.networks.panel_product import LANES
-from taxel_server.runtimes.networks.panels import panels_of
+from taxel_server.runtimes.networks.panels import LANES, panels_of
 from taxel_server.runtimes.networks.program import Operation, Program, ProgramBuilder, Tensor, dense
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel_server.runtimes.networks.graph import Unsupported
-from taxel_server.runtimes.networks.panel_product import LANES
+from taxel_server.runtimes.networks.panels import LANES
 
 _CACHE_LINE: Final = 16
 """Each tensor starts at a multiple of so many floats."""

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from taxel_server.runtimes.compiled.evaluator import Evaluator
 from taxel_server.runtimes.timing import least_seconds
+from taxel_server.runtimes.trees.few_rows.kernels import ROWS
 from taxel_server.runtimes.trees.few_rows.leaf_blocks import LeafBlocksEvaluator, LeafBlocksForest
-from taxel_server.runtimes.trees.few_rows.ranks import ROWS
 from taxel_server.runtimes.trees.few_rows.small_batch import SmallBatchEvaluator, SmallBatchForest
 from taxel_server.runtimes.trees.layout.bitsets import MOST_LEAVES
 from taxel_server.runtimes.trees.layout.columns import Columns

@@ -115,7 +115,7 @@ def test_nothing_is_left_of_what_is_known_of_the_same_recording(smooth: Any, mak
     recording = apart(make)
     known = held_out_residual(smooth, [recording])
     assert known is not None
-    observations = gather(smooth, [recording], measured_temperature=True)
+    observations = gather(smooth, [recording])
     blocks = cut(observations, seed=0, held_out=KEPT)
     effects = [Offset(), Gain(), Hysteresis()]
     without = known.model_copy(update={"structure": {}})

@@ -43,7 +43,7 @@ def add(injection: Injection, delta: np.ndarray) -> None:
 def attributed(
     smooth: Any, recording: Recording, constants: Constants = DECLARED, exclude: tuple[str, ...] = ()
 ) -> Attribution:
-    observations = gather(smooth, [recording], measured_temperature=True)
+    observations = gather(smooth, [recording])
     effects = [effect for effect in candidates(observations) if effect.label not in exclude]
     return JointSelection(observations, cut(observations, seed=0), effects, constants=constants).run()
 
@@ -169,7 +169,7 @@ def test_kinds_are_told_from_time(smooth: Any, make: Make) -> None:
 def test_positions_of_a_robot_are_no_places_on_a_skin(smooth: Any, make: Make) -> None:
     recording = make(ROWS)
     # The model takes none of the positions' shift, so that the predictions stay.
-    observations = gather(smooth, [recording], measured_temperature=True)
+    observations = gather(smooth, [recording])
     away = observations.position * 20.0
     far = replace(observations, position=away)
     effects = candidates(far)
@@ -281,7 +281,7 @@ def test_a_drift_is_named_before_offsets_of_contacts_that_contain_it(smooth: Any
         added[part] = random.normal(0.0, 25.0, 21)
         added[part] += np.linspace(-200.0, 200.0, 21) * (number / len(recording.segments) - 0.5)
     changed = replace(recording, channels=np.rint(recording.channels + added))
-    observations = gather(smooth, [changed], measured_temperature=True)
+    observations = gather(smooth, [changed])
     found = JointSelection(
         observations,
         cut(observations, seed=0),
@@ -380,7 +380,7 @@ def test_no_more_effects_are_named_than_declared(smooth: Any, make: Make) -> Non
 def test_the_evaluation_part_is_not_used(smooth: Any, make: Make) -> None:
     injection = into(make)
     inject(injection, "gain", 1.0)
-    observations = gather(smooth, [injection.recording], measured_temperature=True)
+    observations = gather(smooth, [injection.recording])
     blocks = cut(observations, seed=0)
     effects = [effect for effect in candidates(observations) if effect.label in ("offset", "gain", "creep")]
     measured = observations.measured.copy()

@@ -120,7 +120,7 @@ def test_a_fitted_cause_acts_on_another_recording_as_it_did(
     fitted = Fitted.of(temperature)
     change = fitted.counts(tied.observations) - tied.observations.predicted
     np.testing.assert_allclose(change, temperature.contribution, atol=1e-6)
-    other = gather(smooth, [caused(simulate(9_000, 8), "temperature")], measured_temperature=True)
+    other = gather(smooth, [caused(simulate(9_000, 8), "temperature")])
     expected = caused(simulate(9_000, 8), "temperature").channels[other.rows[0]] - other.predicted
     about = fitted.counts(other) - other.predicted
     left = (expected - expected.mean(axis=0)) - (about - about.mean(axis=0))

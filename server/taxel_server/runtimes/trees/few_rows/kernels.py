@@ -1,12 +1,21 @@
-"""Kernels for few rows: every lane of a vector is a tree, and one row after another visits them."""
+"""Kernels for few rows.
+
+First each row's values become ranks among the cuts of every column; sixteen cuts are compared at once. Then
+every lane of a vector is a tree, and one row after another visits them.
+"""
 
 from functools import cache
+from itertools import pairwise
 from typing import Final
 
-from taxel_server.runtimes.compiled.compiling import address_of
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel_server.runtimes.compiled.compiling import address_of, compiled
 from taxel_server.runtimes.compiled.processor import register_bytes
 from taxel_server.runtimes.compiled.vectors import (
     add,
+    count,
     greater,
     integer_at,
     load,
@@ -14,15 +23,17 @@ from taxel_server.runtimes.compiled.vectors import (
     lowest_bits,
     minus,
     neither,
+    not_above,
     plus,
     plus_saturated,
     prefetch,
     put_int64,
     select,
     splat,
+    splat_float,
     store,
 )
-from taxel_server.runtimes.trees.few_rows.ranks import ROWS
+from taxel_server.runtimes.trees.layout.columns import Columns, Cuts
 from taxel_server.runtimes.trees.layout.tree_lanes import (
     COLUMN_BITS,
     COLUMNS_AT,
@@ -30,6 +41,7 @@ from taxel_server.runtimes.trees.layout.tree_lanes import (
     LINE,
     MASKS_AT,
 )
+from taxel_server.runtimes.trees.normalisation import Scales
 from taxel_server.runtimes.trees.simd.lookups import interleave, lookup
 from taxel_server.runtimes.trees.simd.vectors64 import (
     bytes_at,
@@ -39,13 +51,63 @@ from taxel_server.runtimes.trees.simd.vectors64 import (
     widen,
 )
 
+ROWS: Final = 8
+"""How many rows are ranked and go through a group of trees at once."""
+
 OUTPUTS_AT_ONCE: Final = 8
 """Trees whose leaves are added at once, each tree's to another output."""
 
+_CUTS_AT_ONCE: Final = 16
+"""How many cuts are compared at once: a cache line of float32."""
+
+_MISSING_GOES_RIGHT: Final = 255
+_BIAS: Final = 128
 _MASKS: Final = 8 * OUTPUTS_AT_ONCE
 _MOST_LANES: Final = 128
 _AHEAD: Final = 4096
 """How many bytes ahead leaves are prefetched: the processor by itself does not prefetch beyond a page."""
+
+
+def padded_cuts(columns: Columns) -> Cuts:
+    """The cuts of columns, each column's a whole number of cache lines. `together` aligns them.
+
+    NaN, which is never <= x, fills a column's last line.
+    """
+    feature, default_left, starts, cuts = columns.cuts
+    padded = [np.empty(0, dtype=np.float32)]
+    for first, stop in pairwise(starts):
+        padded += [cuts[first:stop], np.full(-(stop - first) % _CUTS_AT_ONCE, np.nan, dtype=np.float32)]
+    lengths = -(-np.diff(starts) // _CUTS_AT_ONCE) * _CUTS_AT_ONCE
+    return Cuts(feature, default_left, np.cumsum([0, *lengths]), np.concatenate(padded))
+
+
+@compiled
+def rank_rows(
+    columns: Cuts,
+    scales: Scales,
+    windows: NDArray[np.float32],
+    first: int,
+    rows: int,
+    size: int,
+    ranks: NDArray[np.int8],
+) -> None:
+    """Writes the ranks [row][column] of some rows, less 128; a row takes `size` bytes.
+
+    A missing value gets the lowest rank in columns whose nodes send it left, and the highest in others.
+    """
+    cuts = columns.cuts.ctypes.data
+    for column in range(columns.feature.size):
+        feature = columns.feature[column]
+        for row in range(rows):
+            x = windows[first + row, feature]
+            if scales.applied:
+                x = (x - scales.input_mean[feature]) / scales.input_std[feature]
+            rank, everywhere = 0, splat_float(x, _CUTS_AT_ONCE)
+            for place in range(columns.start[column], columns.start[column + 1], _CUTS_AT_ONCE):
+                rank += count(not_above(load_floats(cuts + 4 * place, _CUTS_AT_ONCE), everywhere))
+            if np.isnan(x) and not columns.default_left[column]:
+                rank = _MISSING_GOES_RIGHT
+            ranks[row * size + column] = rank - _BIAS
 
 
 def trees_at_once() -> int:
@@ -220,8 +282,8 @@ def find_blocks(bits: int) -> int:
                 tree = row * lanes + lane
                 reached = widen(load(exits + tree * size, bits, OUTPUTS_AT_ONCE))
                 store(places + 8 * tree, plus(start, elements(0, reached, LINE)))
-            count = widen(load(counts + lane * size, bits, OUTPUTS_AT_ONCE))
-            store(first + 8 * lane, plus(start, elements(0, count, LINE)))
+            blocks = widen(load(counts + lane * size, bits, OUTPUTS_AT_ONCE))
+            store(first + 8 * lane, plus(start, elements(0, blocks, LINE)))
 
     return find
 

@@ -9,15 +9,17 @@ from numpy.typing import NDArray
 from taxel_server.runtimes.compiled.arguments import Scratch, array_in, number_in, pack, together
 from taxel_server.runtimes.compiled.compiling import compiled, inlined
 from taxel_server.runtimes.compiled.evaluator import CompiledEvaluator
-from taxel_server.runtimes.compiled.vectors import prefetch
+from taxel_server.runtimes.compiled.vectors import call, prefetch
 from taxel_server.runtimes.trees.few_rows.kernels import (
     OUTPUTS_AT_ONCE,
+    ROWS,
     add_blocks,
     find_blocks,
     find_exits,
+    padded_cuts,
+    rank_rows,
     trees_at_once,
 )
-from taxel_server.runtimes.trees.few_rows.ranks import ROWS, padded_cuts, rank_rows
 from taxel_server.runtimes.trees.layout.columns import Columns, Cuts, read_cuts
 from taxel_server.runtimes.trees.layout.in_order import InOrder
 from taxel_server.runtimes.trees.layout.tree_lanes import (
@@ -31,7 +33,6 @@ from taxel_server.runtimes.trees.layout.tree_lanes import (
 )
 from taxel_server.runtimes.trees.normalisation import Scales, put_rows, read_scales
 from taxel_server.runtimes.trees.reading.forest import Forest
-from taxel_server.runtimes.trees.simd.calls import call
 from taxel_server.runtimes.trees.switches import Switches, waits_for_memory
 
 _MOST_BYTES: Final = 2**27

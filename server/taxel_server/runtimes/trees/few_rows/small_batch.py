@@ -11,14 +11,21 @@ from taxel_server.runtimes.compiled.arguments import Scratch, array_in, number_i
 from taxel_server.runtimes.compiled.compiling import compiled, inlined
 from taxel_server.runtimes.compiled.evaluator import CompiledEvaluator
 from taxel_server.runtimes.compiled.processor import register_bytes
-from taxel_server.runtimes.trees.few_rows.kernels import add_leaves, find_exits, put_exits, trees_at_once
-from taxel_server.runtimes.trees.few_rows.ranks import ROWS, padded_cuts, rank_rows
+from taxel_server.runtimes.compiled.vectors import call
+from taxel_server.runtimes.trees.few_rows.kernels import (
+    ROWS,
+    add_leaves,
+    find_exits,
+    padded_cuts,
+    put_exits,
+    rank_rows,
+    trees_at_once,
+)
 from taxel_server.runtimes.trees.layout.columns import Columns, Cuts, read_cuts
 from taxel_server.runtimes.trees.layout.in_order import InOrder
 from taxel_server.runtimes.trees.layout.tree_lanes import MOST_EXITS, TopTrees, table_size
 from taxel_server.runtimes.trees.normalisation import Scales, put_rows, read_scales
 from taxel_server.runtimes.trees.reading.forest import Forest
-from taxel_server.runtimes.trees.simd.calls import call
 from taxel_server.runtimes.trees.simd.lookups import interleaved_lane
 from taxel_server.runtimes.trees.switches import Switches, waits_for_memory
 

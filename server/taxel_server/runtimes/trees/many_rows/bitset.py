@@ -10,16 +10,16 @@ from typing_extensions import override
 from taxel_server.runtimes.compiled.arguments import Scratch, array_in, number_in, pack, together
 from taxel_server.runtimes.compiled.compiling import compiled, inlined
 from taxel_server.runtimes.compiled.evaluator import CompiledEvaluator
+from taxel_server.runtimes.compiled.vectors import call
 from taxel_server.runtimes.trees.layout.bitsets import GROUP, BitsetTrees, LeafNumbers, split_sets
 from taxel_server.runtimes.trees.layout.columns import Columns, Cuts, read_cuts
 from taxel_server.runtimes.trees.layout.in_order import InOrder
 from taxel_server.runtimes.trees.layout.leaf_tables import LEAVES, write_leaf_tables
-from taxel_server.runtimes.trees.many_rows.comparisons import compare
 from taxel_server.runtimes.trees.many_rows.leaf_sums import add_leaves
 from taxel_server.runtimes.trees.many_rows.traversal import find_exits, memory_size
 from taxel_server.runtimes.trees.normalisation import Scales, read_scales, restore
 from taxel_server.runtimes.trees.reading.forest import Forest
-from taxel_server.runtimes.trees.simd.calls import call
+from taxel_server.runtimes.trees.simd.bits import not_below
 from taxel_server.runtimes.trees.simd.lookups import assembled_lane
 from taxel_server.runtimes.trees.switches import Switches
 
@@ -212,6 +212,51 @@ class BitsetEvaluator(CompiledEvaluator):
 
 
 @compiled
+def _load_feature(
+    scales: Scales, windows: NDArray[np.float32], first: int, feature: int, x: NDArray[np.float32]
+) -> None:
+    """Reads a feature of a block of rows and fills the block with the last row.
+
+    Place 8 j + k is for lane k lanes / 8 + j.
+    """
+    eighth = x.size // 8
+    for lane in range(x.size):
+        row = min(first + lane, windows.shape[0] - 1)
+        x[lane % eighth * 8 + lane // eighth] = windows[row, feature]
+    if scales.applied:
+        for lane in range(x.size):
+            x[lane] = (x[lane] - scales.input_mean[feature]) / scales.input_std[feature]
+
+
+@compiled
+def _compare(
+    columns: Cuts,
+    scales: Scales,
+    windows: NDArray[np.float32],
+    first: int,
+    x: NDArray[np.float32],
+    comparisons: NDArray[np.int64],
+) -> None:
+    """Compares a block of rows with all cuts, once for all nodes: a bit is set where a row goes right."""
+    values, parts = x.ctypes.data, x.size // 64
+    feature = -1
+    for column in range(columns.feature.size):
+        if feature != columns.feature[column]:
+            feature = columns.feature[column]
+            _load_feature(scales, windows, first, feature, x)
+        start, stop = columns.start[column], columns.start[column + 1]
+        for part in range(parts):
+            rows = values + 256 * part
+            # Two loops: from one loop, LLVM would make code that chooses bit by bit.
+            if columns.default_left[column]:
+                for place in range(start, stop):
+                    comparisons[place * parts + part] = not_below(rows, columns.cuts[place], False)
+            else:
+                for place in range(start, stop):
+                    comparisons[place * parts + part] = not_below(rows, columns.cuts[place], True)
+
+
+@compiled
 def _find_exits(trees: _Trees, output: int, scratch: _Scratch) -> None:
     """Writes the exits of one output's trees."""
     first, stop = trees.group_start[output], trees.group_start[output + 1]
@@ -242,7 +287,7 @@ def _evaluate(
     exits, totals = scratch.exits.ctypes.data, scratch.sums.ctypes.data
     for first in range(0, windows.shape[0], lanes):
         rows = min(lanes, windows.shape[0] - first)
-        compare(cuts, scales, windows, first, scratch.x, scratch.comparisons)
+        _compare(cuts, scales, windows, first, scratch.x, scratch.comparisons)
         for output in range(sums.base_score.size):
             _find_exits(narrow, output, scratch)
             _find_exits(wide, output, scratch)

@@ -6,8 +6,7 @@ All operations run on any processor. Addresses are plain integers: nothing check
 from typing import Any, Final
 
 from llvmlite import ir
-from numba.core import cgutils, types
-from numba.core.types.containers import UniTuple
+from numba import types
 
 from taxel_server.runtimes.compiled.vectors import (
     Vector,
@@ -57,7 +56,7 @@ def number(_context: Any, _sets: Any, literal_count: Any, literal_lanes: Any) ->
             sets = [_union(builder, sets[at : at + 2]) for at in range(0, len(sets), 2)]
         return context.make_tuple(builder, signature.return_type, (*found, *sets))
 
-    return UniTuple(vector, bits + 1)(types.intp, literal_count, literal_lanes), generate
+    return types.UniTuple(vector, bits + 1)(types.intp, literal_count, literal_lanes), generate
 
 
 @operation
@@ -72,7 +71,7 @@ def put_numbers(_context: Any, bits: Any, _exits: Any, _places: Any, literal_tre
     share = bits.dtype.lanes // trees
 
     def generate(context: Any, builder: Any, _signature: Any, given: Any) -> Any:
-        vectors = cgutils.unpack_tuple(builder, given[0], bits.count)
+        vectors = [builder.extract_value(given[0], place) for place in range(bits.count)]
         none = [ir.Constant(vectors[0].type, [0] * bits.dtype.lanes)] * (8 - bits.count)
         numbers = _transpose(builder, [*vectors, *none])
         for tree in range(trees):

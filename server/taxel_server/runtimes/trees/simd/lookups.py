@@ -7,8 +7,7 @@ features that code is generated for. Without byte shuffles (`can_look_up`), only
 from typing import Any, Final
 
 from llvmlite import ir
-from numba.core import types
-from numba.core.types.containers import UniTuple
+from numba import types
 
 from taxel_server.runtimes.compiled.processor import instruction_set, processor_has, register_bytes
 from taxel_server.runtimes.compiled.vectors import (
@@ -56,8 +55,8 @@ def assembled_lane(lanes: int) -> list[int]:
     places = []
     for place in range(lanes):
         register, inside = divmod(place, width)
-        part, rest = divmod(inside, quarter)
-        half, entry = divmod(rest, 4)
+        part, remaining = divmod(inside, quarter)
+        half, entry = divmod(remaining, 4)
         places.append(width * register + 16 * half + 4 * part + entry)
     return places
 
@@ -91,7 +90,7 @@ def interleave(_context: Any, _address: Any, literal_distance: Any, literal_lane
         ]
         return context.make_tuple(builder, signature.return_type, eights)
 
-    return UniTuple(vector, 8)(types.intp, literal_distance, literal_lanes), generate
+    return types.UniTuple(vector, 8)(types.intp, literal_distance, literal_lanes), generate
 
 
 def interleaved_lane(lanes: int) -> list[int]:

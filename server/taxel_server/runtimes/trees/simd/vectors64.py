@@ -7,7 +7,7 @@ Addresses are plain integers: nothing checks bounds.
 from typing import Any, Final
 
 from llvmlite import ir
-from numba.core import types
+from numba import types
 
 from taxel_server.runtimes.compiled.vectors import (
     FloatVector,
