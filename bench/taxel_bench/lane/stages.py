@@ -88,7 +88,9 @@ def _asked(
             stamps.clear()
             begun = time.perf_counter_ns()
             predictor.predict(window)
-            asked.append([begun, *stamps, time.perf_counter_ns()])
+            # The reply is asked for several times.
+            sending, sent, waiting, *_, received = stamps
+            asked.append([begun, sending, sent, waiting, received, time.perf_counter_ns()])
             number += 1
             if gap_ms:
                 time.sleep(gap_ms / 1e3)

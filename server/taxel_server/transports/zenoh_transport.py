@@ -43,7 +43,7 @@ _CHANNEL: Final = 16
 What is in it is neither counted nor refused yet, so it is short.
 """
 
-_REFUSALS: Final = 4
+_REFUSALS: Final = 2
 """So many requests are refused for each slice that is evaluated; then nothing more is read until the next.
 
 To refuse a small request costs as much as to answer it. What is not read waits in the connection of its

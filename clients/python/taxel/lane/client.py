@@ -44,7 +44,7 @@ POLL_US: Final = 100
 """A reply is asked for again and again for so long before the thread sleeps.
 
 The reply to a single window usually comes within this time, and waking a sleeping thread on another core
-takes nearly as long.
+takes nearly as long. Where the last reply took twice as long, the next one is not asked for in this way.
 """
 
 _FLOAT: Final = np.dtype(np.float32)
@@ -226,7 +226,9 @@ class LaneConnection:
     def __init__(self, address: str, spin_us: int = 0) -> None:
         self.address = address
         self.socket = connect_to(address)
-        self._spin_s = 0.0 if _DONT_WAIT is None else max(spin_us, POLL_US) / 1e6
+        self._poll_s = max(spin_us, POLL_US) / 1e6
+        self._quick_s = math.inf if spin_us else 2 * self._poll_s
+        self._polls = _DONT_WAIT is not None
         self._wait_s = math.inf
         self._heads: dict[tuple[str, tuple[int, ...], float, bool], tuple[bytes, bytes]] = {}
         self._last_id = 0
@@ -361,10 +363,12 @@ class LaneConnection:
                     raise
 
     def _some(self, wait_s: float, most: int = _RECEIVE_BYTES) -> bytes:
+        began = time.monotonic()
         try:
-            received = self._spun() if self._spin_s else None
+            received = self._polled(began) if self._polls else None
             if received is None:
                 received = self.socket.recv(most)
+                self._polls = _DONT_WAIT is not None and time.monotonic() - began < self._quick_s
         except (BlockingIOError, TimeoutError):
             raise self._late(wait_s) from None
         except OSError as error:
@@ -373,10 +377,10 @@ class LaneConnection:
             raise ConnectionLost("the server closed the connection")
         return received
 
-    def _spun(self) -> bytes | None:
+    def _polled(self, began: float) -> bytes | None:
         """What arrives while this asks again and again; None if nothing does."""
         assert _DONT_WAIT is not None
-        ends = time.monotonic() + self._spin_s
+        ends = began + self._poll_s
         while time.monotonic() < ends:
             try:
                 return self.socket.recv(_RECEIVE_BYTES, _DONT_WAIT)

@@ -22,9 +22,9 @@ from taxel.errors import (
     ServerLost,
     Unavailable,
 )
-from taxel.first_reply import first_reply
 from taxel.protocol import unpack_error
 from taxel.remote.credentials import Credentials
+from taxel.remote.first_reply import FirstReply
 from taxel.remote.known_servers import TIMEOUT, KnownServers
 from taxel.remote.query_transport import Done, Polled, QueryTransport
 from taxel.remote.zenoh_opening import open_client_session
@@ -73,6 +73,7 @@ class Connection(QueryTransport):
         self._session = open_client_session(
             endpoint, timeout, shared_memory=shared_memory, credentials=credentials or Credentials()
         )
+        self._first_reply = FirstReply()
         self._queriers: dict[tuple[str, float], zenoh.Querier] = {}
         # The server gives each session its share.
         self._id = self._session.id
@@ -130,7 +131,7 @@ class Connection(QueryTransport):
         def answer() -> bytes:
             stranger = None
             try:
-                while (reply := first_reply(replies)) is not None:
+                while (reply := self._first_reply.wait(replies)) is not None:
                     if self._known.answers(reply):
                         outcome = self._outcome(reply, key, timeout)
                         break
