@@ -30,9 +30,14 @@ class PollingInLoop:
         self._until = math.inf
         """When calls wait in the loop again; infinite where none waited outside of it since it turned."""
 
+    @property
+    def is_quick(self) -> bool:
+        """Whether the last reply came quickly."""
+        return self._last_took_s <= self._quick_s
+
     def may_poll(self, now: float) -> bool:
         """Whether this call may, at a time on the clock `time.monotonic`."""
-        if self._last_took_s > self._quick_s:
+        if not self.is_quick:
             return False
         if self._until == math.inf:
             self._until = now + MOST_A_TURN_S

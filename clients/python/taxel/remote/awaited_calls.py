@@ -52,7 +52,7 @@ class AwaitedCalls(Waiting[AsyncLane]):
         cancel_key: str | None = None,
     ) -> bytes:
         began = time.monotonic()
-        alone = not self._waiting and self._polling.may_poll(began)
+        alone = not self._waiting and self._polling.is_quick
         polled = transport.start_polled(key, payload, timeout, cancel_key) if alone else None
         self._waiting += 1
         try:
@@ -63,9 +63,11 @@ class AwaitedCalls(Waiting[AsyncLane]):
             self._waiting -= 1
             self._polling.note(time.monotonic() - began)
 
-    @staticmethod
-    async def _looked_for(polled: Polled, began: float) -> bytes:
+    async def _looked_for(self, polled: Polled, began: float) -> bytes:
         try:
+            if not self._polling.may_poll(began):
+                # Other tasks have a turn; the server works meanwhile.
+                await asyncio.sleep(0)
             while (answer := polled.look()) is None:
                 if time.monotonic() < began + _POLL_S:
                     give_way()
