@@ -211,7 +211,7 @@ class KindResidual(Schema):
 
     Attributes:
         std: root of the mean square of each channel's residual, counts.
-        structure: what each effect explains of it: mean over the kinds, and one standard deviation more.
+        structure: what each effect explains of it: mean over the kinds, and two standard deviations more.
         herfindahl: sum of the squared shares of the rows that each kind has in all recordings together.
     """
 
