@@ -34,7 +34,7 @@ FEWEST_ROWS: Final = 1000
 FEWEST_KINDS: Final = 3
 """To tell how far kinds differ."""
 
-SPREADS: Final = 2.0
+DEVIATIONS: Final = 2.0
 """Standard deviations above the mean over kinds: what nearly all kinds stay below."""
 
 FEWEST_CONTACTS: Final = 4
@@ -115,7 +115,7 @@ def _residual_of_one_kind(
         of_kinds = [one.structure[name] for one in found if name in one.structure]
         figures = np.array([(own.log_evidence, own.gain) for own in of_kinds])
         if len(figures) >= FEWEST_KINDS:
-            odds, gain = figures.mean(axis=0) + SPREADS * figures.std(axis=0, ddof=1)
+            odds, gain = figures.mean(axis=0) + DEVIATIONS * figures.std(axis=0, ddof=1)
             structure[name] = OwnStructure(log_evidence=tuple(odds.tolist()), gain=tuple(gain.tolist()))
     std = np.sqrt(np.mean([np.square(one.std) for one in found], axis=0))
     return KindResidual(
