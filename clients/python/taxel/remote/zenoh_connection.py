@@ -26,7 +26,7 @@ from taxel.protocol import unpack_error
 from taxel.remote.credentials import Credentials
 from taxel.remote.first_reply import FirstReply
 from taxel.remote.known_servers import TIMEOUT, KnownServers
-from taxel.remote.query_transport import Done, Polled, QueryTransport
+from taxel.remote.query_transport import Done, QueryTransport
 from taxel.remote.zenoh_opening import open_client_session
 from taxel.zenoh_process import close_session, leave_behind_after_fork
 
@@ -125,49 +125,30 @@ class Connection(QueryTransport):
     def start(
         self, key: str, payload: bytes | None, timeout: float, cancel_key: str | None = None
     ) -> Callable[[], bytes]:
-        started = time.monotonic()
-        replies, source = self._sent(key, payload, timeout, cancel_key)
-
-        def answer() -> bytes:
-            stranger = None
-            try:
-                while (reply := self._first_reply.wait(replies)) is not None:
-                    if self._known.answers(reply):
-                        outcome = self._outcome(reply, key, timeout)
-                        break
-                    stranger = reply
-                else:
-                    outcome = self._end(key, timeout, started, stranger)
-            except BaseException:
-                # Ctrl-C, most likely.
-                self._give_up(cancel_key, source)
-                raise
-            if isinstance(outcome, RequestError):
-                # The server's own comes earlier.
-                if isinstance(outcome, DeadlineExceeded) and time.monotonic() - started >= timeout:
-                    self._give_up(cancel_key, source)
-                raise outcome
-            return outcome
-
-        return answer
+        return self.start_polled(key, payload, timeout, cancel_key).wait
 
     @override
     def start_polled(
         self, key: str, payload: bytes | None, timeout: float, cancel_key: str | None = None
-    ) -> Polled:
+    ) -> "_StartedQuery":
         started = time.monotonic()
         replies, source = self._sent(key, payload, timeout, cancel_key)
-        return _PolledQuery(
-            self, replies, key, timeout, started, partial(self._give_up, cancel_key, source)
+        return _StartedQuery(
+            replies,
+            self._first_reply,
+            partial(self._settled, key=key, timeout=timeout, started=started),
+            partial(self._give_up, cancel_key, source),
+            started + timeout,
         )
 
-    def outcome(
+    def _settled(
         self,
         reply: zenoh.Reply | None,
+        stranger: zenoh.Reply | None,
+        *,
         key: str,
         timeout: float,
         started: float,
-        stranger: zenoh.Reply | None,
     ) -> bytes | RequestError | None:
         """What a reply says, or the end of replies if it is None; None if it comes from a stranger."""
         if reply is None:
@@ -286,38 +267,57 @@ class Connection(QueryTransport):
         return Unavailable(f"{self.endpoint}: {reason_of(error)}")
 
 
-class _PolledQuery:
-    """A query whose replies come into a channel, which nobody waits at."""
+class _StartedQuery:
+    """A query whose replies come into a channel.
+
+    Args:
+        replies: the channel.
+        first_reply: waits at it.
+        settled: what a reply, or the end of replies, says, given the stranger that has replied.
+        give_up: tells the server that nobody waits any more.
+        ends: when its time is over.
+    """
 
     def __init__(
         self,
-        connection: Connection,
         replies: Handler[zenoh.Reply],
-        key: str,
-        timeout: float,
-        started: float,
+        first_reply: FirstReply,
+        settled: Callable[[zenoh.Reply | None, zenoh.Reply | None], bytes | RequestError | None],
         give_up: Callable[[], None],
+        ends: float,
     ) -> None:
-        self._connection = connection
         self._replies = replies
-        self._asked = key, timeout, started
+        self._first_reply = first_reply
+        self._settled = settled
+        self._ends = ends
         self._stranger: zenoh.Reply | None = None
         self.give_up = give_up
+
+    def wait(self) -> bytes:
+        """The answer; raises as the function that `QueryTransport.start` returns."""
+        try:
+            while (answer := self._taken(self._first_reply.wait(self._replies))) is None:
+                pass
+        except RequestError:
+            raise
+        except BaseException:
+            # Ctrl-C, most likely.
+            self.give_up()
+            raise
+        return answer
 
     def look(self) -> bytes | None:
         try:
             reply = self._replies.try_recv()
         except zenoh.ZError:
-            ended, reply = True, None
-        else:
-            ended = False
-        if reply is None and not ended:
-            return None
-        outcome = self._connection.outcome(reply, *self._asked, self._stranger)
+            return self._taken(None)
+        return None if reply is None else self._taken(reply)
+
+    def _taken(self, reply: zenoh.Reply | None) -> bytes | None:
+        outcome = self._settled(reply, self._stranger)
         if isinstance(outcome, RequestError):
             # The server's own comes earlier.
-            _, timeout, started = self._asked
-            if isinstance(outcome, DeadlineExceeded) and time.monotonic() - started >= timeout:
+            if isinstance(outcome, DeadlineExceeded) and time.monotonic() >= self._ends:
                 self.give_up()
             raise outcome
         if outcome is None:

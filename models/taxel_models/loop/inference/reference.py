@@ -1,6 +1,6 @@
 """The reference: a model's own held-out residual, which says what the model gets wrong anyway."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Final
 
@@ -16,7 +16,7 @@ from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.kinds import herfindahl, kind_columns
 from taxel_models.loop.inference.own_structure import OPEN, structure_of
-from taxel_models.loop.inference.scoring import Scoring
+from taxel_models.loop.inference.scoring import Progress, Scoring, silent
 from taxel_models.loop.inference.whitening import Bins, NoiseShape
 from taxel_models.loop.observations import Observations, gather
 from taxel_models.model import Model
@@ -45,7 +45,7 @@ def held_out_residual(
     model: Model,
     recordings: Sequence[Recording],
     constants: Constants = DECLARED,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> HeldOutResidual | None:
     """Of a model and the recordings that its training held out; None where they are too short.
 
@@ -53,7 +53,7 @@ def held_out_residual(
         constants: of the inference.
         progress: is told what is looked at.
     """
-    progress = progress or _silent
+    progress = progress or silent
     try:
         observations = gather(model, recordings)
         found = _residual_of(observations, constants, progress)
@@ -69,7 +69,7 @@ def held_out_residual(
 def _residual_of(
     observations: Observations,
     constants: Constants,
-    progress: Callable[[str], None],
+    progress: Progress,
     confidence: float = OPEN,
 ) -> HeldOutResidual:
     blocks = cut(observations, seed=0, held_out=KEPT)
@@ -95,7 +95,7 @@ def _residual_of(
 
 
 def _residual_of_one_kind(
-    observations: Observations, column: str, constants: Constants, progress: Callable[[str], None]
+    observations: Observations, column: str, constants: Constants, progress: Progress
 ) -> KindResidual | None:
     """Of a recording of one value of a column; None where fewer than three values have enough rows.
 
@@ -107,7 +107,7 @@ def _residual_of_one_kind(
     for kind in kinds[rows >= FEWEST_ROWS]:
         progress(f"{column} {kind:g}")
         with suppress(RecordingError):
-            found.append(_residual_of(observations.kept(values == kind), constants, _silent, MEAN))
+            found.append(_residual_of(observations.kept(values == kind), constants, silent, MEAN))
     if len(found) < FEWEST_KINDS:
         return None
     structure = {}
@@ -135,6 +135,3 @@ def _unknown_mean(observations: Observations, blocks: Blocks) -> Floats:
     means = np.array([observations.residual[unit == one].mean(axis=0) for one in np.unique(unit)])
     count = len(means)
     return np.asarray(stats.t.ppf(0.975, count - 1) * means.std(axis=0, ddof=1) / np.sqrt(count))
-
-
-def _silent(_: str) -> None: ...

@@ -39,6 +39,12 @@ from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
 
 Progress = Callable[[str], None]
+
+
+def silent(_: str) -> None:
+    """Progress that nobody is told."""
+
+
 REFITS: Final = 3
 """Rounds in which weights, or a form's parameters, are found again."""
 

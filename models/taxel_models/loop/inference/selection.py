@@ -22,7 +22,7 @@ from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.forms import prepared
 from taxel_models.loop.inference.parameter_correlation import parameter_correlation
 from taxel_models.loop.inference.score import Score, Taken, t_over_folds
-from taxel_models.loop.inference.scoring import REFITS, Progress, Scoring
+from taxel_models.loop.inference.scoring import REFITS, Progress, Scoring, silent
 from taxel_models.loop.observations import Observations
 
 
@@ -49,7 +49,7 @@ class JointSelection:
         progress: Progress | None = None,
     ) -> None:
         self._first, self._blocks, self._constants = observations, blocks, constants
-        self._progress = progress or _silent
+        self._progress = progress or silent
         self._scoring = Scoring(observations, blocks, effects, reference, constants, self._progress)
         self._taken: list[Taken] = []
         self._tried: set[tuple[str, str]] = set()
@@ -330,7 +330,3 @@ class JointSelection:
                 )
             )
         return tuple(sorted(found, key=lambda other: -other.alone))
-
-
-def _silent(note: str) -> None:
-    del note
