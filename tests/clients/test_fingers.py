@@ -29,6 +29,7 @@ from taxel.windows.history import (
     Relaxation,
     RelaxationShare,
     Speed,
+    Warmth,
 )
 
 HISTORIES: list[HistoryFeature] = [
@@ -36,6 +37,7 @@ HISTORIES: list[HistoryFeature] = [
     RelaxationShare(of="force", time_constant_s=0.1),
     Play(of="fz", width_n=0.4),
     Friction(of="force", width_n=0.4),
+    Warmth(of="force", warming_s=0.05, cooling_s=0.3),
     BoundedRate(of="fz", half_n_s=2.0),
     Direction(of="fx"),
     Speed(),

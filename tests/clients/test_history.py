@@ -1,6 +1,7 @@
 """Features of the past against slow, obvious definitions, and a live stream against a whole recording."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -22,13 +23,14 @@ from taxel.windows import (
     RelaxationShare,
     Samples,
     Speed,
+    Warmth,
     WindowSpec,
     WindowStream,
     build_windows,
     extra_columns,
     history_columns,
 )
-from taxel.windows.history import Followed, Lagged
+from taxel.windows.history import Followed, Lagged, Recursive
 
 FOLLOWED: tuple[Followed, ...] = ("fx", "fy", "fz", "force")
 FEATURES: tuple[HistoryFeature, ...] = (
@@ -39,6 +41,8 @@ FEATURES: tuple[HistoryFeature, ...] = (
     Play(of="fx", width_n=1.5),
     Friction(of="force", width_n=0.4),
     Friction(of="fy", width_n=3.0),
+    Warmth(of="force", warming_s=0.3, cooling_s=2.0),
+    Warmth(of="fz", warming_s=5.0, cooling_s=0.2),
     Rate(of="fz"),
     BoundedRate(of="force", half_n_s=2.0),
     Direction(of="force"),
@@ -54,6 +58,30 @@ def recording(seed: int, rows: int, rate_hz: float = 100.0) -> Samples:
     intervals[rng.random(rows) < 0.03] += 200_000_000
     position = np.cumsum(rng.normal(size=(rows, 3)) * 1e-4, axis=0)
     return Samples.of(np.cumsum(intervals), position, rng.normal(size=(rows, 3)), rate_hz=rate_hz)
+
+
+def obvious_memory(feature: Recursive, course: list[float]) -> float:
+    """A feature with a state, from the course of u since the segment's start."""
+    u = course[-1]
+    if isinstance(feature, Friction):
+        behind = 0.0
+        for before, now in pairwise(course):
+            behind = (behind - (now - before)) / (1 + abs(now - before) / feature.width_n)
+        return behind
+    if isinstance(feature, Warmth):
+        warmth = float(course[0] > 0.1)
+        for now in course[1:]:
+            goal, tau = (1.0, feature.warming_s) if now > 0.1 else (0.0, feature.cooling_s)
+            warmth = goal + (warmth - goal) * math.exp(-0.01 / tau)
+        return warmth
+    y = course[0]
+    for now in course[1:]:
+        if isinstance(feature, Play):
+            y = min(max(y, now - feature.width_n), now + feature.width_n)
+        else:
+            assert isinstance(feature, (Relaxation, RelaxationShare))
+            y += (1 - math.exp(-0.01 / feature.time_constant_s)) * (now - y)
+    return (y - u) / (abs(u) + 0.5) if isinstance(feature, RelaxationShare) else y - u
 
 
 def obvious(feature: HistoryFeature, samples: Samples, t: int) -> float:
@@ -75,19 +103,7 @@ def obvious(feature: HistoryFeature, samples: Samples, t: int) -> float:
         if isinstance(feature, BoundedRate):
             return rate / (feature.half_n_s + abs(rate))
         return rate if isinstance(feature, Rate) else math.tanh(rate) * abs(u(t))
-    if isinstance(feature, Friction):
-        behind = 0.0
-        for row in range(segment.start + 1, t + 1):
-            step = u(row) - u(row - 1)
-            behind = (behind - step) / (1 + abs(step) / feature.width_n)
-        return behind
-    y = u(segment.start)
-    for row in range(segment.start + 1, t + 1):
-        if isinstance(feature, Play):
-            y = min(max(y, u(row) - feature.width_n), u(row) + feature.width_n)
-        else:
-            y += (1 - math.exp(-0.01 / feature.time_constant_s)) * (u(row) - y)
-    return (y - u(t)) / (abs(u(t)) + 0.5) if isinstance(feature, RelaxationShare) else y - u(t)
+    return obvious_memory(feature, [u(row) for row in range(segment.start, t + 1)])
 
 
 @given(st.integers(0, 2**32), st.integers(1, 60))

@@ -14,6 +14,7 @@ from taxel.windows.history import (
     Relaxation,
     RelaxationShare,
     Speed,
+    Warmth,
     history_columns,
 )
 from taxel.windows.samples import Samples, resample
@@ -35,6 +36,7 @@ __all__ = [
     "RelaxationShare",
     "Samples",
     "Speed",
+    "Warmth",
     "WindowSpec",
     "WindowStream",
     "Windows",

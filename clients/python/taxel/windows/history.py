@@ -25,6 +25,9 @@ TICK_S: Final = PERIOD_NS / 1e9
 SHARE_FORCE_N: Final = 0.5
 """Keeps `RelaxationShare` finite where there is no force."""
 
+TOUCH_N: Final = 0.1
+"""More force than this warms the fingertip of `Warmth`."""
+
 Followed = Literal["fx", "fy", "fz", "force"]
 """What a history feature follows: a component of the force, or its magnitude; N."""
 
@@ -39,7 +42,7 @@ def followed(which: Followed, ticks: NDArray[np.float64]) -> NDArray[np.float64]
 
 
 class Recursive(Schema, ABC):
-    """A feature with a state y that follows u, starting at the segment's first u.
+    """A feature with a state y that follows u, starting settled at the segment's first u.
 
     The u of the tick before is called `before`; at the first tick it is u itself.
 
@@ -48,6 +51,10 @@ class Recursive(Schema, ABC):
     """
 
     of: Followed
+
+    def settled(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The y after u has stayed the same for long, element by element."""
+        return u
 
     @abstractmethod
     def rule(self) -> Callable[[float, float, float], float]:
@@ -67,7 +74,7 @@ class Recursive(Schema, ABC):
         """The feature, (n,), at each tick (n, 7) of one segment."""
         u, rule = followed(self.of, ticks), self.rule()
         course = u.tolist()
-        y = course[:1]
+        y = self.settled(u[:1]).tolist()
         for before, now in pairwise(course):
             y.append(rule(y[-1], before, now))
         return self.value(np.array(y, np.float64), u)
@@ -177,6 +184,38 @@ class Friction(Recursive):
         return y - u
 
 
+class Warmth(Recursive):
+    """How warm contact has made the fingertip: it goes to 1 while u is above 0.1 N, else to 0.
+
+    Newton's law of cooling, with a time constant for each of the two: what is touched takes heat at
+    another rate than air does.
+    """
+
+    kind: Literal["warmth"] = "warmth"
+    warming_s: Positive
+    cooling_s: Positive
+
+    @override
+    def settled(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
+        return (u > TOUCH_N).astype(np.float64)
+
+    @override
+    def rule(self) -> Callable[[float, float, float], float]:
+        warming, cooling = -expm1(-TICK_S / self.warming_s), -expm1(-TICK_S / self.cooling_s)
+        return lambda y, _, u: y + warming * (1.0 - y) if u > TOUCH_N else y - cooling * y
+
+    @override
+    def follow(
+        self, y: NDArray[np.float64], before: NDArray[np.float64], u: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        warming, cooling = -expm1(-TICK_S / self.warming_s), -expm1(-TICK_S / self.cooling_s)
+        return np.where(u > TOUCH_N, y + warming * (1.0 - y), y - cooling * y)
+
+    @override
+    def value(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+        return y
+
+
 class _Changing(Lagged):
     of: Followed
     lag: ClassVar[int] = 3
@@ -254,7 +293,16 @@ class Elapsed(Schema):
 
 
 HistoryFeature = Annotated[
-    Relaxation | RelaxationShare | Play | Friction | Rate | BoundedRate | Direction | Speed | Elapsed,
+    Relaxation
+    | RelaxationShare
+    | Play
+    | Friction
+    | Warmth
+    | Rate
+    | BoundedRate
+    | Direction
+    | Speed
+    | Elapsed,
     Field(discriminator="kind"),
 ]
 """Any of the features; `kind` says which."""

@@ -47,7 +47,9 @@ class Memory:
         for column, feature in enumerate(self._features):
             if isinstance(feature, Recursive):
                 u = followed(feature.of, tick)
-                values[:, column] = feature.value(np.array(self._followed(column, u.tolist())), u)
+                state = self._followed(column, u) if column in self._states else feature.settled(u).tolist()
+                self._states[column] = list(zip(state, u.tolist(), strict=True))
+                values[:, column] = feature.value(np.array(state), u)
             elif isinstance(feature, Lagged):
                 before = self._recent[-1 - min(feature.lag, len(self._recent) - 1)]
                 values[:, column] = feature.value(tick, before)
@@ -55,9 +57,7 @@ class Memory:
                 values[:, column] = feature.column(tick)
         return values
 
-    def _followed(self, column: int, u: list[float]) -> list[float]:
+    def _followed(self, column: int, u: NDArray[np.float64]) -> list[float]:
         """The new state of a recursive feature, one number for each fingertip."""
-        last, rule = self._states.get(column), self._rules[column]
-        states = u if last is None else [rule(*state, value) for state, value in zip(last, u, strict=True)]
-        self._states[column] = list(zip(states, u, strict=True))
-        return states
+        last, rule = self._states[column], self._rules[column]
+        return [rule(*state, value) for state, value in zip(last, u.tolist(), strict=True)]

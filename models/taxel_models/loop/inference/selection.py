@@ -102,7 +102,8 @@ class JointSelection:
         likelier = other is not best and other.log_evidence > best.log_evidence
         simple = self._constants.simpler * other.freedom <= best.freedom
         tried = (other.name, other.form.candidate.form) in self._tried
-        return likelier and simple and not tried and other.t < self._constants.least_t
+        # What the model's own residual has, too, is no doubt about another cause.
+        return likelier and simple and not tried and other.t_with_usual < self._constants.least_t
 
     def choose(self, scores: Sequence[Score], own: Score | None = None) -> Score | None:
         """The likeliest effect that proves itself, or a simpler one that carries most of it."""

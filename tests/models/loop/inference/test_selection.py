@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from taxel.channels import CHANNELS
-from taxel.windows import Relaxation
+from taxel.windows import Relaxation, Warmth
 from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.registry import candidates
@@ -123,6 +123,22 @@ def test_an_offset_beside_a_creep_is_named_too(smooth: Any, make: Make) -> None:
     assert set(names(found)) == {"offset", "creep"}
     added = np.sum([one.contribution for one in found.named], axis=0)
     np.testing.assert_allclose(added, (delta + offsets)[found.observations.rows[0]], atol=4.0)
+
+
+def test_a_skin_that_contact_warms_is_told_from_creep_by_its_electrodes_that_move_alike(
+    smooth: Any, make: Make
+) -> None:
+    injection = into(make, 12_000)
+    warmth = injection.history(Warmth(of="force", warming_s=7.0, cooling_s=20.0))
+    counts = injection.recording.channels
+    slopes = -0.05 * (1.0 + 0.2 * np.cos(np.arange(21))) * (np.arange(21) >= 2)
+    # d counts / d ln Z of the converter is -E (4095 - E) / 4095.
+    delta = -counts * (4095.0 - counts) / 4095.0 * slopes * (warmth - warmth.mean())[:, None]
+    add(injection, delta)
+    found = only(attributed(smooth, injection.recording))
+    assert found.name == "temperature"
+    assert found.candidate.form.startswith("contact warms")
+    assert found.weights[5, 0] == pytest.approx(-0.05, rel=0.5)
 
 
 def cut_off(make: Make) -> tuple[Recording, float]:
