@@ -66,8 +66,12 @@ def own_gain(scoring: Scoring, score: Score, confidence: float = OPEN) -> Floats
     as kinds of a covariate. A limit of the mean share over folds is added: the fewer blocks
     the reference has, the less it can rule out.
     """
+    limit = float(stats.t.ppf(confidence, len(score.gain) - 1))
     if not score.effect.is_predictable:
-        return score.taken_off
+        # Nothing is fitted to other folds, so that folds are independent of each other.
+        total = score.gain.sum(axis=0)
+        by_fold = score.gain * score.taken_off / np.where(total > 0, total, np.inf)
+        return np.asarray(by_fold.sum(axis=0) + limit * np.sqrt(len(by_fold)) * by_fold.std(axis=0, ddof=1))
     bases = scoring.bases([])
     products = Products.of(bases.beside, score.form.design)
     if score.effect.is_constant:
@@ -80,6 +84,5 @@ def own_gain(scoring: Scoring, score: Score, confidence: float = OPEN) -> Floats
     energy = np.maximum((folds[0].before * folds[0].noise).sum(axis=0), 1e-9)
     by_fold = products.folds * (seen / energy)
     error = np.array([corrected_standard_error(own, 1.0 / (products.folds - 1)) for own in by_fold.T])
-    limit = float(stats.t.ppf(confidence, products.folds - 1))
     own = np.maximum(0.5 * (seen + unseen).sum(axis=0), 0.0)
     return np.asarray((own + limit * error * energy) * scoring.whitening.scale**2)

@@ -254,7 +254,10 @@ class Scoring:
             return bool(score.worth.mean() >= constants.clear_share)
         least = constants.clear_share if beside_others else constants.least_channel_share
         some = score.worth >= max(constants.least_share, least)
-        some &= score.weighed.changes & (score.channel_t >= self._least_channel_t(score))
+        some &= score.channel_t >= self._least_channel_t(score)
+        # The t above weighs channels by what other folds show: chance does not choose a clear one.
+        some |= (score.worth >= constants.clear_share) & (score.channel_t >= constants.least_t)
+        some &= score.weighed.changes
         return bool(score.worth.mean() >= constants.least_share or some.any())
 
     def _least_channel_t(self, score: Score) -> float:

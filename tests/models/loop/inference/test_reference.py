@@ -125,7 +125,10 @@ def test_nothing_is_left_of_what_is_known_of_the_same_recording(smooth: Any, mak
         gains[name] = {score.name: score.taken_off for score in scoring.scores([])}
     assert set(gains["unknown"]) == {"offset", "gain", "hysteresis", "offset:contact"}
     assert gains["unknown"]["offset:contact"].min() > 100
-    np.testing.assert_allclose(gains["known"]["offset:contact"], 0.0, atol=1e-4)
+    # As any other effect, they count up to the 99 % limit of what so few contacts leave open.
+    left, known_gain = gains["known"]["offset:contact"], gains["unknown"]["offset:contact"]
+    assert left.max() < 0.0
+    assert (left + known_gain).min() > 0.0
     # The form of another effect may be another one where its evidence is known.
     assert max(taken_off.sum() for taken_off in gains["known"].values()) < 1e-3
 
