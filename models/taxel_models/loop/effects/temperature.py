@@ -47,7 +47,7 @@ class Temperature(Effect):
         "ln Z_c = ln Z_c(model) + k_c (tdc - mean), or k_c warmth; delta_c = dE/dlnZ k_c (tdc - mean)"
     )
     source = "LASA's idle finger: warming lowers ln Z of all electrodes alike; -2 %/K (unverified)"
-    signature = "the residual follows tdc, common to all electrodes in ln Z, also where tdc turns back"
+    signature = "the residual follows tdc or past touches, common to all electrodes in ln Z"
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:

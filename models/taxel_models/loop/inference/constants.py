@@ -51,10 +51,11 @@ class Constants:
 
     @property
     def clear_share(self) -> float:
-        """Three times `least_channel_share`: of one channel, what a further effect must remove.
+        """Three times `least_channel_share`: the same for a constant, and beside named effects.
 
-        A named effect whose form is not quite right leaves a little. Offsets of contacts, which no model
-        predicts, must remove as much in the mean over the channels.
+        A named effect whose form is not quite right leaves a little, and a channel's mean scatters from
+        finger to finger. Offsets of contacts, which no model predicts, must remove as much in the mean
+        over the channels.
         """
         return 3.0 * self.least_channel_share
 

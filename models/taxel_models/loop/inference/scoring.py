@@ -252,11 +252,15 @@ class Scoring:
             return False
         if not score.effect.is_predictable:
             return bool(score.worth.mean() >= constants.clear_share)
-        least = constants.clear_share if beside_others else constants.least_channel_share
-        some = score.worth >= max(constants.least_share, least)
-        some &= score.channel_t >= self._least_channel_t(score)
+        # A named effect's form may not be quite right, and a channel's mean scatters from finger to finger.
+        strict = beside_others or score.effect.is_constant
+        least = max(
+            constants.least_share, constants.clear_share if strict else constants.least_channel_share
+        )
+        clear = max(constants.least_share, constants.clear_share)
+        some = (score.worth >= least) & (score.channel_t >= self._least_channel_t(score))
         # The t above weighs channels by what other folds show: chance does not choose a clear one.
-        some |= (score.worth >= constants.clear_share) & (score.channel_t >= constants.least_t)
+        some |= (score.worth >= clear) & (score.channel_t >= constants.least_t)
         some &= score.weighed.changes
         return bool(score.worth.mean() >= constants.least_share or some.any())
 
