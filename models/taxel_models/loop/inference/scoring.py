@@ -252,6 +252,11 @@ class Scoring:
             return False
         if not score.effect.is_predictable:
             return bool(score.worth.mean() >= constants.clear_share)
+        if score.worth.mean() >= constants.least_share:
+            return True
+        if score.form.candidate.fitting.pooled:
+            # What all channels share is not told by one of them.
+            return False
         # A named effect's form may not be quite right, and a channel's mean scatters from finger to finger.
         strict = beside_others or score.effect.is_constant
         least = max(
@@ -261,8 +266,7 @@ class Scoring:
         some = (score.worth >= least) & (score.channel_t >= self._least_channel_t(score))
         # The t above weighs channels by what other folds show: chance does not choose a clear one.
         some |= (score.worth >= clear) & (score.channel_t >= constants.least_t)
-        some &= score.weighed.changes
-        return bool(score.worth.mean() >= constants.least_share or some.any())
+        return bool((some & score.weighed.changes).any())
 
     def _least_channel_t(self, score: Score) -> float:
         """The t that one of all channels must reach: choosing among them has its price (Bonferroni)."""
