@@ -1,7 +1,7 @@
 """Try the wheel on every Python, with the newest and the lowest packages, and each extra by itself.
 
     python3 tests/matrix [--python 3.12] [--versions lowest] [--json]
-                         [--extra loop] [--extra-versions lowest]
+                         [--extra loop] [--extra-versions lowest] [--hold torch==2.13.0]
 
 Exit status: 0 where every environment passed, 1 where one failed, none was tried or a Python that was
 asked for is missing, 2 for bad use.
@@ -38,16 +38,17 @@ def main() -> int:
     if not pythons:
         return 1
     first = next(iter(pythons.values()))
+    held = tuple(options.hold)
     with TemporaryDirectory(prefix="taxel-wheel-") as folder:
         say("building the wheel")
         wheel = build_wheel(first, ROOT, Path(folder).resolve())
         serving = [
-            partial(_serving, python, wheel, versions)
+            partial(_serving, python, wheel, versions, held)
             for python in pythons.values()
             for versions in options.versions
         ]
         alone = [
-            partial(_extra, first, wheel, extra, versions)
+            partial(_extra, first, wheel, extra, versions, held)
             for versions in options.extra_versions
             for extra in options.extra
         ]
@@ -60,24 +61,24 @@ def main() -> int:
     return 0 if all_passed(cells) and not (options.python and missing) else 1
 
 
-def _serving(python: Python, wheel: Path, versions: str) -> Cell:
+def _serving(python: Python, wheel: Path, versions: str, held: tuple[str, ...]) -> Cell:
     """`taxel[server]` with the newest or the lowest packages."""
 
     def install(found: Environment) -> None:
         if versions == "newest":
             found.install(f"{wheel}[server]")
             return
-        found.install(f"{wheel}[server]", constraints=lowest(found, ROOT, "server"))
+        found.install(f"{wheel}[server]", constraints=lowest(found, ROOT, "server", held))
 
     return _tried(Cell(python.version, "server", versions), python, wheel, install, CHECKS)
 
 
-def _extra(python: Python, wheel: Path, extra: str, versions: str) -> Cell:
+def _extra(python: Python, wheel: Path, extra: str, versions: str, held: tuple[str, ...]) -> Cell:
     """An extra by itself, with the versions that the project is tested with, or with the lowest."""
     name = "" if extra == "client" else extra
 
     def install(found: Environment) -> None:
-        limits = CONSTRAINTS if versions == "tested" else lowest(found, ROOT, name)
+        limits = CONSTRAINTS if versions == "tested" else lowest(found, ROOT, name, held)
         found.install(f"{wheel}[{name}]" if name else wheel, constraints=limits)
 
     return _tried(Cell(python.version, name, versions), python, wheel, install, EXTRAS[extra])
@@ -142,6 +143,13 @@ def _options() -> argparse.Namespace:
         action="append",
         choices=("tested", "lowest"),
         help="Versions for an extra by itself: of constraints.txt (tested, the default), or lowest.",
+    )
+    parser.add_argument(
+        "--hold",
+        action="append",
+        default=[],
+        metavar="PACKAGE==VERSION",
+        help="Take this version where the lowest ones are tried; may be given several times.",
     )
     parser.add_argument("--jobs", type=int, default=1, help="Environments at a time, of about 1 GB each.")
     parser.add_argument("--json", action="store_true", help="Print one JSON object instead of a table.")

@@ -13,10 +13,11 @@ def extras(root: Path) -> dict[str, list[str]]:
     return by_extra
 
 
-def lowest(found: Environment, root: Path, extra: str) -> Path:
+def lowest(found: Environment, root: Path, extra: str, held: tuple[str, ...] = ()) -> Path:
     """Constraints, as a file: each direct requirement of the project with an extra at its lower bound.
 
-    Without an extra, if its name is empty.
+    Without an extra, if its name is empty. Each requirement of `held`, such as `torch==2.13.0`, stands in
+    place of its package's lower bound.
 
     Where the index has no wheel of that version or of what it needs for its Python, the next
     one that has. uv resolves them, in an environment of its own.
@@ -25,6 +26,8 @@ def lowest(found: Environment, root: Path, extra: str) -> Path:
         Failed: there are none.
     """
     constraints = found.work / "lowest.txt"
+    limits = found.work / "held.txt"
+    limits.write_text("".join(f"{one}\n" for one in held))
     chosen = ("--extra", extra) if extra else ()
     sources = [option for name in PURE for option in ("--no-binary", name)]
     with environment(found.interpreter) as resolver:
@@ -32,6 +35,7 @@ def lowest(found: Environment, root: Path, extra: str) -> Path:
         resolver.run(
             *("uv", "pip", "compile", root / "pyproject.toml", *chosen, "--quiet"),
             *("--resolution", "lowest-direct", "--only-binary", ":all:", *sources),
+            *("--constraints", limits),
             *("--python", found.folder / "bin" / "python", "--output-file", constraints),
         )
     return constraints

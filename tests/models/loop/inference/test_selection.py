@@ -13,6 +13,7 @@ from taxel.channels import CHANNELS
 from taxel.windows import Relaxation, Warmth
 from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.blocks import cut
+from taxel_models.loop.effects.effect import Fitting
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.forms import prepared
@@ -321,6 +322,54 @@ def test_the_simplest_is_looked_for_step_by_step() -> None:
     # These carry most of what the kinds do, or of nothing: the line explains more.
     assert Scoring.simplest(scoring, kinds, [kinds, ageing, line, weak, constant]) is line
     assert Scoring.simplest(scoring, line, [kinds, ageing]) is line
+
+
+@pytest.mark.parametrize(
+    ("worth", "t", "shared", "constant", "beside", "stands"),
+    [
+        pytest.param(0.05, 5.6, False, False, False, True, id="one channel, against chance among all"),
+        pytest.param(0.05, 5.4, False, False, False, False, id="one channel, perhaps chance"),
+        pytest.param(0.16, 3.1, False, False, False, True, id="one clear channel"),
+        pytest.param(0.16, 2.9, False, False, False, False, id="one clear channel that does not repeat"),
+        pytest.param(0.05, 9.0, False, False, True, False, id="one channel, beside a named effect"),
+        pytest.param(0.14, 9.0, False, True, False, False, id="one channel's offset"),
+        pytest.param(0.16, 9.0, False, True, False, True, id="one channel's clear offset"),
+        pytest.param(0.50, 9.0, True, False, False, False, id="one channel of a cause that all share"),
+        pytest.param(0.70, 9.0, True, False, False, True, id="all channels together"),
+    ],
+)
+def test_one_channel_may_be_enough(
+    worth: float, t: float, shared: bool, constant: bool, beside: bool, stands: bool
+) -> None:
+    """Of 21 channels, the others are a little worse with the effect."""
+    scoring: Any = SimpleNamespace(constants=DECLARED)
+    scoring._least_channel_t = lambda score: Scoring._least_channel_t(scoring, score)
+    candidate = SimpleNamespace(fitting=Fitting(pooled=shared))
+    score: Any = SimpleNamespace(
+        effect=SimpleNamespace(is_predictable=True, is_constant=constant),
+        form=SimpleNamespace(candidate=candidate),
+        weighed=SimpleNamespace(changes=np.ones(21, bool)),
+        gain=np.ones((8, 21)),
+        t=4.0,
+        channel_t=np.array([t] + [0.0] * 20),
+        worth=np.array([worth] + [-0.001] * 20),
+    )
+    assert Scoring.stands(scoring, score, beside) is stands
+
+
+@pytest.mark.parametrize(
+    ("t", "with_usual", "doubt"), [(2.0, 2.5, True), (2.0, 4.0, False), (4.0, 5.0, False)]
+)
+def test_what_the_model_gets_wrong_anyway_is_no_doubt(t: float, with_usual: float, doubt: bool) -> None:
+    def score(evidence: float, t: float, with_usual: float) -> Any:
+        form = SimpleNamespace(candidate=SimpleNamespace(form="a form"))
+        return SimpleNamespace(
+            name="an effect", form=form, freedom=21, log_evidence=evidence, t=t, t_with_usual=with_usual
+        )
+
+    selection: Any = SimpleNamespace(_constants=DECLARED, _tried=set())
+    best, likelier = score(100.0, 6.0, 8.0), score(200.0, t, with_usual)
+    assert JointSelection._casts_doubt(selection, likelier, best) is doubt
 
 
 def test_a_certain_cause_is_named_before_one_that_explains_more(smooth: Any, make: Make) -> None:
