@@ -11,6 +11,7 @@ from taxel_models.foreign.injection import ForeignInjection
 from taxel_models.foreign.registry import INJECTORS, Injector
 from taxel_models.foreign.registry import UNKNOWN as FOREIGN_UNKNOWN
 from taxel_models.ground.ground import Clean, Floats, predicted
+from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.effects.registry import NAMES
 from taxel_models.recordings import Recording
 from taxel_models.recovery.injection import Injection
@@ -168,7 +169,8 @@ def _foreign(
     )
     drawn = _drawn(injection, draw, kind)
     parameters: dict[str, Any] = {}
-    for injector in drawn:
+    # What an electrode reports while it is stuck, or frames that are dropped, no other cause changes.
+    for injector in sorted(drawn, key=lambda one: Fault.name in one.right):
         injection.parameters = parameters.setdefault(injector.name, {})
         injector.inject(injection)
     return Injected(

@@ -87,6 +87,19 @@ def test_what_a_ground_lacks_is_not_injected(smooth: Any, make: Make) -> None:
         injected(clean, Draw("own", ("gain",), pairs=True, clean_share=0.0, unknown_share=0.0), 0)
 
 
+def test_a_stuck_electrode_shows_no_other_cause(smooth: Any, make: Make) -> None:
+    draw = Draw("foreign", ("fault: stuck", "rate"), pairs=True, clean_share=0.0, unknown_share=0.0)
+    clean = clean_of(smooth, make(2000))
+    rounds = [injected(clean, draw, number) for number in range(4)]
+    assert len({found.truth.partition(" + ")[0] for found in rounds}) > 1, "either may be drawn first"
+    for found in rounds:
+        own = found.parameters["fault: stuck"]
+        time_ns = found.recording.samples.time_ns
+        since = (time_ns - time_ns[0]) / 1e9 >= own["since"]
+        counts = found.recording.channels[since, CHANNELS.index(own["channel"])]
+        assert len(np.unique(counts)) == 1
+
+
 @pytest.mark.parametrize("injector", ["own", "foreign"])
 def test_pairs_are_two_causes_with_names_of_their_own(smooth: Any, make: Make, injector: Any) -> None:
     clean = clean_of(smooth, make(2000))
