@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 import taxel
 from taxel.channels import COUNTS_MAX
 from taxel.manifest import Manifest
+from taxel.windows.history import TOUCH_N
 from taxel_models.ground.ground import ALL_CHANNELS, Clean, Floats, predicted
 from taxel_models.recordings import Recording
 from taxel_models.twin import simulate
@@ -27,9 +28,6 @@ WARM_S: Final = 4 * 3600.0
 
 MOST_ON_FOR_S: Final = 3000.0
 """The longest time that a finger is switched on before a round."""
-
-TOUCH_N: Final = 0.1
-"""More force than this begins a contact."""
 
 KINDS: Final = 5
 """Materials."""

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
+from taxel.windows.history import TOUCH_N
 from taxel_models.loop.observations import Observations
-from taxel_models.loop.resting import TOUCH_N
 
 _NORMAL_MAD: Final = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""

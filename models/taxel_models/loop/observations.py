@@ -9,13 +9,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.corrections import Frame
+from taxel.corrections import Frame, weighted_shape
 from taxel.errors import RecordingError
 from taxel.manifest import Manifest
 from taxel.windows import HistoryFeature, Samples, build_windows, extra_columns, history_columns
-from taxel.windows.history import TICK_S
+from taxel.windows.history import TICK_S, TOUCH_N
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.resting import TOUCH_N, are_raw, resting
+from taxel_models.loop.resting import are_raw, resting
 from taxel_models.model import Model, predict_all
 from taxel_models.recordings import Recording
 
@@ -112,6 +112,11 @@ class Observations:
     def signal(self) -> Floats:
         """(n, 21) the model file's counts about rest."""
         return self.base - self.rest
+
+    @cached_property
+    def log_impedance_slope(self) -> Floats:
+        """(n, 21) what the model file's counts change by with ln Z; 1 for `pac0` and `pdc`."""
+        return weighted_shape("log_impedance", self.base, self.rest)
 
     @cached_property
     def raw_counts(self) -> bool:

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
+from taxel.windows.history import TOUCH_N
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.findings import Unexplained
 from taxel_models.loop.noise import NoiseFloor
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.residual_correlation import correlations
-from taxel_models.loop.resting import TOUCH_N
 from taxel_models.loop.spectrum import power_density, stretches
 
 MORE_THAN_NOISE: Final = 0.1

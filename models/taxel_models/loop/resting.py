@@ -5,10 +5,8 @@ from typing import Final
 import numpy as np
 
 from taxel.channels import ELECTRODE_COLUMNS
+from taxel.windows.history import TOUCH_N
 from taxel_models.loop.basis import Floats
-
-TOUCH_N: Final = 0.1
-"""Less force than this counts as free air: ten times the force sensor's noise of the published rig."""
 
 _REST_ROWS: Final = 50
 

@@ -15,12 +15,12 @@ from scipy.spatial.transform import Rotation
 from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel.errors import SettingsError
 from taxel.windows import Play, Relaxation
-from taxel.windows.history import TICK_S, Rate
+from taxel.windows.history import TICK_S, TOUCH_N, Rate
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.covariate import are_kinds
 from taxel_models.loop.effects.location import farthest_points
 from taxel_models.loop.effects.registry import effect_named
-from taxel_models.loop.resting import TOUCH_N, are_raw
+from taxel_models.loop.resting import are_raw
 from taxel_models.recordings import Recording
 from taxel_models.recovery.injection import Injection
 

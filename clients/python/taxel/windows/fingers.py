@@ -198,8 +198,8 @@ class FingerWindows:
             elif isinstance(history, Recursive):
                 before = followed(history.of, self._ticks[(count - 1) % self._depth, ids])
                 u = followed(history.of, tick)
-                followed_on = history.follow(self._states[column, ids], before, u)
-                state = np.where(new, history.settled(u), followed_on)
+                next_state = history.follow(self._states[column, ids], before, u)
+                state = np.where(new, history.settled(u), next_state)
                 self._states[column, ids] = state
                 self._features[slot, ids, column] = history.value(state, u)
             elif isinstance(history, Lagged):

@@ -26,7 +26,7 @@ SHARE_FORCE_N: Final = 0.5
 """Keeps `RelaxationShare` finite where there is no force."""
 
 TOUCH_N: Final = 0.1
-"""More force than this warms the fingertip of `Warmth`."""
+"""Less force than this counts as free air: ten times the force sensor's noise of the published rig."""
 
 Followed = Literal["fx", "fy", "fz", "force"]
 """What a history feature follows: a component of the force, or its magnitude; N."""

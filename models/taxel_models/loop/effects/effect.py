@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.corrections import ONE, Frame, Shape, Term, Weighted, weighted_shape
+from taxel.corrections import ONE, Frame, Shape, Term, Weighted
 from taxel.windows import Elapsed, ExtraFeature, HistoryFeature
 from taxel_models.loop.basis import AboutMean, Basis, Floats, Shared
 from taxel_models.loop.observations import Observations
@@ -242,7 +242,9 @@ def _settles(driver: Driver) -> bool:
 
 def shape_of(observations: Observations, shape: Shape) -> Floats | None:
     """(n, 21) the shape that multiplies a driver; None for 1."""
-    return None if shape == "unit" else weighted_shape(shape, observations.base, observations.rest)
+    if shape == "unit":
+        return None
+    return observations.signal if shape == "signal" else observations.log_impedance_slope
 
 
 def weighted(

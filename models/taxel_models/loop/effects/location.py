@@ -9,10 +9,10 @@ from typing_extensions import override
 
 from taxel.corrections import Location as LocationTerm
 from taxel.corrections import location_design
+from taxel.windows.history import TOUCH_N
 from taxel_models.loop.basis import Floats, Shared
 from taxel_models.loop.effects.effect import Candidate, Effect, Online, Remaining
 from taxel_models.loop.observations import Observations
-from taxel_models.loop.resting import TOUCH_N
 
 CENTRES: Final = 16
 HALF_FORCE_N: Final = 0.5

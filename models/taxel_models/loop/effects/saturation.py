@@ -9,10 +9,10 @@ from typing_extensions import override
 
 from taxel.corrections import Saturation as SaturationTerm
 from taxel.corrections import saturation_design
+from taxel.windows.history import TOUCH_N
 from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.observations import Observations
-from taxel_models.loop.resting import TOUCH_N
 
 QUANTILES: Final = (0.5, 0.65, 0.8, 0.9, 0.95)
 """Quantiles of the signal's magnitude while touched: the levels that are tried."""

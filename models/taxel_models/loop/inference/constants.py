@@ -51,11 +51,11 @@ class Constants:
 
     @property
     def clear_share(self) -> float:
-        """Three times `least_channel_share`: the same for a constant, and beside named effects.
+        """Three times `least_channel_share`: one channel with so much needs no price for being one of many.
 
-        A named effect whose form is not quite right leaves a little, and a channel's mean scatters from
-        finger to finger. Offsets of contacts, which no model predicts, must remove as much in the mean
-        over the channels.
+        A constant, and what comes beside named effects, needs so much in one channel: a channel's mean
+        scatters from finger to finger, and a form that is not quite right leaves a little. Offsets of
+        contacts, which no model predicts, need it in the mean over the channels.
         """
         return 3.0 * self.least_channel_share
 

@@ -33,8 +33,8 @@ from taxel_models.loop.inference.evidence import (
     weigh,
 )
 from taxel_models.loop.inference.forms import WhitenedForm, prepared
-from taxel_models.loop.inference.kinds import counted
 from taxel_models.loop.inference.score import Score, Taken
+from taxel_models.loop.inference.usual import Usual
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
 
@@ -113,6 +113,7 @@ class Scoring:
         if reference is not None:
             shape = NoiseShape(np.array(reference.shared), np.array(reference.fading))
         self.whitening = Whitening(self.bins, shape, observations.residual, constants)
+        self._usual = Usual(reference, self.bins.fold, self.whitening.scale)
         self._row_weights = self.whitening.row_weights(len(observations))
         self._mean_row_weights = self._row_weights.mean(axis=1)
         ones = np.broadcast_to(self.whitening.scale[:, None, None], (len(CHANNELS), len(self.bins), 1))
@@ -196,7 +197,7 @@ class Scoring:
         return sorted(found, key=lambda score: -score.log_evidence)
 
     def _score(self, effect: Effect, forms: Sequence[WhitenedForm], bases: Bases) -> Score:
-        usual = self._usual_evidence(effect.label)
+        usual = self._usual.log_evidence(effect.label)
         weighed: list[Option] = []
         logs = []
         for form in forms:
@@ -257,16 +258,14 @@ class Scoring:
         if score.form.candidate.fitting.pooled:
             # What all channels share is not told by one of them.
             return False
-        # A named effect's form may not be quite right, and a channel's mean scatters from finger to finger.
-        strict = beside_others or score.effect.is_constant
-        least = max(
-            constants.least_share, constants.clear_share if strict else constants.least_channel_share
-        )
-        clear = max(constants.least_share, constants.clear_share)
-        some = (score.worth >= least) & (score.channel_t >= self._least_channel_t(score))
         # The t above weighs channels by what other folds show: chance does not choose a clear one.
-        some |= (score.worth >= clear) & (score.channel_t >= constants.least_t)
-        return bool((some & score.weighed.changes).any())
+        told = (score.worth >= constants.clear_share) & (score.channel_t >= constants.least_t)
+        if not (beside_others or score.effect.is_constant):
+            # A channel's mean scatters from finger to finger.
+            sure = score.channel_t >= self._least_channel_t(score)
+            told |= (score.worth >= constants.least_channel_share) & sure
+        told &= score.weighed.changes & (score.worth >= constants.least_share)
+        return bool(told.any())
 
     def _least_channel_t(self, score: Score) -> float:
         """The t that one of all channels must reach: choosing among them has its price (Bonferroni)."""
@@ -305,7 +304,7 @@ class Scoring:
     ) -> Score:
         """A score less what the effect explains of the model's own held-out residual."""
         # A channel that it does not change gains nothing, usual or not.
-        usual = self._usual_gain(form.candidate.effect, tested) * weighed.changes
+        usual = self._usual.gain(form.candidate.effect, tested) * weighed.changes
         gain = tested.gain - usual
         fall = (gain * tested.noise).sum(axis=0)
         worth = fall / (self._energy if energy is None else energy)
@@ -314,23 +313,6 @@ class Scoring:
         shares = (gain, worth, taken_off, usual)
         score = Score(effect, form, weighed, log_evidence, False, *shares, most_gain=0.0)
         return replace(score, most_gain=score.total_gain)
-
-    def _usual_evidence(self, name: str) -> Floats | float:
-        """(21,) log odds that the model's own residual gives an effect."""
-        if self._reference is None or name not in self._reference.structure:
-            return 0.0
-        part, _ = counted(name, np.array(self._reference.std), self.whitening.scale)
-        usual = np.array(self._reference.structure[name].log_evidence)
-        return np.asarray(usual * part * len(self.bins))
-
-    def _usual_gain(self, name: str, tested: HeldOut) -> Floats | float:
-        """(folds, 21) what an effect takes off the model's own residual."""
-        if self._reference is None or name not in self._reference.structure:
-            return 0.0
-        _, bins = np.unique(self.bins.fold, return_counts=True)
-        _, part = counted(name, np.array(self._reference.std), self.whitening.scale)
-        gain = part * np.array(self._reference.structure[name].gain)
-        return np.asarray(bins[:, None] * gain / (tested.noise * self.whitening.scale**2))
 
     def unknown_mean(self) -> Floats:
         """(21,) the size of a constant that the model's own held-out residual leaves open, counts."""
@@ -357,7 +339,7 @@ class Scoring:
         last = found[CALIBRATIONS_S[-1]]
         white = self.whitening(self.bins.means(left.T[:, :, None]))[:, :, 0]
         table = log_evidence(white, self._contact_ones, self.bins.blocks, self.constants.strengths)
-        sums = (table - self._usual_evidence(effect.name)).sum(axis=1)
+        sums = (table - self._usual.log_evidence(effect.name)).sum(axis=1)
         total = float(logsumexp(sums) - np.log(len(sums)))
         removed = {seconds: each.removed for seconds, each in found.items()}
         (form,) = prepared(effect.form(last.offsets * last.shares, removed), self.whitening)

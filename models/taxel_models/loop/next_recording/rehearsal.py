@@ -8,6 +8,7 @@ import numpy as np
 
 from taxel.channels import COUNTS_MAX
 from taxel.manifest import HeldOutResidual
+from taxel.windows.history import TOUCH_N
 from taxel_models.loop.attribution import Attribution
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks, cut
@@ -19,7 +20,6 @@ from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.next_recording.fitted import Fitted
 from taxel_models.loop.observations import Observations, gather
-from taxel_models.loop.resting import TOUCH_N
 from taxel_models.model import Model
 from taxel_models.recordings import Recording
 from taxel_models.twin import perform

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from taxel.channels import CHANNELS
-from taxel.windows.history import TICK_S
+from taxel.windows.history import TICK_S, TOUCH_N
 from taxel_models.loop.basis import Floats, Shared
 from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.effects.interference import Interference
@@ -23,7 +23,6 @@ from taxel_models.loop.report.colours import AFTER, BEFORE, MEASURED
 from taxel_models.loop.report.drivers import axis_of
 from taxel_models.loop.report.partial import Partial
 from taxel_models.loop.report.signature_pictures import draw_contact_offset, draw_interference
-from taxel_models.loop.resting import TOUCH_N
 
 _BINS: Final = 14
 _LEAST_ROWS: Final = 12

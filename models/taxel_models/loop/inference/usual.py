@@ -1,0 +1,41 @@
+"""What is usual: how much of an effect the model's own held-out residual has."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel.manifest import HeldOutResidual
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.inference.evidence import HeldOut
+from taxel_models.loop.inference.kinds import counted
+
+
+class Usual:
+    """What is usual of each effect, for the bins of a recording.
+
+    Args:
+        reference: the model's own held-out residual; None if it is not known, so that nothing is usual.
+        fold: (bins,) of the cross-validation.
+        scale: (21,) of the recording's residual, counts.
+    """
+
+    def __init__(self, reference: HeldOutResidual | None, fold: NDArray[np.int64], scale: Floats) -> None:
+        self._structure = {} if reference is None else reference.structure
+        self._std = np.zeros(0) if reference is None else np.array(reference.std)
+        self._scale = scale
+        _, self._bins_each = np.unique(fold, return_counts=True)
+
+    def log_evidence(self, effect: str) -> Floats | float:
+        """(21,) log odds that the model's own residual gives an effect."""
+        if effect not in self._structure:
+            return 0.0
+        part, _ = counted(effect, self._std, self._scale)
+        usual = np.array(self._structure[effect].log_evidence)
+        return np.asarray(usual * part * self._bins_each.sum())
+
+    def gain(self, effect: str, tested: HeldOut) -> Floats | float:
+        """(folds, 21) what an effect takes off the model's own residual, over the noise."""
+        if effect not in self._structure:
+            return 0.0
+        _, part = counted(effect, self._std, self._scale)
+        gain = part * np.array(self._structure[effect].gain)
+        return np.asarray(self._bins_each[:, None] * gain / (tested.noise * self._scale**2))
