@@ -76,6 +76,8 @@ def test_a_page_that_draws_nothing_gets_two_frames_and_no_queue(
 ) -> None:
     paced.loops = True
     with stream(serve(paced)) as page:
+        # The player starts when the server has seen the connection, which is after this end has.
+        next_of("scene", page)
         numbers, dropped = [], 0
         while dropped < 5:
             clock.now += 0.05
