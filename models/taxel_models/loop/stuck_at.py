@@ -191,8 +191,7 @@ class Runs:
         smooth = ~self.jumps & ~dead & (self.at_end | (inside & one_sided))
         abrupt = self.jumps | dead | (~self.at_end & whole)
         by_jump, by_level = int((wrong & abrupt).sum()), int((wrong & smooth).sum())
-        # Runs of neither kind count only if there are no others, and then not by their length.
-        broken = wrong & abrupt if by_jump > by_level else lags & ~smooth & (by_jump == by_level == 0)
+        broken = wrong & abrupt & (by_jump > by_level)
         at_one_of = np.isin(self.values, self.values[broken & ~dead])
         return np.asarray(self.long & broken.any() & (~smooth | at_one_of))
 
