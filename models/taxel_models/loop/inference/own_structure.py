@@ -70,7 +70,7 @@ def own_gain(scoring: Scoring, score: Score, confidence: float = OPEN) -> Floats
     if not score.effect.is_predictable:
         # Nothing is fitted to other folds, so that folds are independent of each other.
         total = score.gain.sum(axis=0)
-        by_fold = score.gain * score.taken_off / np.where(total > 0, total, np.inf)
+        by_fold = score.gain * score.taken_off / np.where(total == 0, np.inf, total)
         return np.asarray(by_fold.sum(axis=0) + limit * np.sqrt(len(by_fold)) * by_fold.std(axis=0, ddof=1))
     bases = scoring.bases([])
     products = Products.of(bases.beside, score.form.design)

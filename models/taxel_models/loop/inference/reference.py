@@ -14,6 +14,7 @@ from taxel_models.loop.blocks import Blocks, cut
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED, Constants
+from taxel_models.loop.inference.contact_offset import ContactOffset
 from taxel_models.loop.inference.kinds import herfindahl, kind_columns
 from taxel_models.loop.inference.own_structure import OPEN, structure_of
 from taxel_models.loop.inference.scoring import Progress, Scoring, silent
@@ -40,6 +41,9 @@ DEVIATIONS: Final = 2.0
 FEWEST_CONTACTS: Final = 4
 """With fewer, blocks of a few seconds tell how far the mean error may lie."""
 
+FEWEST_TO_SCATTER: Final = 20
+"""Contacts that tell how far their offsets scatter; with fewer, one odd contact says it all."""
+
 
 def held_out_residual(
     model: Model,
@@ -59,6 +63,9 @@ def held_out_residual(
         found = _residual_of(observations, constants, progress)
     except RecordingError:
         return None
+    if len(np.unique(observations.contact)) < FEWEST_TO_SCATTER:
+        known = {name: own for name, own in found.structure.items() if name != ContactOffset.name}
+        found = found.model_copy(update={"structure": known})
     kinds = {
         column: _residual_of_one_kind(observations, column, constants, progress)
         for column in kind_columns(observations)

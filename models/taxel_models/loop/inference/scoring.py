@@ -114,6 +114,8 @@ class Scoring:
             shape = NoiseShape(np.array(reference.shared), np.array(reference.fading))
         self.whitening = Whitening(self.bins, shape, observations.residual, constants)
         self._usual = Usual(reference, self.bins.fold, self.whitening.scale)
+        if not self._usual.knows(ContactOffset.name):
+            self.out_of_scope[ContactOffset.name] = "how far offsets of contacts usually scatter is not known"
         self._row_weights = self.whitening.row_weights(len(observations))
         self._mean_row_weights = self._row_weights.mean(axis=1)
         ones = np.broadcast_to(self.whitening.scale[:, None, None], (len(CHANNELS), len(self.bins), 1))
@@ -329,9 +331,9 @@ class Scoring:
     def _contact_offset(self, base: Base, left: Floats) -> Score | None:
         """Offsets of each contact, if the model's own held-out residual says how much is usual."""
         contacts = np.unique(self.observations.contact[self._blocks.fit])
-        if self._reference is None or len(contacts) < FEWEST_CONTACTS:
-            return None
         effect = ContactOffset()
+        if not self._usual.knows(effect.name) or len(contacts) < FEWEST_CONTACTS:
+            return None
         found = {
             seconds: calibrated(self.observations, self._blocks, left, self._row_weights, seconds)
             for seconds in CALIBRATIONS_S

@@ -19,10 +19,15 @@ class Usual:
     """
 
     def __init__(self, reference: HeldOutResidual | None, fold: NDArray[np.int64], scale: Floats) -> None:
+        self._is_known = reference is not None
         self._structure = {} if reference is None else reference.structure
         self._std = np.zeros(0) if reference is None else np.array(reference.std)
         self._scale = scale
         _, self._bins_each = np.unique(fold, return_counts=True)
+
+    def knows(self, effect: str) -> bool:
+        """Whether it says how much is usual of an effect; without any structure, nothing is usual."""
+        return self._is_known and (not self._structure or effect in self._structure)
 
     def log_evidence(self, effect: str) -> Floats | float:
         """(21,) log odds that the model's own residual gives an effect."""

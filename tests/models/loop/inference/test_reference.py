@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from taxel.manifest import HeldOutResidual, Manifest
 from taxel_models.loop.attribution import AS_MUCH_ANYWAY
@@ -14,6 +15,7 @@ from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.hysteresis import Hysteresis
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.inference.constants import DECLARED
+from taxel_models.loop.inference.own_structure import OPEN, own_gain
 from taxel_models.loop.inference.reference import KEPT, held_out_residual
 from taxel_models.loop.inference.scoring import Scoring
 from taxel_models.loop.observations import gather
@@ -163,5 +165,38 @@ def test_a_manifests_own_is_used(smooth: Any, make: Make, reference: HeldOutResi
     assert findings.after == findings.before
     # Without the reference, nobody knows how much contacts scatter anyway.
     unknown = run_loop(smooth, [recording], LoopSettings()).findings
-    named = {one.name for one in (*unknown.effects, *unknown.rejected)}
-    assert "offset:contact" not in named
+    assert "offset:contact" not in {effect.name for effect in unknown.effects}
+    (rejected,) = (one for one in unknown.rejected if one.name == "offset:contact")
+    assert rejected.reason == "how far offsets of contacts usually scatter is not known"
+
+
+@pytest.mark.parametrize(("contacts", "is_known"), [(19, False), (20, True)])
+def test_few_contacts_do_not_tell_how_far_their_offsets_scatter(
+    smooth: Any, make: Make, contacts: int, is_known: bool
+) -> None:
+    some = apart(make).rows(np.arange(9_000) < 300 * contacts)
+    known = held_out_residual(smooth, [some])
+    assert known is not None
+    assert ("offset:contact" in known.structure) is is_known
+    found = run_loop(smooth, [apart(make)], LoopSettings(), reference=known).findings
+    assert [effect.name for effect in found.effects] == []
+    reasons = {one.name: one.reason for one in found.rejected}
+    assert ("is not known" in reasons["offset:contact"]) is not is_known
+
+
+def test_a_calibration_that_makes_it_worse_leaves_open_how_much_is_usual(smooth: Any, make: Make) -> None:
+    """One odd contact can cost more than all others gain. That says little, not that nothing is usual."""
+    observations = gather(smooth, [apart(make)])
+    blocks = cut(observations, seed=0, held_out=KEPT)
+    known = held_out_residual(smooth, [apart(make)])
+    scoring = Scoring(observations, blocks, [Offset()], known, DECLARED, lambda _: None)
+    (score,) = (score for score in scoring.scores([]) if score.name == "offset:contact")
+    unit = score.taken_off / score.gain.sum(axis=0)
+    gain = np.full_like(score.gain, 5.0)
+    gain[0] = -80.0
+    worse = replace(score, gain=gain, taken_off=gain.sum(axis=0) * unit)
+    assert worse.taken_off.max() < 0
+    scatter = gain.std(axis=0, ddof=1) * np.sqrt(len(gain))
+    limit = float(stats.t.ppf(OPEN, len(gain) - 1))
+    np.testing.assert_allclose(own_gain(scoring, worse), unit * (gain.sum(axis=0) + limit * scatter))
+    assert own_gain(scoring, worse).min() > 0
