@@ -72,7 +72,7 @@ def test_drop_outs_are_found_to_the_row() -> None:
 
 
 def test_a_channel_that_bends_into_a_few_counts_is_not_broken() -> None:
-    """It keeps values for long while the prediction moves, but comes to them and leaves them by one count."""
+    """It keeps values for long while the prediction moves, but comes to them by steps of one count."""
     measured, predicted = tared()
     slow = 0.6 * np.sin(2.0 * np.pi * np.arange(ROWS) / 180.0)
     measured[:, E5] = np.rint(9.0 * np.tanh(predicted[:, E5] / 3.0) + slow).clip(0.0)

@@ -115,7 +115,7 @@ class Scoring:
         self.whitening = Whitening(self.bins, shape, observations.residual, constants)
         self._usual = Usual(reference, self.bins.fold, self.whitening.scale)
         if not self._usual.knows(ContactOffset.name):
-            self.out_of_scope[ContactOffset.name] = "how far offsets of contacts usually scatter is not known"
+            self.out_of_scope[ContactOffset.name] = "how far offsets of contacts scatter is not known"
         self._row_weights = self.whitening.row_weights(len(observations))
         self._mean_row_weights = self._row_weights.mean(axis=1)
         ones = np.broadcast_to(self.whitening.scale[:, None, None], (len(CHANNELS), len(self.bins), 1))
