@@ -64,7 +64,7 @@ def export_corrected(
         repository,
         manifest,
         base.model_path.read_bytes(),
-        lambda staging: _check_parity(staging, manifest, base, taken),
+        lambda staging: {"parity": _check_parity(staging, manifest, base, taken)},
     )
 
 

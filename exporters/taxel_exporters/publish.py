@@ -2,20 +2,21 @@
 
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from taxel import artifacts
 from taxel.artifacts import MANIFEST, manifest_json
 from taxel.errors import ArtifactError, NotFound, SettingsError
-from taxel.manifest import Manifest, Parity, RoundedWeights
+from taxel.manifest import Manifest
 from taxel_exporters.card import card
 
 CARD: Final = "README.md"
 
-Check = Callable[[Path], Parity | RoundedWeights]
-"""Checks the artifact in a staging repository; raises `ArtifactError` if it is not right."""
+Check = Callable[[Path], Mapping[str, Any]]
+"""Checks the artifact in a staging repository, and gives fields of the manifest that say what it found;
+raises `ArtifactError` if it is not right."""
 
 
 def publish(repository: Path, manifest: Manifest, content: bytes, check: Check) -> Manifest:
@@ -40,9 +41,7 @@ def publish(repository: Path, manifest: Manifest, content: bytes, check: Check) 
         staged.mkdir(parents=True)
         (staged / manifest.model_file.name).write_bytes(content)
         (staged / MANIFEST).write_text(manifest_json(manifest), encoding="utf-8")
-        found = check(staging)
-        field = "parity" if isinstance(found, Parity) else "rounded_weights"
-        manifest = manifest.model_copy(update={field: found})
+        manifest = manifest.model_copy(update=check(staging))
         (staged / MANIFEST).write_text(manifest_json(manifest), encoding="utf-8")
         (staged / CARD).write_text(card(manifest), encoding="utf-8")
         artifacts.read(staged)

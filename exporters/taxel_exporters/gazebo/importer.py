@@ -77,7 +77,12 @@ def import_network(
         ),
         taxel_version=__version__,
     )
-    return publish(repository, manifest, content, lambda staging: check_parity(staging, name, network))
+    return publish(
+        repository,
+        manifest,
+        content,
+        lambda staging: {"parity": check_parity(staging, name, network)},
+    )
 
 
 def _chosen(values: tuple[float, ...], columns: tuple[int, ...]) -> tuple[float, ...]:
