@@ -53,6 +53,14 @@ def test_a_change_all_the_time_has_none(smooth: Any, long: Recording) -> None:
     assert found.sentence().endswith("more sensitive over this session.")
 
 
+def test_a_channel_that_dies_early_is_told(smooth: Any, make: Make) -> None:
+    """In most of the session it follows its prediction no more."""
+    kept = np.where(np.arange(ROWS) < 9_000, 1.0, 0.0)
+    (found,) = changes(smooth, make(ROWS, seed=5, noise=12.0), kept)
+    assert found.kept < 0.05
+    assert found.since_s == pytest.approx(90.0, abs=6.0)
+
+
 def test_what_other_effects_add_is_no_sensitivity(smooth: Any, long: Recording) -> None:
     (found,) = changes(smooth, long, np.where(np.arange(ROWS) < 18_000, 1.0, 0.4), added=40.0)
     assert found.kept == pytest.approx(0.4, abs=0.05)
