@@ -28,8 +28,8 @@ FOLLOWS: Final = 0.7
 channel that does not follow its prediction means nothing."""
 
 WHILE_ALIVE: Final = 0.9
-"""The quantile of the blocks' correlations that counts for a channel that lost sensitivity: once it is dead,
-it follows no more. For others it is the median."""
+"""The quantile of the blocks' correlations that counts for a channel that lost sensitivity: once dead, it
+follows no more. For others it is the median."""
 
 MOST_TOLD: Final = 10.0
 """A larger factor is not told: the first sensitivity was about 0."""
