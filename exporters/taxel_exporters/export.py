@@ -85,7 +85,7 @@ def export(
 
     def check(staging: Path) -> dict[str, Any]:
         found = _check(staging, name, trained, held_out, model)
-        # The artifact predicts up to a hundred times as fast as the library that trained it.
+        # A forest's artifact predicts many times as fast as the library that trained it.
         with taxel.load(staging) as source:
             residual = held_out_residual(source.predictor(name), recordings, progress=progress)
         return {**found, "held_out_residual": residual}
