@@ -21,7 +21,7 @@ LEAST_CHANGE: Final = 0.3
 
 LEAST_T: Final = 8.0
 """The change over its standard error; the largest of some 21 channels and 100 places. Blocks are not alike:
-materials that are recorded one after the other reach 6 without any change, in a third of the recordings."""
+materials that are recorded one after the other often reach 6 without any change of a channel."""
 
 FOLLOWS: Final = 0.7
 """The least correlation of the measured and the predicted counts inside blocks: the sensitivity of a

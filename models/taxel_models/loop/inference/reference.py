@@ -38,10 +38,10 @@ FEWEST_KINDS: Final = 3
 DEVIATIONS: Final = 2.0
 """Standard deviations above the mean over kinds: what nearly all kinds stay below."""
 
-FEWEST_CONTACTS: Final = 4
+FEWEST_FOR_MEAN: Final = 4
 """With fewer, blocks of a few seconds tell how far the mean error may lie."""
 
-FEWEST_TO_SCATTER: Final = 20
+FEWEST_FOR_SCATTER: Final = 20
 """Contacts that tell how far their offsets scatter; with fewer, one odd contact says it all."""
 
 
@@ -63,7 +63,7 @@ def held_out_residual(
         found = _residual_of(observations, constants, progress)
     except RecordingError:
         return None
-    if len(np.unique(observations.contact)) < FEWEST_TO_SCATTER:
+    if len(np.unique(observations.contact)) < FEWEST_FOR_SCATTER:
         known = {name: own for name, own in found.structure.items() if name != ContactOffset.name}
         found = found.model_copy(update={"structure": known})
     kinds = {
@@ -137,7 +137,7 @@ def _unknown_mean(observations: Observations, blocks: Blocks) -> Floats:
     another recording is no news.
     """
     unit = observations.segment
-    if len(np.unique(unit)) < FEWEST_CONTACTS:
+    if len(np.unique(unit)) < FEWEST_FOR_MEAN:
         unit = blocks.of_row
     means = np.array([observations.residual[unit == one].mean(axis=0) for one in np.unique(unit)])
     count = len(means)
