@@ -97,7 +97,7 @@ def loop_trial(
     from taxel_models.recovery.injected import Draw
     from taxel_models.recovery.rounds import summarise
     from taxel_models.recovery.sensitivity import sensitivities
-    from taxel_models.recovery.workers import run_rounds_on
+    from taxel_models.recovery.workers import run_rounds_on, run_rounds_with
 
     _prepare(scheduler, plots, output)
     draw = Draw(injector, tuple(only or ()), strength, pairs, clean, unknown)
@@ -114,20 +114,19 @@ def loop_trial(
                 _write(output, _content(rounds, summarise(rounds)))
         if sensitivity:
             progress.update(task, total=2 * len(DECLARED.names()), completed=0)
-            play = partial(run_rounds_on, rounds=trials, jobs=jobs, scheduler=scheduler)
-            for one in sensitivities(benchmark, rounds, play):
+            play = partial(run_rounds_with, benchmark, rounds=trials, jobs=jobs, scheduler=scheduler)
+            for one in sensitivities(benchmark.constants, rounds, play):
                 moved.append(one)
                 progress.update(task, advance=1, description=f"{one.constant} at {one.value:g}")
+                if output is not None:
+                    _write(output, _content(rounds, summarise(rounds), moved))
     summary = summarise(rounds)
-    content = _content(rounds, summary, moved)
-    if moved and output is not None:
-        _write(output, content)
     if plots is not None:
         from taxel_models.recovery.pictures import write_pictures
 
         write_pictures(summary, plots)
     if as_json:
-        print_json(content)
+        print_json(_content(rounds, summary, moved))
     else:
         _show(summary, moved)
 
@@ -204,6 +203,8 @@ _RATES: Final = {
     "all_named": "every injected cause named",
     "false_alarms": "false alarms on clean recordings",
     "unknown_left": "unknown causes left unexplained",
+    "change_told": "a line on the electrode that is dying",
+    "change_false": "a line on a channel whose sensitivity did not change",
 }
 
 

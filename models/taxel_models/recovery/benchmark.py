@@ -114,6 +114,7 @@ def _marked(number: int, injected: Injected, clean: float, naming: Naming) -> Ro
         parameter_error=_parameter_error(injected, naming),
         accepted=injected.accepted,
         all_named=bool(accepted) and all_named(injected.accepted, naming.names),
+        changed=naming.changed,
     )
 
 

@@ -34,6 +34,7 @@ class Naming:
         evaluation: (n,) rows of windows that nothing was fitted to.
         before: normalised MAE on these rows.
         after: with the correction.
+        changed: channels of which a line says that their sensitivity changed.
     """
 
     names: tuple[str, ...]
@@ -44,6 +45,7 @@ class Naming:
     evaluation: NDArray[np.bool_]
     before: float
     after: float
+    changed: tuple[str, ...]
 
 
 def name_causes(
@@ -78,6 +80,8 @@ def name_causes(
         evaluation=result.blocks.evaluation,
         before=findings.before["norm_mae"],
         after=findings.after["norm_mae"],
+        # Each line begins with the channel.
+        changed=tuple(line.partition(" ")[0] for line in findings.changes),
     )
 
 

@@ -13,6 +13,10 @@ from taxel.schema import Schema
 NONE: Final = "none"
 UNEXPLAINED: Final = "unexplained"
 UNKNOWN_KIND: Final = "unknown:"
+DYING: Final = "dying electrode"
+FAULT: Final = "fault"
+"""Causes of single channels: they lose sensitivity in the course of a recording, or may seem to."""
+
 BOTH: Final = " + "
 """Between two causes of a round."""
 
@@ -43,6 +47,7 @@ class Round(Schema):
         parameter_error: of the figure that is marked, relative; None where there is none.
         accepted: the names that are right, for each injected cause.
         all_named: whether each injected cause has a right name of its own among those named.
+        changed: channels of which a line says that their sensitivity changed; None in older files.
         ground: `twin`, `slide` or `lasa`.
         injector: `own` or `foreign`.
     """
@@ -64,6 +69,7 @@ class Round(Schema):
     parameter_error: float | None
     accepted: tuple[tuple[str, ...], ...] = ()
     all_named: bool = False
+    changed: tuple[str, ...] | None = None
     ground: str = "twin"
     injector: str = "own"
 
@@ -100,7 +106,9 @@ class Summary(Schema):
         removed: median share of the removable error that was removed where the effect was right.
         removed_mean: its mean, weighed by what there was to remove.
         parameters_within: share of the marked parameters within 20 %.
-        rates: the shares above with intervals, and `all_named`: rounds in which each cause was named.
+        rates: the shares above with intervals, and `all_named`: rounds in which each cause was named;
+            `change_told`: of the rounds with one dying electrode, those with a line on it;
+            `change_false`: of those in which no channel's sensitivity changed, those with such a line.
         power: for each cause and range of strengths, how often it was found first.
     """
 
@@ -126,12 +134,25 @@ def summarise(rounds: Sequence[Round]) -> Summary:
     right = [finished for finished in injected if finished.right]
     marked = [finished for finished in right if finished.removed is not None]
     weight = sum(finished.before - finished.clean for finished in marked)
+    lines = [
+        (finished, finished.changed)
+        for finished in rounds
+        if finished.changed is not None and BOTH not in finished.truth
+    ]
     marks = {
         "right_first": [finished.right for finished in injected],
         "right_or_confounded": [finished.right or finished.confounded for finished in injected],
         "all_named": [finished.all_named for finished in injected],
         "false_alarms": [bool(finished.named) for finished in rounds if finished.truth == NONE],
         "unknown_left": [finished.right for finished in rounds if finished.unknown],
+        "change_told": [
+            finished.injected["channel"] in changed
+            for finished, changed in lines
+            if finished.truth.startswith(DYING)
+        ],
+        "change_false": [
+            bool(changed) for finished, changed in lines if not finished.truth.startswith((DYING, FAULT))
+        ],
     }
     rates = {name: rate(values) for name, values in marks.items() if values}
     shares = {name: found.share for name, found in rates.items()}

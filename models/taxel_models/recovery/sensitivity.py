@@ -4,8 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 from taxel.schema import Schema
-from taxel_models.loop.inference.constants import DECLARED
-from taxel_models.recovery.benchmark import RecoveryBenchmark
+from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.recovery.rounds import Round, Summary, summarise
 
 FACTORS: Final = (0.5, 2.0)
@@ -30,28 +29,28 @@ class Sensitivity(Schema):
 
 
 def sensitivities(
-    benchmark: RecoveryBenchmark,
+    declared: Constants,
     rounds: Sequence[Round],
-    play: Callable[[RecoveryBenchmark], Iterator[Round]],
-    constants: Sequence[str] | None = None,
+    play: Callable[[Sequence[Constants]], Iterator[list[Round]]],
+    names: Sequence[str] | None = None,
 ) -> Iterator[Sensitivity]:
     """Move one constant after another.
 
     Args:
-        benchmark: whose rounds were played.
-        rounds: with the declared constants.
-        play: gives the rounds of a benchmark.
-        constants: names; all if there are none.
+        declared: the constants that are moved.
+        rounds: with these.
+        play: gives the same rounds with each of other constants.
+        names: of the constants to move; all if there are none.
     """
-    for name in constants or DECLARED.names():
-        for factor in FACTORS:
-            moved = benchmark.constants.moved(name, factor)
-            others = list(play(benchmark.with_constants(moved)))
-            changed = sum(one.found != other.found for one, other in zip(rounds, others, strict=True))
-            yield Sensitivity(
-                constant=name,
-                value=float(getattr(moved, name)),
-                changed=changed,
-                rounds=len(others),
-                summary=summarise(others),
-            )
+    moves = [
+        (name, declared.moved(name, factor)) for name in names or DECLARED.names() for factor in FACTORS
+    ]
+    for (name, moved), others in zip(moves, play([moved for _, moved in moves]), strict=True):
+        changed = sum(one.found != other.found for one, other in zip(rounds, others, strict=True))
+        yield Sensitivity(
+            constant=name,
+            value=float(getattr(moved, name)),
+            changed=changed,
+            rounds=len(others),
+            summary=summarise(others),
+        )

@@ -128,3 +128,21 @@ def test_pictures_are_drawn_of_what_there_is(tmp_path: Path) -> None:
     written = write_pictures(summarise(ROUNDS), tmp_path)
     assert written == (tmp_path / CONFUSION, tmp_path / POWER)
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in written)
+
+
+def test_lines_on_a_channels_sensitivity_are_counted() -> None:
+    """What another electrode's line says does not count, nor do rounds of older files."""
+    dying = {"truth": "dying electrode: linear", "found": "none", "injected": {"channel": "e3"}}
+    rates = summarise(
+        [
+            made(**dying, changed=("e1", "e3")),
+            made(**dying, changed=("e1",)),
+            made(**dying),
+            made("none", "none", changed=()),
+            made("drift", "drift", changed=("e1",)),
+            made("fault: stuck", "fault", changed=("e1",)),
+        ]
+    ).rates
+    assert (rates["change_told"].hits, rates["change_told"].rounds) == (1, 2)
+    assert (rates["change_false"].hits, rates["change_false"].rounds) == (1, 2)
+    assert "change_false" not in summarise(ROUNDS).rates

@@ -1,18 +1,18 @@
 """Each constant of the inference is moved, and the same rounds are played again."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
 import pytest
 
 from taxel_models.ground.twins import StoredModel, TwinGround
-from taxel_models.loop.inference.constants import DECLARED
+from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.recovery.benchmark import RecoveryBenchmark
 from taxel_models.recovery.injected import Draw
 from taxel_models.recovery.rounds import Round
 from taxel_models.recovery.sensitivity import sensitivities
-from taxel_models.recovery.workers import run_rounds_on
+from taxel_models.recovery.workers import run_rounds_on, run_rounds_with
 from taxel_models.shipped import shipped_repository
 
 
@@ -32,14 +32,15 @@ def test_what_a_constant_decides_is_shown() -> None:
     benchmark = RecoveryBenchmark(ground, "twin", 3, draw)
     rounds = list(run_rounds_on(benchmark, 1))
     assert rounds[0].found == "offset"
-    strict = benchmark.with_constants(DECLARED.moved("least_t", 1e6))
+    strict = DECLARED.moved("least_t", 1e6)
 
-    def play(other: RecoveryBenchmark) -> Iterator[Round]:
-        assert other.constants.least_t in (0.5 * strict.constants.least_t, 2 * strict.constants.least_t)
-        return run_rounds_on(other, 1)
+    def play(moved: Sequence[Constants]) -> Iterator[list[Round]]:
+        assert {one.least_t for one in moved} == {0.5 * strict.least_t, 2 * strict.least_t}
+        return run_rounds_with(benchmark, moved, 1)
 
     below, above = sensitivities(strict, rounds, play, ("least_t",))
     assert [one.changed for one in (below, above)] == [1, 1]
     assert below.summary.right_first == 0.0
-    usual, _ = sensitivities(benchmark, rounds, partial(run_rounds_on, rounds=1), ("least_share",))
+    usual_play = partial(run_rounds_with, benchmark, rounds=1)
+    usual, _ = sensitivities(DECLARED, rounds, usual_play, ("least_share",))
     assert (usual.constant, usual.value, usual.changed) == ("least_share", 0.015, 0)

@@ -5,10 +5,11 @@ from distributed import LocalCluster
 
 from taxel.errors import Unavailable
 from taxel_models.ground.twins import StoredModel, TwinGround
+from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.recovery.benchmark import RecoveryBenchmark
 from taxel_models.recovery.injected import Draw
 from taxel_models.recovery.rounds import Round
-from taxel_models.recovery.workers import run_rounds_on
+from taxel_models.recovery.workers import run_rounds_on, run_rounds_with
 from taxel_models.shipped import shipped_repository
 from taxel_models.training.cluster import connect, result_of
 
@@ -31,6 +32,15 @@ def test_processes_play_the_same_rounds(benchmark: RecoveryBenchmark, here: list
     assert [one.number for one in here] == [0, 1]
     assert all(one.injector == "foreign" for one in here)
     assert list(run_rounds_on(benchmark, ROUNDS, jobs=2)) == here
+
+
+def test_processes_play_the_same_rounds_with_other_constants(
+    benchmark: RecoveryBenchmark, here: list[Round]
+) -> None:
+    strict = DECLARED.moved("least_t", 1e6)
+    same, other = run_rounds_with(benchmark, [DECLARED, strict], ROUNDS, jobs=2)
+    assert same == here
+    assert [one.named for one in other] == [(), ()] != [one.named for one in here]
 
 
 def test_a_round_whose_worker_is_gone_is_told() -> None:
