@@ -10,6 +10,7 @@ from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel_models.loop.effects.effect import Remaining
 from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.observations import Observations, gather
+from taxel_models.loop.stuck_at import stuck_channels
 from taxel_models.recordings import Recording
 
 Make = Callable[..., Recording]
@@ -72,6 +73,20 @@ def test_a_value_that_is_kept_once_for_a_second_is_no_fault(smooth: Any, make: M
     rows[np.flatnonzero(rows)[40:]] = False
     assert rows.sum() < 0.01 * len(rows)
     assert forms(with_e5(observations, rows, value)) == []
+
+
+def test_a_channel_that_saturates_into_a_few_counts_is_no_fault(smooth: Any, make: Make) -> None:
+    """It keeps the end of all that it shows whenever it is pressed; a loose contact jumps there."""
+    observations = observed(smooth, make)
+    signal = np.abs(observations.predicted[:, E5] - np.median(observations.predicted[:, E5]))
+    counts = 1000.0 + np.rint(9.0 * np.tanh(signal / np.quantile(signal, 0.3)))
+    every = np.ones(len(counts), bool)
+    given = with_e5(observations, every, counts)
+    seen = given.measured, given.predicted, given.segment
+    assert [found.channel for found in stuck_channels(*seen)] == [E5]
+    assert forms(given) == []
+    jumping = np.where(counts == counts.max(), counts + 300.0, counts)
+    assert forms(with_e5(observations, every, jumping)) == ["intermittent: e5"]
 
 
 def test_a_channel_that_errs_as_much_elsewhere_is_weak(smooth: Any, make: Make) -> None:

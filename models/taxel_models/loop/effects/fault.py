@@ -23,14 +23,17 @@ CLIPPED: Final = 0.01
 FEWEST_TIMES: Final = 3
 """A channel that keeps a value less often, and in less than 1 % of the rows, is not intermittent."""
 
+BEYOND_END: Final = 0.01
+"""With less than this share of the rows beyond a level, it is an end of what a channel shows."""
+
 LEADS_BEYOND: Final = 0.5
 """Likewise where what its other rows show leads beyond the limit in this share of the rows at it."""
 
 
 def _only_clipped(stuck: StuckChannel, observations: Observations) -> bool:
-    """Whether a channel was cut off at a limit of the counts, as by an offset or a gain."""
+    """Whether a channel was cut off: at a limit of the counts, or as it saturates."""
     if stuck.value not in (0, COUNTS_MAX):
-        return False
+        return _saturates(stuck, observations)
     if stuck.rows.mean() < CLIPPED:
         return True
     measured, predicted = (
@@ -50,6 +53,17 @@ def _only_clipped(stuck: StuckChannel, observations: Observations) -> bool:
     expected = slope * predicted[stuck.rows] + constant
     within = expected - scatter <= 0 if stuck.value == 0 else expected + scatter >= COUNTS_MAX
     return bool(within.mean() >= LEADS_BEYOND)
+
+
+def _saturates(stuck: StuckChannel, observations: Observations) -> bool:
+    """Whether a channel keeps the end of all that it shows, and gets there and away by usual steps."""
+    if stuck.kind == "stuck":
+        return False
+    measured = observations.measured[:, stuck.channel]
+    if (measured > stuck.value).mean() >= BEYOND_END and (measured < stuck.value).mean() >= BEYOND_END:
+        return False
+    edges = _edges(stuck.rows, observations.segment)
+    return bool(edges.any()) and _gets_there(measured, stuck.rows, observations.segment)
 
 
 def _leads_there(
@@ -82,10 +96,14 @@ def _gets_there(measured: Floats, stuck: NDArray[np.bool_], segment: NDArray[np.
 
     A channel that is at its limit for whole segments shows no jump.
     """
-    steps, within = np.abs(np.diff(measured)), np.diff(segment) == 0
-    edges = within & (stuck[1:] != stuck[:-1])
-    free = within & ~stuck[1:] & ~stuck[:-1]
+    steps, edges = np.abs(np.diff(measured)), _edges(stuck, segment)
+    free = (np.diff(segment) == 0) & ~stuck[1:] & ~stuck[:-1]
     return bool(not edges.any() or np.median(steps[edges]) <= JUMP * max(float(steps[free].mean()), 1.0))
+
+
+def _edges(stuck: NDArray[np.bool_], segment: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(n - 1,) whether a channel comes to its value or leaves it from a row to the next."""
+    return np.asarray((np.diff(segment) == 0) & (stuck[1:] != stuck[:-1]))
 
 
 def _errs_elsewhere(stuck: StuckChannel, residual: Floats) -> bool:

@@ -14,14 +14,21 @@ from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.observations import Observations
 
-QUANTILES: Final = (0.5, 0.65, 0.8, 0.9, 0.95)
-"""Quantiles of the signal's magnitude while touched: the levels that are tried."""
+QUANTILES: Final = (0.35, 0.5, 0.65, 0.8, 0.9, 0.95)
+"""Quantiles of the signal's magnitude while touched: the levels that are tried.
+
+One channel that bends at a lower level could as well have lost sensitivity.
+"""
+
+SHARED_FROM: Final = 0.5
+"""The lowest quantile that is tried for all channels alike."""
 
 
 class Saturation(Effect):
     """The signal above a level is reduced by a slope; a slope of 1 cuts it off."""
 
     name = "saturation"
+    looks_at_residual = True
     equation = "delta_c = -k_c sign(s_c) max(|s_c| - L_c, 0), s_c = p_c - rest_c"
     source = "skin meets the core near 2 N, the converter's end (SynTouch manual): a bent line"
     signature = "the residual is zero below a level of the signal and grows beyond, against it"
@@ -31,12 +38,16 @@ class Saturation(Effect):
         touched = remaining.fit & (observations.pressed > TOUCH_N)
         if not touched.any():
             return
-        for quantile in QUANTILES:
-            level = np.quantile(np.abs(observations.signal[touched]), quantile, axis=0)
-            for pooled in (True, False):
-                yield self._with(quantile, level, pooled, observations)
+        levels = np.quantile(np.abs(observations.signal[touched]), QUANTILES, axis=0)
+        for quantile, level in zip(QUANTILES, levels, strict=True):
+            if quantile >= SHARED_FROM:
+                yield self._with(
+                    f"beyond {quantile:.0%} of the signal, all channels alike", level, True, observations
+                )
+        chosen = _best_levels(levels, observations, remaining)
+        yield self._with("beyond each channel's own level", chosen, False, observations)
 
-    def _with(self, quantile: float, level: Floats, pooled: bool, observations: Observations) -> Candidate:
+    def _with(self, form: str, level: Floats, pooled: bool, observations: Observations) -> Candidate:
         def online(weights: Floats) -> Online:
             slope = tuple(weights[:, 0].tolist())
             rest = tuple(observations.rest.tolist())
@@ -44,13 +55,26 @@ class Saturation(Effect):
 
         return Candidate(
             self.name,
-            f"beyond {quantile:.0%} of the signal, {'all channels alike' if pooled else 'by channel'}",
+            form,
             Own(saturation_design(observations.signal, level)[:, :, None].astype(np.float32)),
             # A slope below 0 would be a channel that responds more, the more it is pressed.
-            fitting=Fitting(pooled=pooled, positive=True),
+            fitting=Fitting(pooled=pooled, positive=True, choices=1 if pooled else len(QUANTILES)),
             weight_names=("slope",),
             weight_unit="relative",
-            form_parameters={"quantile": (quantile, "of |signal|")},
             online=online,
-            again=partial(self._with, quantile, level, pooled),
+            again=partial(self._with, form, level, pooled),
         )
+
+
+def _best_levels(levels: Floats, observations: Observations, remaining: Remaining) -> Floats:
+    """(21,) of the levels (k, 21) the one beyond which each channel's residual bends most."""
+    weight = remaining.row_weights[remaining.fit][:, None]
+    signal, residual = observations.signal[remaining.fit], remaining.residual[remaining.fit]
+    explained = []
+    for level in levels:
+        design = saturation_design(signal, level)
+        design = design - (weight * design).sum(axis=0) / weight.sum()
+        cross, energy = (weight * design * residual).sum(axis=0), (weight * design**2).sum(axis=0)
+        explained.append(np.maximum(cross, 0.0) ** 2 / np.maximum(energy, 1e-9))
+    best = np.argmax(explained, axis=0)
+    return np.asarray(levels[best, np.arange(levels.shape[1])])
