@@ -6,9 +6,11 @@ shares is larger than in the model's own held-out residual.
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
+from scipy.special import logsumexp
 from typing_extensions import override
 
 from taxel.channels import CHANNELS
@@ -16,6 +18,9 @@ from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
+from taxel_models.loop.inference.evidence import HeldOut, Weighed
+from taxel_models.loop.inference.forms import WhitenedForm, prepared
+from taxel_models.loop.inference.whitening import Bins, Whitening
 from taxel_models.loop.observations import Observations
 
 CALIBRATIONS_S: Final = (0.5, 1.0)
@@ -127,3 +132,69 @@ def log_evidence(
         left = np.maximum(energy - taken, 1e-9 * energy)
         found.append(-volume - 0.5 * white.shape[1] * np.log(left / energy))
     return np.array(found)
+
+
+class ContactOffsets:
+    """Weighs and tests offsets of contacts on the fit part.
+
+    Args:
+        observations: the recordings; only the numbers of their contacts are used.
+        blocks: the fit part and the evaluation part.
+        bins: of the fit part.
+        whitening: of these bins.
+        row_weights: (n, 21) how much each row counts.
+        strengths: prior sizes over the channel's residual.
+
+    Attributes:
+        count: contacts of the fit part.
+    """
+
+    def __init__(
+        self,
+        observations: Observations,
+        blocks: Blocks,
+        bins: Bins,
+        whitening: Whitening,
+        row_weights: Floats,
+        strengths: tuple[float, ...],
+    ) -> None:
+        self._observations, self._blocks = observations, blocks
+        self._bins, self._whitening = bins, whitening
+        self._row_weights, self._strengths = row_weights, strengths
+        self.count = len(np.unique(observations.contact[blocks.fit]))
+
+    def weighed(
+        self, left: Floats, noise: Floats, usual: Floats | float
+    ) -> tuple[WhitenedForm, Weighed, HeldOut]:
+        """The longest calibration's offsets as a form, their evidence, and what they take off.
+
+        Args:
+            left: (n, 21) the residual, counts.
+            noise: (21,) mean square of the whitened residual.
+            usual: (21,) log odds that the model's own residual gives them.
+        """
+        found = {
+            seconds: calibrated(self._observations, self._blocks, left, self._row_weights, seconds)
+            for seconds in CALIBRATIONS_S
+        }
+        last = found[CALIBRATIONS_S[-1]]
+        white = self._whitening(self._bins.means(left.T[:, :, None]))[:, :, 0]
+        table = log_evidence(white, self._ones, self._bins.blocks, self._strengths)
+        sums = (table - usual).sum(axis=1)
+        removed = {seconds: each.removed for seconds, each in found.items()}
+        (form,) = prepared(ContactOffset().form(last.offsets * last.shares, removed), self._whitening)
+        total = float(logsumexp(sums) - np.log(len(sums)))
+        weighed = Weighed(total, 1.0, np.ones(len(CHANNELS)), table[int(sums.argmax())])
+        # Sums over rows in counts² become sums over bins in units of the noise.
+        unit = noise * self._whitening.scale**2 * self._bins.rows_each
+        return form, weighed, HeldOut(last.gain / unit, last.before / unit, noise)
+
+    @cached_property
+    def _ones(self) -> Floats:
+        """(21, bins, k) whitened constants, one for each contact of a block."""
+        contact = self._observations.contact[self._bins.order[self._bins.starts]]
+        place = np.concatenate(
+            [np.unique(contact[block], return_inverse=True)[1] for block in self._bins.blocks]
+        )
+        ones = np.equal.outer(place, np.arange(place.max() + 1)).astype(np.float64)
+        return self._whitening(self._whitening.scale[:, None, None] * ones[None])

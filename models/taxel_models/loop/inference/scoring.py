@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -16,12 +15,7 @@ from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect, Fitting, Remaining
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.inference.constants import Constants
-from taxel_models.loop.inference.contact_offset import (
-    CALIBRATIONS_S,
-    ContactOffset,
-    calibrated,
-    log_evidence,
-)
+from taxel_models.loop.inference.contact_offset import ContactOffset, ContactOffsets
 from taxel_models.loop.inference.evidence import (
     Base,
     Design,
@@ -116,8 +110,11 @@ class Scoring:
         self._usual = Usual(reference, self.bins.fold, self.whitening.scale)
         if not self._usual.knows(ContactOffset.name):
             self.out_of_scope[ContactOffset.name] = "how far offsets of contacts scatter is not known"
-        self._row_weights = self.whitening.row_weights(len(observations))
-        self._mean_row_weights = self._row_weights.mean(axis=1)
+        row_weights = self.whitening.row_weights(len(observations))
+        self._mean_row_weights = row_weights.mean(axis=1)
+        self._contacts = ContactOffsets(
+            observations, blocks, self.bins, self.whitening, row_weights, constants.strengths
+        )
         ones = np.broadcast_to(self.whitening.scale[:, None, None], (len(CHANNELS), len(self.bins), 1))
         self._ones = Design(self.whitening(ones), self.bins.fold)
         target = self.base([]).target.values[:, :, 0]
@@ -330,37 +327,14 @@ class Scoring:
 
     def _contact_offset(self, base: Base, left: Floats) -> Score | None:
         """Offsets of each contact, if the model's own held-out residual says how much is usual."""
-        contacts = np.unique(self.observations.contact[self._blocks.fit])
-        effect = ContactOffset()
-        if not self._usual.knows(effect.name) or len(contacts) < FEWEST_CONTACTS:
+        if not self._usual.knows(ContactOffset.name) or self._contacts.count < FEWEST_CONTACTS:
             return None
-        found = {
-            seconds: calibrated(self.observations, self._blocks, left, self._row_weights, seconds)
-            for seconds in CALIBRATIONS_S
-        }
-        last = found[CALIBRATIONS_S[-1]]
-        white = self.whitening(self.bins.means(left.T[:, :, None]))[:, :, 0]
-        table = log_evidence(white, self._contact_ones, self.bins.blocks, self.constants.strengths)
-        sums = (table - self._usual.log_evidence(effect.name)).sum(axis=1)
-        total = float(logsumexp(sums) - np.log(len(sums)))
-        removed = {seconds: each.removed for seconds, each in found.items()}
-        (form,) = prepared(effect.form(last.offsets * last.shares, removed), self.whitening)
-        weighed = Weighed(total, 1.0, np.ones(len(CHANNELS)), table[int(sums.argmax())])
-        # Sums over rows in counts² become sums over bins in units of the noise.
-        unit = base.noise * self.whitening.scale**2 * self.bins.rows_each
-        tested = HeldOut(last.gain / unit, last.before / unit, base.noise)
+        usual = self._usual.log_evidence(ContactOffset.name)
+        form, weighed, tested = self._contacts.weighed(left, base.noise, usual)
+        # Rows that calibrate are not counted.
         energy = np.maximum((tested.before * base.noise).sum(axis=0), 1e-9)
-        return self._scored(effect, form, weighed, total, tested, energy=energy)
-
-    @cached_property
-    def _contact_ones(self) -> Floats:
-        """(21, bins, k) whitened constants, one for each contact of a block."""
-        contact = self.observations.contact[self.bins.order[self.bins.starts]]
-        place = np.concatenate(
-            [np.unique(contact[block], return_inverse=True)[1] for block in self.bins.blocks]
-        )
-        ones = np.equal.outer(place, np.arange(place.max() + 1)).astype(np.float64)
-        return self.whitening(self.whitening.scale[:, None, None] * ones[None])
+        total = weighed.log_evidence
+        return self._scored(ContactOffset(), form, weighed, total, tested, energy=energy)
 
     def contradicts(self, score: Score, taken: Sequence[Taken]) -> bool:
         """Whether electrodes' weights differ more than their common cause allows."""
