@@ -34,7 +34,8 @@ def structure_of(scoring: Scoring, confidence: float = OPEN) -> dict[str, tuple[
         structure = {}
         for score in scoring.scores([]):
             found = [(score.weighed.by_channel, own_gain(scoring, score, confidence))]
-            if score.effect.is_predictable:
+            alone = score.form.candidate.certain or score.effect.is_costly
+            if score.effect.is_predictable and not alone:
                 found += _of_other_forms(scoring, score, confidence)
             odds = np.max([odds for odds, _ in found], axis=0)
             gain = max((gain for _, gain in found), key=lambda gain: float(gain.sum()))
