@@ -25,6 +25,14 @@ from taxel_models.loop.observations import Observations
 
 CALIBRATIONS_S: Final = (0.5, 1.0)
 
+FEWEST_FOR_SCATTER: Final = 20
+"""Contacts that tell how far their offsets scatter; with fewer, one odd contact says it all."""
+
+SCATTER_UNKNOWN: Final = (
+    "how far offsets of contacts scatter is not known: expected a model whose training held out "
+    f"{FEWEST_FOR_SCATTER} contacts"
+)
+
 
 @dataclass(frozen=True)
 class Calibrated:

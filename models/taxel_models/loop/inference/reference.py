@@ -14,7 +14,7 @@ from taxel_models.loop.blocks import Blocks, cut
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED, Constants
-from taxel_models.loop.inference.contact_offset import ContactOffset
+from taxel_models.loop.inference.contact_offset import FEWEST_FOR_SCATTER, ContactOffset
 from taxel_models.loop.inference.kinds import herfindahl, kind_columns
 from taxel_models.loop.inference.own_structure import OPEN, structure_of
 from taxel_models.loop.inference.scoring import Progress, Scoring, silent
@@ -40,9 +40,6 @@ DEVIATIONS: Final = 2.0
 
 FEWEST_FOR_MEAN: Final = 4
 """With fewer, blocks of a few seconds tell how far the mean error may lie."""
-
-FEWEST_FOR_SCATTER: Final = 20
-"""Contacts that tell how far their offsets scatter; with fewer, one odd contact says it all."""
 
 
 def held_out_residual(

@@ -15,7 +15,11 @@ from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect, Fitting, Remaining
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.inference.constants import Constants
-from taxel_models.loop.inference.contact_offset import ContactOffset, ContactOffsets
+from taxel_models.loop.inference.contact_offset import (
+    SCATTER_UNKNOWN,
+    ContactOffset,
+    ContactOffsets,
+)
 from taxel_models.loop.inference.evidence import (
     Base,
     Design,
@@ -109,7 +113,7 @@ class Scoring:
         self.whitening = Whitening(self.bins, shape, observations.residual, constants)
         self._usual = Usual(reference, self.bins.fold, self.whitening.scale)
         if not self._usual.knows(ContactOffset.name):
-            self.out_of_scope[ContactOffset.name] = "how far offsets of contacts scatter is not known"
+            self.out_of_scope[ContactOffset.name] = SCATTER_UNKNOWN
         row_weights = self.whitening.row_weights(len(observations))
         self._mean_row_weights = row_weights.mean(axis=1)
         self._contacts = ContactOffsets(
