@@ -23,11 +23,11 @@ CLIPPED: Final = 0.01
 FEWEST_TIMES: Final = 3
 """A channel that keeps a value less often, and in less than 1 % of the rows, is not intermittent."""
 
-BEYOND_END: Final = 0.01
-"""With less than this share of the rows beyond a level, it is an end of what a channel shows."""
-
 LEADS_BEYOND: Final = 0.5
 """Likewise where what its other rows show leads beyond the limit in this share of the rows at it."""
+
+BEYOND_END: Final = 0.01
+"""With less than this share of the rows beyond a level, it is an end of what a channel shows."""
 
 
 def _only_clipped(stuck: StuckChannel, observations: Observations) -> bool:
