@@ -44,3 +44,12 @@ def test_what_a_constant_decides_is_shown() -> None:
     usual_play = partial(run_rounds_with, benchmark, rounds=1)
     usual, _ = sensitivities(DECLARED, rounds, usual_play, ("least_share",))
     assert (usual.constant, usual.value, usual.changed) == ("least_share", 0.015, 0)
+
+
+def test_a_round_ends_where_simpler_could_mean_as_large() -> None:
+    """At twice its value, `simpler` is 1: an effect is no simpler than itself."""
+    ground = TwinGround(StoredModel(shipped_repository(), "network-b"), 3, 5_000)
+    draw = Draw("foreign", ("offset",), (1.5, 2.0), clean_share=0.0, unknown_share=0.0)
+    benchmark = RecoveryBenchmark(ground, "twin", 3, draw)
+    ((finished,),) = run_rounds_with(benchmark, [DECLARED.moved("simpler", 2.0)], 1)
+    assert finished.found == "offset"

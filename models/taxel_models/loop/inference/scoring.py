@@ -231,10 +231,10 @@ class Scoring:
         best = tested(max(weighed, key=lambda option: option.log_evidence))
         most_gain = best.total_gain
         total = float(logsumexp(logs) - np.log(len(logs)))
-        most = self.constants.simpler * best.freedom
+        most = self._most_of_simpler(best)
         while simpler := [option for option in weighed if option.form.freedom <= most]:
             simple = tested(max(simpler, key=lambda option: option.log_evidence))
-            most = self.constants.simpler * simple.freedom
+            most = self._most_of_simpler(simple)
             if simple.log_evidence > 0:
                 # Many weights can make a form likely that does not repeat, though a simpler one does.
                 stands = self.stands(best, bases.beside_others), self.stands(simple, bases.beside_others)
@@ -276,6 +276,10 @@ class Scoring:
         chance = stats.t.sf(self.constants.least_t, freedom)
         return float(stats.t.isf(chance / len(CHANNELS), freedom))
 
+    def _most_of_simpler(self, score: Score) -> float:
+        """How many figures one that is simpler has at most; fewer, in any case."""
+        return min(self.constants.simpler * score.freedom, score.freedom - 1)
+
     def simplest(self, best: Score, scores: Sequence[Score]) -> Score:
         """The likeliest of those simpler than the best that carry most of what it explains, or the best.
 
@@ -288,7 +292,7 @@ class Scoring:
                 score
                 for score in scores
                 if score.effect.is_predictable
-                and score.freedom <= self.constants.simpler * best.freedom
+                and score.freedom <= self._most_of_simpler(best)
                 and score.total_gain > least
             ]
             if not simpler:
