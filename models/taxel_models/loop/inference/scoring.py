@@ -71,6 +71,11 @@ class Option(NamedTuple):
     needs_constant: bool
 
 
+def _most_of_simpler(score: Score, constants: Constants) -> float:
+    """How many figures an effect has at most that is simpler; fewer than the other, in any case."""
+    return min(constants.simpler * score.freedom, score.freedom - 1)
+
+
 class Scoring:
     """Weighs and tests effects on the fit part.
 
@@ -231,10 +236,10 @@ class Scoring:
         best = tested(max(weighed, key=lambda option: option.log_evidence))
         most_gain = best.total_gain
         total = float(logsumexp(logs) - np.log(len(logs)))
-        most = self._most_of_simpler(best)
+        most = _most_of_simpler(best, self.constants)
         while simpler := [option for option in weighed if option.form.freedom <= most]:
             simple = tested(max(simpler, key=lambda option: option.log_evidence))
-            most = self._most_of_simpler(simple)
+            most = _most_of_simpler(simple, self.constants)
             if simple.log_evidence > 0:
                 # Many weights can make a form likely that does not repeat, though a simpler one does.
                 stands = self.stands(best, bases.beside_others), self.stands(simple, bases.beside_others)
@@ -276,10 +281,6 @@ class Scoring:
         chance = stats.t.sf(self.constants.least_t, freedom)
         return float(stats.t.isf(chance / len(CHANNELS), freedom))
 
-    def _most_of_simpler(self, score: Score) -> float:
-        """How many figures one that is simpler has at most; fewer, in any case."""
-        return min(self.constants.simpler * score.freedom, score.freedom - 1)
-
     def simplest(self, best: Score, scores: Sequence[Score]) -> Score:
         """The likeliest of those simpler than the best that carry most of what it explains, or the best.
 
@@ -292,7 +293,7 @@ class Scoring:
                 score
                 for score in scores
                 if score.effect.is_predictable
-                and score.freedom <= self._most_of_simpler(best)
+                and score.freedom <= _most_of_simpler(best, self.constants)
                 and score.total_gain > least
             ]
             if not simpler:

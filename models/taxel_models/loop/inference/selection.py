@@ -106,19 +106,22 @@ class JointSelection:
         return likelier and simple and not tried and other.t_with_usual < self._constants.least_t
 
     def choose(self, scores: Sequence[Score], own: Score | None = None) -> Score | None:
-        """The likeliest effect that proves itself, or a simpler one that carries most of it."""
+        """The likeliest effect that proves itself, or a simpler one that carries most of it.
+
+        Where it is in doubt, a constant of each channel may still prove itself.
+        """
         able = [score for score in scores if self.proves_itself(score, own)]
         certain = [score for score in able if score.form.candidate.certain]
         if certain or not able:
             return certain[0] if certain else None
         best = able[0]
+        constant = next((score for score in able if score.effect.is_constant), None)
         # Others stand beside a constant, so that they are always likelier than it is alone.
         if not best.effect.is_constant and any(self._casts_doubt(score, best) for score in scores):
-            return None
+            return constant
         if not best.effect.is_predictable:
             # Offsets of contacts contain whatever is steady within them.
             return next((score for score in able if score.effect.is_steady), best)
-        constant = next((score for score in able if score.effect.is_constant), None)
         if constant and best.needs_constant and 2 * constant.log_evidence > best.log_evidence:
             # More than half of what is found is the constant's, unless fewer figures tell it, too.
             fewer = best.freedom <= self._constants.simpler * constant.freedom
