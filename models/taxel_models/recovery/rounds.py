@@ -9,13 +9,13 @@ from pydantic import ConfigDict, Field
 from scipy import stats
 
 from taxel.schema import Schema
+from taxel_models.loop.effects.fault import Fault
 
 NONE: Final = "none"
 UNEXPLAINED: Final = "unexplained"
 UNKNOWN_KIND: Final = "unknown:"
 DYING: Final = "dying electrode"
-FAULT: Final = "fault"
-"""Causes of single channels: they lose sensitivity in the course of a recording, or may seem to."""
+"""The foreign cause of a channel that loses sensitivity; a fault may look like one."""
 
 BOTH: Final = " + "
 """Between two causes of a round."""
@@ -151,7 +151,9 @@ def summarise(rounds: Sequence[Round]) -> Summary:
             if finished.truth.startswith(DYING)
         ],
         "change_false": [
-            bool(changed) for finished, changed in lines if not finished.truth.startswith((DYING, FAULT))
+            bool(changed)
+            for finished, changed in lines
+            if not finished.truth.startswith((DYING, Fault.name))
         ],
     }
     rates = {name: rate(values) for name, values in marks.items() if values}

@@ -5,9 +5,10 @@ from typing import Any
 
 import pytest
 
+from taxel_models.foreign.registry import INJECTORS
 from taxel_models.loop.effects.registry import NAMES
 from taxel_models.recovery.pictures import CONFUSION, POWER, write_pictures
-from taxel_models.recovery.rounds import Round, Summary, rate, summarise
+from taxel_models.recovery.rounds import DYING, Round, Summary, rate, summarise
 
 
 def made(truth: str, found: str, **others: Any) -> Round:
@@ -146,3 +147,4 @@ def test_lines_on_a_channels_sensitivity_are_counted() -> None:
     assert (rates["change_told"].hits, rates["change_told"].rounds) == (1, 2)
     assert (rates["change_false"].hits, rates["change_false"].rounds) == (1, 2)
     assert "change_false" not in summarise(ROUNDS).rates
+    assert DYING in {injector.cause for injector in INJECTORS}

@@ -30,7 +30,7 @@ BEYOND_END: Final = 0.01
 """With less than this share of the rows beyond a level, it is an end of what a channel shows."""
 
 
-def _only_clipped(stuck: StuckChannel, observations: Observations) -> bool:
+def _is_cut_off(stuck: StuckChannel, observations: Observations) -> bool:
     """Whether a channel was cut off: at a limit of the counts, or as it saturates."""
     if stuck.value not in (0, COUNTS_MAX):
         return _saturates(stuck, observations)
@@ -134,12 +134,12 @@ class Fault(Effect):
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
         seen = observations.measured, observations.predicted, observations.segment
-        loose = [each for each in loose_contacts(*seen) if not _only_clipped(each, observations)]
+        loose = [each for each in loose_contacts(*seen) if not _is_cut_off(each, observations)]
         others = [
             stuck
             for stuck in stuck_channels(*seen)
             if stuck.channel not in {each.channel for each in loose}
-            and not _only_clipped(stuck, observations)
+            and not _is_cut_off(stuck, observations)
             and not _errs_elsewhere(stuck, observations.residual)
             and not _hardly_ever(stuck)
         ]

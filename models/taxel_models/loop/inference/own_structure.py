@@ -25,7 +25,8 @@ OPEN: Final = 0.99
 def structure_of(scoring: Scoring, confidence: float = OPEN) -> dict[str, tuple[Floats, Floats]]:
     """For each effect alone, its log odds (21,) and its gain (21,), counts², for each bin.
 
-    Of an effect's likely forms, the largest counts: another recording may show another one.
+    Of an effect's likely forms, the largest counts: another recording may show another one. Of a costly
+    effect, and of one that is certain, only the likeliest form counts.
 
     Args:
         confidence: of the limit of what few blocks leave open; 0.5 for the mean itself.
@@ -34,8 +35,8 @@ def structure_of(scoring: Scoring, confidence: float = OPEN) -> dict[str, tuple[
         structure = {}
         for score in scoring.scores([]):
             found = [(score.weighed.by_channel, own_gain(scoring, score, confidence))]
-            alone = score.form.candidate.certain or score.effect.is_costly
-            if score.effect.is_predictable and not alone:
+            once = score.effect.is_costly or score.form.candidate.certain
+            if score.effect.is_predictable and not once:
                 found += _of_other_forms(scoring, score, confidence)
             odds = np.max([odds for odds, _ in found], axis=0)
             gain = max((gain for _, gain in found), key=lambda gain: float(gain.sum()))

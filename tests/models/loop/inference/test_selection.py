@@ -372,6 +372,28 @@ def test_what_the_model_gets_wrong_anyway_is_no_doubt(t: float, with_usual: floa
     assert JointSelection._casts_doubt(selection, likelier, best) is doubt
 
 
+@pytest.mark.parametrize("has_constant", [True, False])
+def test_a_constant_is_named_where_the_likeliest_effect_is_in_doubt(has_constant: bool) -> None:
+    def score(name: str, evidence: float, repeats: bool) -> Any:
+        form = SimpleNamespace(candidate=SimpleNamespace(form="a form", certain=False))
+        effect = SimpleNamespace(is_constant=name == "offset")
+        t = 6.0 if repeats else 2.0
+        return SimpleNamespace(
+            name=name, form=form, effect=effect, freedom=21, log_evidence=evidence, t_with_usual=t
+        )
+
+    gain, saturation, offset = (
+        score("gain", 300.0, False),
+        score("saturation", 200.0, True),
+        score("offset", 100.0, True),
+    )
+    selection: Any = SimpleNamespace(_constants=DECLARED, _tried=set())
+    selection.proves_itself = lambda one, own: one.t_with_usual >= DECLARED.least_t
+    selection._casts_doubt = lambda other, best: JointSelection._casts_doubt(selection, other, best)
+    scores = [gain, saturation, offset] if has_constant else [gain, saturation]
+    assert JointSelection.choose(selection, scores) is (offset if has_constant else None)
+
+
 def test_a_certain_cause_is_named_before_one_that_explains_more(smooth: Any, make: Make) -> None:
     injection = into(make)
     add(injection, np.full((1, 21), 24.0))
