@@ -7,7 +7,7 @@ which it changed is the one that leaves the least squares (Page 1955); a line in
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -67,13 +67,40 @@ class SensitivityChange:
 
 
 def sensitivity_changes(
-    observations: Observations, blocks: Blocks, explained: Floats
+    observations: Observations, blocks: Blocks, explained: Floats, usual: Floats
 ) -> Iterator[SensitivityChange]:
-    """Each channel whose sensitivity changed clearly.
+    """Each channel whose sensitivity changed clearly, and by more than is usual of it.
 
     Args:
         explained: (n, 21) what named effects other than gains add, counts.
+        usual: (21,) as from `usual_changes`.
     """
+    for channel, found, follows in _largest_changes(observations, blocks, explained):
+        clear = found.part >= LEAST_CHANGE and found.t >= LEAST_T
+        factor = max(found.kept, 1.0 / max(found.kept, 1e-9))
+        quantile = WHILE_ALIVE if found.kept < 1 else 0.5
+        # What goes beyond the usual factor must be a change worth telling itself.
+        beyond = factor * (1.0 - LEAST_CHANGE) >= usual[channel]
+        if clear and beyond and np.quantile(follows, quantile) >= FOLLOWS:
+            yield SensitivityChange(CHANNELS[channel], found.kept, found.since_s)
+
+
+def usual_changes(observations: Observations, blocks: Blocks) -> Floats:
+    """(21,) the factor by which each channel's sensitivity changes, from 1 up to `MOST_TOLD`.
+
+    Of recordings that nothing is known to be wrong with: a model errs in its own way on each material,
+    and materials follow each other.
+    """
+    usual = np.ones(len(CHANNELS))
+    for channel, found, _ in _largest_changes(observations, blocks, np.zeros_like(observations.residual)):
+        usual[channel] = np.clip(max(found.kept, 1.0 / max(found.kept, 1e-9)), 1.0, MOST_TOLD)
+    return usual
+
+
+def _largest_changes(
+    observations: Observations, blocks: Blocks, explained: Floats
+) -> Iterator[tuple[int, "_Change", Floats]]:
+    """The largest change of each channel that can be measured, and (blocks,) how well it follows."""
     numbers = [number for number in range(len(blocks)) if (blocks.of_row == number).any()]
     rows = [np.flatnonzero(blocks.of_row == number) for number in numbers]
     if len(rows) < 2 * FEWEST:
@@ -87,18 +114,13 @@ def sensitivity_changes(
     energy, cross = products[:, 0], products[:, 1]
     sizes = np.sqrt(products[:, 0] * products[:, 2])
     follows = cross / np.maximum(sizes, 1e-12)
-    for channel, name in enumerate(CHANNELS):
+    for channel in range(len(CHANNELS)):
         weight = energy[:, channel]
         used = (weight > 0.05 * np.median(weight)) & (cut_off[:, channel] < CUT_OFF)
         if used.sum() < 2 * FEWEST or not weight.any():
             continue
         slopes = cross[used, channel] / weight[used]
-        found = _change(time[order][used], slopes)
-        if found is None:
-            continue
-        quantile = WHILE_ALIVE if found[0] < 1 else 0.5
-        if np.quantile(follows[:, channel], quantile) >= FOLLOWS:
-            yield SensitivityChange(name, *found)
+        yield channel, _change(time[order][used], slopes), follows[:, channel]
 
 
 def _products(first: Floats, second: Floats) -> Floats:
@@ -107,8 +129,24 @@ def _products(first: Floats, second: Floats) -> Floats:
     return np.array([(first**2).sum(axis=0), (first * second).sum(axis=0), (second**2).sum(axis=0)])
 
 
-def _change(time: Floats, slopes: Floats) -> tuple[float, float | None] | None:
-    """The last sensitivity over the first, and when it changed; None where it did not."""
+class _Change(NamedTuple):
+    """Of a channel's sensitivity.
+
+    Attributes:
+        kept: the last over the first.
+        since_s: when it changed; None where it changed all the time.
+        part: the size of the change over the first.
+        t: the change over its standard error.
+    """
+
+    kept: float
+    since_s: float | None
+    part: float
+    t: float
+
+
+def _change(time: Floats, slopes: Floats) -> _Change:
+    """The step, or the line in time, that leaves less of the slopes."""
     count = len(slopes)
     places = np.arange(FEWEST, count - FEWEST + 1)
     errors = [slopes[:place].var() * place + slopes[place:].var() * (count - place) for place in places]
@@ -116,15 +154,17 @@ def _change(time: Floats, slopes: Floats) -> tuple[float, float | None] | None:
     before, after = slopes[:place], slopes[place:]
     standard_error = np.sqrt(before.var(ddof=1) / len(before) + after.var(ddof=1) / len(after))
     line = np.polyfit(time, slopes, 1)
-    first, last = np.polyval(line, time[0]), np.polyval(line, time[-1])
+    first, last = (float(np.polyval(line, moment)) for moment in (time[0], time[-1]))
     gradual = ((slopes - np.polyval(line, time)) ** 2).sum() < min(errors)
     if gradual:
         scatter = np.sqrt(((slopes - np.polyval(line, time)) ** 2).sum() / (count - 2))
         standard_error = scatter / (time.std() * np.sqrt(count)) * (time[-1] - time[0])
-        kept, change = last / max(first, 1e-9), last - first
     else:
-        kept, change = after.mean() / max(before.mean(), 1e-9), after.mean() - before.mean()
-    usual = abs(first if gradual else before.mean())
-    if abs(change) < LEAST_CHANGE * max(usual, 1e-9) or abs(change) < LEAST_T * max(standard_error, 1e-9):
-        return None
-    return float(max(kept, 0.0)), None if gradual else float(time[place])
+        first, last = float(before.mean()), float(after.mean())
+    change = abs(last - first)
+    return _Change(
+        kept=max(last / max(first, 1e-9), 0.0),
+        since_s=None if gradual else float(time[place]),
+        part=change / max(abs(first), 1e-9),
+        t=float(change / max(standard_error, 1e-9)),
+    )

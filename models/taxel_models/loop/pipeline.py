@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from taxel.channels import CHANNELS
 from taxel.corrections import Parameter
 from taxel.manifest import HeldOutResidual
 from taxel_models.evaluation.metrics import ErrorMetrics
@@ -151,7 +152,12 @@ def run_loop(
         before, new = after, unnamed.added_to(new)
         after = corrected(observations, attribution, new)
         told = unnamed.found(observations, blocks, before, after)
-    findings = _findings(observations, recordings, blocks, settings, attribution, figures, new, after)
+    usual = np.ones(len(CHANNELS))
+    if reference is not None and reference.sensitivity is not None:
+        usual = np.array(reference.sensitivity)
+    findings = _findings(
+        observations, recordings, blocks, settings, attribution, figures, new, after, usual
+    )
     findings = findings.model_copy(
         update={"confounding": runs_along, "one_kind": narrow, "residual_model": told}
     )
@@ -193,13 +199,14 @@ def _findings(
     figures: Mapping[str, list[Parameter]],
     new: NewEffects,
     after: Floats,
+    usual_sensitivity: Floats,
 ) -> Findings:
     manifest = observations.manifest
     others = [
         named.contribution for named in attribution.named if named.name not in (Gain.name, Fault.name)
     ]
     explained = np.sum(others, axis=0) if others else np.zeros_like(observations.residual)
-    changes = sensitivity_changes(observations, blocks, explained)
+    changes = sensitivity_changes(observations, blocks, explained, usual_sensitivity)
     rows, output_std = blocks.evaluation, np.array(manifest.normalisation.output_std)
     noise = NoiseFloor.of(observations)
     energy = (observations.residual[rows] ** 2).mean(axis=0)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel_models.loop.blocks import cut
-from taxel_models.loop.channel_history import SensitivityChange, sensitivity_changes
+from taxel_models.loop.channel_history import SensitivityChange, sensitivity_changes, usual_changes
 from taxel_models.loop.observations import gather
 from taxel_models.recordings import Recording
 
@@ -20,9 +20,16 @@ CHANNEL = 12
 
 
 def changes(
-    smooth: Any, recording: Recording, kept: NDArray[np.float64], added: float = 0.0
+    smooth: Any,
+    recording: Recording,
+    kept: NDArray[np.float64],
+    added: float = 0.0,
+    factor: float = 1.0,
 ) -> list[SensitivityChange]:
-    """Of a recording in which one channel keeps a share (n,) of its sensitivity; some counts are added."""
+    """Of a recording in which one channel keeps a share (n,) of its sensitivity; some counts are added.
+
+    A change by a factor is usual of this channel.
+    """
     channels = recording.channels.copy()
     rest = smooth.counts(np.zeros((1, 3)), np.zeros((1, 3)))[0, CHANNEL]
     channels[:, CHANNEL] = rest + kept * (channels[:, CHANNEL] - rest) + added
@@ -30,7 +37,9 @@ def changes(
     observations = gather(smooth, [changed])
     explained = np.zeros_like(observations.residual)
     explained[:, CHANNEL] = added
-    return list(sensitivity_changes(observations, cut(observations, seed=0), explained))
+    usual = np.ones(len(CHANNELS))
+    usual[CHANNEL] = factor
+    return list(sensitivity_changes(observations, cut(observations, seed=0), explained, usual))
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +75,27 @@ def test_what_other_effects_add_is_no_sensitivity(smooth: Any, long: Recording) 
     assert found.kept == pytest.approx(0.4, abs=0.05)
 
 
+def test_what_is_usual_of_a_channel_is_not_told(smooth: Any, long: Recording) -> None:
+    kept = np.where(np.arange(ROWS) < 18_000, 1.0, 1.8)
+    assert len(changes(smooth, long, kept)) == 1
+    assert changes(smooth, long, kept, factor=2.2) == []
+    (dying,) = changes(smooth, long, np.where(np.arange(ROWS) < 18_000, 1.0, 0.2), factor=2.2)
+    assert dying.kept == pytest.approx(0.2, abs=0.05)
+
+
+@pytest.mark.parametrize("later", [0.5, 2.0])
+def test_what_is_usual_is_the_largest_change_either_way(smooth: Any, long: Recording, later: float) -> None:
+    channels = long.channels.copy()
+    rest = smooth.counts(np.zeros((1, 3)), np.zeros((1, 3)))[0, CHANNEL]
+    channels[18_000:, CHANNEL] = rest + later * (channels[18_000:, CHANNEL] - rest)
+    recording = Recording(long.samples, np.rint(channels), long.auxiliary, long.covariates)
+    observations = gather(smooth, [recording])
+    usual = usual_changes(observations, cut(observations, seed=0))
+    assert usual[CHANNEL] == pytest.approx(2.0, abs=0.15)
+    assert (np.delete(usual, CHANNEL) < 1.3).all()
+    assert (usual >= 1.0).all()
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_told_of_a_sensor_that_stays(smooth: Any, make: Make, seed: int) -> None:
     assert changes(smooth, make(12_000, seed=seed, noise=12.0), np.ones(12_000)) == []
@@ -87,7 +117,9 @@ def test_few_blocks_tell_nothing(smooth: Any, make: Make) -> None:
     blocks = cut(observations, seed=0)
     some = observations.kept(blocks.of_row < 9)
     few = type(blocks)(blocks.of_row[blocks.of_row < 9], blocks.fold)
-    assert list(sensitivity_changes(some, few, np.zeros_like(some.residual))) == []
+    usual = np.ones(len(CHANNELS))
+    assert list(sensitivity_changes(some, few, np.zeros_like(some.residual), usual)) == []
+    assert (usual_changes(some, few) == usual).all()
 
 
 def test_a_channel_that_is_cut_off_lost_no_sensitivity(smooth: Any, make: Make) -> None:
@@ -101,4 +133,7 @@ def test_a_channel_that_is_cut_off_lost_no_sensitivity(smooth: Any, make: Make) 
     cut_off = (observations.measured[:, CHANNEL] == COUNTS_MAX)[late[observations.rows[0]]]
     assert 0.2 < cut_off.mean() < 0.9
     blocks = cut(observations, seed=0)
-    assert list(sensitivity_changes(observations, blocks, np.zeros_like(observations.residual))) == []
+    assert (
+        list(sensitivity_changes(observations, blocks, np.zeros_like(observations.residual), np.ones(21)))
+        == []
+    )

@@ -11,6 +11,7 @@ from taxel.errors import RecordingError
 from taxel.manifest import HeldOutResidual, KindResidual, OwnStructure
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks, cut
+from taxel_models.loop.channel_history import usual_changes
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED, Constants
@@ -67,7 +68,13 @@ def held_out_residual(
         column: _residual_of_one_kind(observations, column, constants, progress)
         for column in kind_columns(observations)
     }
-    return found.model_copy(update={"one_kind": {column: own for column, own in kinds.items() if own}})
+    usual = usual_changes(observations, cut(observations, seed=0, held_out=KEPT))
+    return found.model_copy(
+        update={
+            "one_kind": {column: own for column, own in kinds.items() if own},
+            "sensitivity": tuple(usual.tolist()),
+        }
+    )
 
 
 def _residual_of(
