@@ -4,14 +4,17 @@ import shutil
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from queue import SimpleQueue
 
 import psutil
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taxel.errors import ResourceExhausted
+import taxel
+from taxel.errors import InvalidArgument, RequestError, ResourceExhausted
 from taxel.lane.frames import pack_request_head
+from taxel.protocol import model_key, pack_infer_request
 from taxel_bench.chaos.flood import bars_of
 from taxel_bench.chaos.hostile import (
     bars_of_full_disk,
@@ -24,13 +27,16 @@ from taxel_bench.chaos.hostile import (
 from taxel_bench.chaos.misbehaviour import FULL_DISK
 from taxel_bench.chaos.mutated import owed_replies
 from taxel_bench.chaos.mutations import mutations
+from taxel_bench.chaos.plain_client import FLOODERS, sender
 from taxel_bench.chaos.senders import Sent
 from taxel_bench.server_process import RunningServer, running_server_process
+from taxel_bench.windows import random_windows
 from taxel_models.shipped import shipped_repository
 
 
 def test_each_figure_of_a_flood_is_judged_by_its_bar() -> None:
     flood = {
+        "flooder": "taxel",
         "rows": 64,
         "capacity_per_s": 100.0,
         "answered_per_s": 80.0,
@@ -106,3 +112,17 @@ def test_a_server_whose_log_cannot_be_written_serves_on(tmp_path: Path) -> None:
     result = full_disk_of(tmp_path, "xgb", seed=2)
     assert [bar for bar in bars_of_full_disk(result) if not bar.holds] == []
     assert sum(result["errors"].values()) > 0
+
+
+@pytest.mark.parametrize("flooder", FLOODERS)
+def test_both_kinds_of_flooders_get_answers_and_typed_errors(server: RunningServer, flooder: str) -> None:
+    results: SimpleQueue[bytes | RequestError] = SimpleQueue()
+    with taxel.connect(server.endpoint, transport="zenoh") as source:
+        manifest = source.predictor("xgb").manifest
+        right = pack_infer_request(random_windows(manifest, 1, seed=3))
+        with sender(flooder, source, model_key(source.prefix, "xgb", None, "infer")) as send:
+            for payload in (right, right[:-4]):
+                send(payload, results.put)
+            first, second = results.get(timeout=10), results.get(timeout=10)
+    kinds = {type(each) for each in (first, second)}
+    assert kinds == {bytes, InvalidArgument}

@@ -130,6 +130,21 @@ def test_a_bad_request_is_named(payload: bytes, error: type[RequestError], messa
         unpack_infer_request(payload)
 
 
+@pytest.mark.parametrize("told", [0, 7, None])
+def test_a_full_queue_tells_how_many_requests_it_holds(told: int | None) -> None:
+    back = unpack_error(pack_error(ResourceExhausted("the queue is full", told)))
+    assert isinstance(back, ResourceExhausted)
+    assert (str(back), back.open_requests) == ("the queue is full", told)
+
+
+@pytest.mark.parametrize("open_requests", [True, 2.5, "7", None, []])
+def test_a_number_of_requests_that_is_none_is_not_taken(open_requests: object) -> None:
+    told = {"error": "the queue is full", "code": "RESOURCE_EXHAUSTED", "open": open_requests}
+    back = unpack_error(msgpack.packb(told))
+    assert isinstance(back, ResourceExhausted)
+    assert back.open_requests is None
+
+
 @pytest.mark.parametrize("timeout", [0, -1, "soon", True, float("nan"), float("inf")])
 def test_a_bad_timeout_is_named(timeout: object) -> None:
     good = msgpack.unpackb(request())

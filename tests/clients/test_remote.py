@@ -2,6 +2,7 @@
 
 import json
 import socket
+import time
 from collections.abc import Callable, Iterator
 from queue import SimpleQueue
 from typing import Any
@@ -21,10 +22,11 @@ from taxel.errors import (
     PermissionDenied,
     RequestError,
     ResourceExhausted,
+    ServerLost,
     Unavailable,
 )
 from taxel.manifest import Manifest, ModelFile, Normalisation, Training, WindowLayout, tensors
-from taxel.protocol import InferResponse, pack_error, pack_infer_response, packb
+from taxel.protocol import REPLICAS, InferResponse, pack_error, pack_infer_response, packb
 from taxel.remote import RemotePredictor, RemoteSource
 from taxel.remote.remote_model import RemoteModel
 
@@ -131,6 +133,32 @@ def test_a_query_that_is_dropped_is_denied(connected: Callable[[Answer], RemoteS
     for ask in (client.models, client.ready):
         with pytest.raises(PermissionDenied, match=r"a server is there, but taxel/v2/.* gets no answer"):
             ask()
+
+
+def test_a_query_whose_server_went_meanwhile_is_lost_not_denied(
+    connected: Callable[[Answer], RemoteSource],
+) -> None:
+    def going(query: zenoh.Query) -> None:
+        token.undeclare()
+        assert seen(0)
+        query.drop()
+
+    def seen(servers: int) -> bool:
+        ends = time.monotonic() + 5
+        while len(client.connection.servers()) != servers and time.monotonic() < ends:
+            time.sleep(0.001)
+        return len(client.connection.servers()) == servers
+
+    client = connected(going)
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps([client.endpoint]))
+    other: Any = zenoh.open(config)
+    token = other.liveliness().declare_token(f"taxel/{REPLICAS}/another")
+    assert seen(1)
+    with pytest.raises(ServerLost, match="nobody answers taxel/v2: the connection to the server was lost"):
+        client.get("taxel/v2")
+    other.close()
 
 
 def test_a_silent_server_exceeds_the_deadline(

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from queue import Queue
 from threading import Event
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 import taxel
 from taxel.errors import DeadlineExceeded, RequestError, ResourceExhausted, Unavailable
 from taxel.lane.client import LaneConnection
-from taxel.protocol import unpackb
+from taxel.protocol import pack_infer_request, unpackb
 from taxel.remote import Transport
 from taxel.remote.async_source import AsyncSource
 from taxel_server import engine as engine_module
@@ -114,6 +115,38 @@ def test_it_answers_refuses_and_keeps_deadlines(
     # A client that waits no longer says so, or closes its connection: the server drops what it asked.
     assert counted["errors"] == {"RESOURCE_EXHAUSTED": 1}
     assert counted["cancelled"] == {"requests": 1, "rows": 3}
+
+
+def test_a_client_sends_no_more_than_the_server_lets_it_queue(
+    gated: tuple[Engine, Gate], start: ServerStarter, make_windows: WindowMaker
+) -> None:
+    engine, gate = gated
+    place = start(engine, max_queue_requests=8)
+    gate.shut()
+    # The receiver itself evaluates a single window, and takes no others meanwhile.
+    payload, key = pack_infer_request(make_windows(16)), "taxel/v2/models/skin/infer"
+    answers: Queue[bytes | RequestError] = Queue()
+    with taxel.connect(place, transport="zenoh") as client:
+
+        def send(requests: int) -> None:
+            for _ in range(requests):
+                client.connection.send(key, payload, 10.0, answers.put)
+
+        send(1)
+        assert gate.entered.wait(10)
+        send(19)
+        # A client alone has half of the queue, and the one request that came first.
+        refusals = [answers.get(timeout=10) for _ in range(16)]
+        assert {getattr(refusal, "open_requests", None) for refusal in refusals} == {4}
+        send(5)
+        unsent = [answers.get(timeout=10) for _ in range(5)]
+        assert all("this one was not sent" in str(refusal) for refusal in unsent)
+        gate.opened.set()
+        assert all(isinstance(answers.get(timeout=10), bytes) for _ in range(4))
+        send(1)
+        assert isinstance(answers.get(timeout=10), bytes)
+        counted = unpackb(client.get("taxel/v2/models/skin/stats"))
+    assert counted["errors"] == {"RESOURCE_EXHAUSTED": 16}
 
 
 @pytest.mark.parametrize("transport", ["zenoh", "lane"])

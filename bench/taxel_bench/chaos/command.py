@@ -21,6 +21,10 @@ def chaos(
     rows: Annotated[str, typer.Option(help="Windows of a request in a flood, separated by commas.")] = (
         "1,64,1024,16384"
     ),
+    flooders: Annotated[
+        str,
+        typer.Option(help="Who floods: Taxel's client (taxel), or one that sends everything (zenoh)."),
+    ] = "taxel,zenoh",
     seconds: Annotated[float, typer.Option(min=1, help="How long each part of a flood lasts.")] = 5.0,
     payloads: Annotated[int, typer.Option(min=1, help="Mutated requests over each transport.")] = 10_000,
     seed: Annotated[int, typer.Option(min=0, help="Of the mutations.")] = 0,
@@ -46,13 +50,16 @@ def chaos(
         misbehaviour_of,
         mutated_of,
     )
+    from taxel_bench.chaos.plain_client import FLOODERS
     from taxel_bench.chaos.printing import bars_table, verdict_of_bars
     from taxel_bench.load.drive import server_at
     from taxel_bench.load.usage import listening_process
     from taxel_bench.machine import describe_machine
+    from taxel_bench.options import parse_names
     from taxel_models.shipped import shipped_repository
 
     faults = [only] if only else _ALL
+    who = parse_names("--flooders", flooders, FLOODERS, "flooder")
     # Told to stop, it still stops its server and clients.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     served = repository or shipped_repository()
@@ -68,7 +75,11 @@ def chaos(
             with client_processes(endpoint) as pool:
                 if "flood" in faults:
                     sizes = [int(size) for size in rows.split(",")]
-                    results["flood"] = [flood_of(pool, server, model, size, seconds) for size in sizes]
+                    results["flood"] = [
+                        flood_of(pool, server, model, size, seconds, flooder)
+                        for size in sizes
+                        for flooder in who
+                    ]
                     bars += [bar for result in results["flood"] for bar in bars_of(result)]
                 if "oversize" in faults:
                     results["oversize"] = held = oversize_of(pool, server, model)

@@ -14,7 +14,7 @@ import psutil
 from taxel_bench.chaos.bars import Bar
 from taxel_bench.chaos.senders import Sent, be_polite, connect, flood, oversize, saturate
 
-FLOODERS: Final = 2
+_PROCESSES: Final = 2
 TIMES_CAPACITY: Final = 3.0
 POLITE_HZ: Final = 100.0
 OVERSIZE: Final = 400 * 2**20
@@ -55,34 +55,40 @@ class Memory:
 def client_processes(endpoint: str) -> Iterator[ProcessPoolExecutor]:
     """The flooders and the polite client, connected, each in a process of its own."""
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(FLOODERS + 1, context, connect, (endpoint, _TIMEOUT_S)) as pool:
+    with ProcessPoolExecutor(_PROCESSES + 1, context, connect, (endpoint, _TIMEOUT_S)) as pool:
         # A process starts with its first task, and takes no second one while that task runs.
-        list(pool.map(time.sleep, [2.0] * (FLOODERS + 1)))
+        list(pool.map(time.sleep, [2.0] * (_PROCESSES + 1)))
         yield pool
 
 
 def flood_of(
-    pool: ProcessPoolExecutor, server: psutil.Process, model: str, rows: int, seconds: float
+    pool: ProcessPoolExecutor,
+    server: psutil.Process,
+    model: str,
+    rows: int,
+    seconds: float,
+    flooder: str,
 ) -> dict[str, Any]:
     """Measure the capacity for requests of so many windows, flood with them, and wait for calm."""
     calm_mib = Memory(server).close()
     in_flight = min(max(_IN_FLIGHT_ROWS // rows, 4), 64)
     start = time.perf_counter() + _HEAD_START_S
     used = _cpu_s(server)
-    saturating = [pool.submit(saturate, model, rows, in_flight, start, seconds) for _ in range(FLOODERS)]
+    saturating = [pool.submit(saturate, model, rows, in_flight, start, seconds) for _ in range(_PROCESSES)]
     capacity = sum(done.result().answered for done in saturating) / seconds
     capacity_cpu_s = _cpu_s(server) - used
-    rate = TIMES_CAPACITY * capacity / FLOODERS
+    rate = TIMES_CAPACITY * capacity / _PROCESSES
     memory = Memory(server)
     start = time.perf_counter() + _HEAD_START_S
     used = _cpu_s(server)
     polite: Future[Sent] = pool.submit(be_polite, model, POLITE_HZ, start, seconds)
-    flooding = [pool.submit(flood, model, rows, rate, start, seconds) for _ in range(FLOODERS)]
+    flooding = [pool.submit(flood, flooder, model, rows, rate, start, seconds) for _ in range(_PROCESSES)]
     floods, courtesy = [done.result() for done in flooding], polite.result()
     flood_cpu_s = _cpu_s(server) - used
     peak_mib = memory.close()
     time.sleep(_SETTLE_S)
     return {
+        "flooder": flooder,
         "rows": rows,
         "capacity_per_s": capacity,
         "sent_per_s": sum(each.requests for each in floods) / seconds,
@@ -103,7 +109,7 @@ def flood_of(
 
 def bars_of(result: dict[str, Any]) -> list[Bar]:
     """What must be true of a flood."""
-    what = f"{result['rows']} windows a request"
+    what = f"{result['flooder']}, {result['rows']} windows a request"
     refusal = result["refusal_ms"]["p99"] if result["refusal_ms"] else 0.0
     return [
         Bar(

@@ -16,6 +16,7 @@ from typing import Final
 from taxel.errors import RequestError
 from taxel.protocol import model_key, pack_infer_request
 from taxel.remote import RemoteSource
+from taxel_bench.chaos.plain_client import sender
 from taxel_bench.windows import random_windows
 
 _connected: list[RemoteSource] = []
@@ -96,19 +97,20 @@ def saturate(model: str, rows: int, in_flight: int, start: float, seconds: float
     return outcome
 
 
-def flood(model: str, rows: int, rate: float, start: float, seconds: float) -> Sent:
-    """Send at a rate, whatever is answered. What is due while sending is blocked is sent afterwards."""
+def flood(flooder: str, model: str, rows: int, rate: float, start: float, seconds: float) -> Sent:
+    """Ask at a rate, whatever is answered. What is due while sending is blocked is sent afterwards."""
     source, outcome = _connected[0], Sent()
     key, payload = _request(model, rows, source.timeout, 1)
     ends = start + seconds
     due = start
-    while due < ends and time.perf_counter() < ends:
-        _sleep_until(due)
-        outcome.requests += 1
-        sent = time.perf_counter()
-        source.connection.send(key, payload, source.timeout, partial(outcome.add, sent, ends))
-        due += 1 / rate
-    _land(outcome, source.timeout)
+    with sender(flooder, source, key) as send:
+        while due < ends and time.perf_counter() < ends:
+            _sleep_until(due)
+            outcome.requests += 1
+            sent = time.perf_counter()
+            send(payload, partial(outcome.add, sent, ends))
+            due += 1 / rate
+        _land(outcome, source.timeout)
     return outcome
 
 

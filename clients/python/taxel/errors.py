@@ -69,9 +69,17 @@ class ResourceExhausted(RequestError):
     """The queue is full, or the request exceeds a limit.
 
     Cure: ask again later if the queue is full; split the request if it exceeds a limit.
+
+    Args:
+        text: what is exhausted.
+        open_requests: where the queue is full, how many other requests of this client the server holds.
     """
 
     code = "RESOURCE_EXHAUSTED"
+
+    def __init__(self, text: str, open_requests: int | None = None) -> None:
+        super().__init__(text)
+        self.open_requests = open_requests
 
 
 class DeadlineExceeded(RequestError):

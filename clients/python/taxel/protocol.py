@@ -242,14 +242,20 @@ def _channels(tensor: object, name: str) -> NDArray[np.float32]:
 
 def pack_error(error: RequestError) -> bytes:
     """Encode an error reply."""
-    return packb({"error": str(error), "code": error.code})
+    reply: dict[str, str | int] = {"error": str(error), "code": error.code}
+    if isinstance(error, ResourceExhausted) and error.open_requests is not None:
+        reply["open"] = error.open_requests
+    return packb(reply)
 
 
 def unpack_error(payload: bytes) -> RequestError:
     """The error in an error reply; `Internal` if the reply is not one of ours."""
     try:
         reply = _mapping(unpackb(payload), "error")
-        return from_code(str(reply["code"]), str(reply["error"]))
+        error = from_code(str(reply["code"]), str(reply["error"]))
+        if isinstance(error, ResourceExhausted) and type(reply.get("open")) is int:
+            error.open_requests = max(reply["open"], 0)
+        return error
     except (InvalidArgument, KeyError):
         return Internal(f"the server answered with an error that is not Taxel's: {payload[:80]!r}")
 

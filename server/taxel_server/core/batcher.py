@@ -176,7 +176,8 @@ class Batcher:
 
     def _refuse(self, ticket: Ticket, refusal: str | None) -> None:
         if refusal is not None:
-            error = ResourceExhausted(f"{refusal}; try again later")
+            open_requests = self._policy.shares.of(ticket.client).requests
+            error = ResourceExhausted(f"{refusal}; try again later", open_requests)
             self._answers.count_error(ticket.model, error)
             raise error
 

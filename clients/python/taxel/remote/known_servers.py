@@ -1,5 +1,7 @@
 """Which servers a session knows of: only their answers count."""
 
+import time
+from math import inf
 from typing import Final
 
 import zenoh
@@ -26,6 +28,7 @@ class KnownServers:
 
     Attributes:
         alive: those whose tokens it sees now.
+        lost_at: when it last lost sight of one, on `time.monotonic`.
         subscriber: hears of servers that come and go.
     """
 
@@ -34,6 +37,7 @@ class KnownServers:
         # A server that is stopping still answers what it was asked: so nobody is forgotten.
         self._seen: set[str] = set()
         self.alive: set[str] = set()
+        self.lost_at = -inf
         tokens = f"{prefix}/{REPLICAS}/*"
         liveliness = session.liveliness()
         self.subscriber = liveliness.declare_subscriber(
@@ -59,3 +63,4 @@ class KnownServers:
             self.alive.add(server)
         else:
             self.alive.discard(server)
+            self.lost_at = time.monotonic()

@@ -19,6 +19,7 @@ from taxel.errors import (
     InvalidArgument,
     PermissionDenied,
     RequestError,
+    ResourceExhausted,
     ServerLost,
     Unavailable,
 )
@@ -26,7 +27,8 @@ from taxel.protocol import unpack_error
 from taxel.remote.credentials import Credentials
 from taxel.remote.first_reply import FirstReply
 from taxel.remote.known_servers import TIMEOUT, KnownServers
-from taxel.remote.query_transport import Done, QueryTransport
+from taxel.remote.open_requests import Ended, OpenRequests, not_counted
+from taxel.remote.query_transport import Done, QueryTransport, nothing_to_give_up
 from taxel.remote.zenoh_opening import open_client_session
 from taxel.zenoh_process import close_session, leave_behind_after_fork
 
@@ -74,6 +76,7 @@ class Connection(QueryTransport):
             endpoint, timeout, shared_memory=shared_memory, credentials=credentials or Credentials()
         )
         self._first_reply = FirstReply()
+        self._open_requests = OpenRequests()
         self._queriers: dict[tuple[str, float], zenoh.Querier] = {}
         # The server gives each session its share.
         self._id = self._session.id
@@ -132,14 +135,28 @@ class Connection(QueryTransport):
         self, key: str, payload: bytes | None, timeout: float, cancel_key: str | None = None
     ) -> "_StartedQuery":
         started = time.monotonic()
-        replies, source = self._sent(key, payload, timeout, cancel_key)
-        return _StartedQuery(
-            replies,
-            self._first_reply,
-            partial(self._settled, key=key, timeout=timeout, started=started),
-            partial(self._give_up, cancel_key, source),
-            started + timeout,
-        )
+        ended = self._begun(payload)
+        try:
+            replies, source = self._sent(key, payload, timeout, cancel_key)
+        except RequestError as error:
+            ended(error)
+            raise
+
+        def settled(reply: zenoh.Reply | None, stranger: zenoh.Reply | None) -> bytes | RequestError | None:
+            outcome = self._settled(reply, stranger, key=key, timeout=timeout, started=started)
+            if outcome is not None:
+                ended(outcome)
+            return outcome
+
+        def give_up() -> None:
+            ended(None)
+            self._give_up(cancel_key, source)
+
+        return _StartedQuery(replies, self._first_reply, settled, give_up, started + timeout)
+
+    def _begun(self, payload: bytes | None) -> Ended:
+        """What to call when a query has ended. Only those with a payload wait for the evaluation."""
+        return not_counted if payload is None else self._open_requests.begin()
 
     def _settled(
         self,
@@ -174,7 +191,17 @@ class Connection(QueryTransport):
     def send(
         self, key: str, payload: bytes | None, timeout: float, done: Done, cancel_key: str | None = None
     ) -> Callable[[], None]:
-        settle = _once(done)
+        try:
+            ended = self._begun(payload)
+        except ResourceExhausted as error:
+            done(error)
+            return nothing_to_give_up
+
+        def land(outcome: bytes | RequestError) -> None:
+            ended(outcome)
+            done(outcome)
+
+        settle = _once(land)
         source = self._source if cancel_key is None else self._named()
         started = time.monotonic()
         stranger: zenoh.Reply | None = None
@@ -258,7 +285,14 @@ class Connection(QueryTransport):
                 f"{self.endpoint}: {key} was answered by {stranger.replier_id}, which is no server of this "
                 "prefix: its answer was refused; see who may declare keys on the way to the server"
             )
-        return self._late(key, wait) if time.monotonic() - started >= wait else self.silence(key)
+        if time.monotonic() - started >= wait:
+            return self._late(key, wait)
+        if self._known.lost_at >= started:
+            # It may be connected again by now.
+            return ServerLost(
+                f"{self.endpoint}: nobody answers {key}: the connection to the server was lost"
+            )
+        return self.silence(key)
 
     def _late(self, key: str, wait: float) -> DeadlineExceeded:
         return DeadlineExceeded(f"{self.endpoint}: no answer to {key} within {wait:g} s")
