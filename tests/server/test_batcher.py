@@ -1,5 +1,6 @@
 """The batcher alone: every job is answered once, with its own rows, and no evaluation is too large."""
 
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -23,6 +24,7 @@ from taxel.errors import (
 from taxel.protocol import InferRequest, InferResponse
 from taxel_server.core.batcher import Batcher
 from taxel_server.core.jobs import Job
+from taxel_server.core.policy import SLICE_S
 from taxel_server.engine import Engine, LoadedModel
 
 POISON = 666.0
@@ -147,6 +149,19 @@ def test_progress_is_a_slice_that_is_done_or_nothing_to_do(model: LoadedModel, r
         waiting.result(10)
         assert values_of(first) == [-1]
         batcher.wait_for_progress(3600)
+
+
+def test_progress_takes_the_time_of_a_usual_slice_however_short_slices_are(
+    model: LoadedModel, runtime: Recorder
+) -> None:
+    with batching(max_batch_rows=1) as batcher:
+        with busy(batcher, model, runtime):
+            jobs = [MemoryJob(model, windows_of(value)) for value in range(200)]
+            for job in jobs:
+                batcher.submit(job)
+        began = time.monotonic()
+        batcher.wait_for_progress(3600)
+        assert time.monotonic() - began >= SLICE_S or batcher.open_requests == 0
 
 
 @given(st.lists(st.integers(1, 30), min_size=1, max_size=20), st.integers(1, 12))

@@ -21,7 +21,7 @@ from taxel.protocol import InferResponse
 from taxel.windows.checks import check_finite
 from taxel_server.core.answers import Answers, tell
 from taxel_server.core.jobs import Job, Work, too_late
-from taxel_server.core.policy import Policy, Slice, Ticket
+from taxel_server.core.policy import SLICE_S, Policy, Slice, Ticket
 from taxel_server.core.refusals import Refusals
 from taxel_server.core.shadows import Shadows
 from taxel_server.core.shares import Amounts
@@ -169,10 +169,17 @@ class Batcher:
             self._refuse(ticket, self._policy.refusal(ticket))
 
     def wait_for_progress(self, seconds: float) -> None:
-        """Return once a slice is done or nothing waits, at the latest after so many seconds."""
-        self._progress.clear()
-        if not self._sleeps:
-            self._progress.wait(seconds)
+        """Return after a slice and a usual slice's time, once nothing waits, or after so many seconds."""
+        now = time.monotonic()
+        usual, ends = now + SLICE_S, now + seconds
+        while now < ends:
+            self._progress.clear()
+            if self._sleeps:
+                return
+            done = self._progress.wait(ends - now)
+            now = time.monotonic()
+            if done and now >= usual:
+                return
 
     def _refuse(self, ticket: Ticket, refusal: str | None) -> None:
         if refusal is not None:

@@ -44,7 +44,7 @@ What is in it is neither counted nor refused yet, so it is short.
 """
 
 _REFUSALS: Final = 2
-"""So many requests are refused for each slice that is evaluated; then nothing more is read until the next.
+"""So many requests are refused in the time of a usual slice; then nothing more is read until it is over.
 
 To refuse a small request costs as much as to answer it. What is not read waits in the connection of its
 client, which slows a flood down and nobody else: zenoh reads each connection by itself.
