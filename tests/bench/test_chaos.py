@@ -16,6 +16,7 @@ from taxel.errors import InvalidArgument, RequestError, ResourceExhausted
 from taxel.lane.frames import pack_request_head
 from taxel.protocol import model_key, pack_infer_request
 from taxel_bench.chaos.flood import bars_of
+from taxel_bench.chaos.flooders import FLOODERS, sender
 from taxel_bench.chaos.hostile import (
     bars_of_full_disk,
     bars_of_misbehaviour,
@@ -27,7 +28,6 @@ from taxel_bench.chaos.hostile import (
 from taxel_bench.chaos.misbehaviour import FULL_DISK
 from taxel_bench.chaos.mutated import owed_replies
 from taxel_bench.chaos.mutations import mutations
-from taxel_bench.chaos.plain_client import FLOODERS, sender
 from taxel_bench.chaos.senders import Sent
 from taxel_bench.server_process import RunningServer, running_server_process
 from taxel_bench.windows import random_windows

@@ -42,6 +42,7 @@ def chaos(
     from taxel.errors import TaxelError
     from taxel_bench.chaos.bars import Bar
     from taxel_bench.chaos.flood import bars_of, client_processes, flood_of, oversize_of
+    from taxel_bench.chaos.flooders import FLOODERS
     from taxel_bench.chaos.hostile import (
         bars_of_full_disk,
         bars_of_misbehaviour,
@@ -50,7 +51,6 @@ def chaos(
         misbehaviour_of,
         mutated_of,
     )
-    from taxel_bench.chaos.plain_client import FLOODERS
     from taxel_bench.chaos.printing import bars_table, verdict_of_bars
     from taxel_bench.load.drive import server_at
     from taxel_bench.load.usage import listening_process

@@ -14,7 +14,9 @@ import psutil
 from taxel_bench.chaos.bars import Bar
 from taxel_bench.chaos.senders import Sent, be_polite, connect, flood, oversize, saturate
 
-_PROCESSES: Final = 2
+_FLOODING: Final = 2
+"""Processes that flood."""
+
 TIMES_CAPACITY: Final = 3.0
 POLITE_HZ: Final = 100.0
 OVERSIZE: Final = 400 * 2**20
@@ -55,9 +57,9 @@ class Memory:
 def client_processes(endpoint: str) -> Iterator[ProcessPoolExecutor]:
     """The flooders and the polite client, connected, each in a process of its own."""
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(_PROCESSES + 1, context, connect, (endpoint, _TIMEOUT_S)) as pool:
+    with ProcessPoolExecutor(_FLOODING + 1, context, connect, (endpoint, _TIMEOUT_S)) as pool:
         # A process starts with its first task, and takes no second one while that task runs.
-        list(pool.map(time.sleep, [2.0] * (_PROCESSES + 1)))
+        list(pool.map(time.sleep, [2.0] * (_FLOODING + 1)))
         yield pool
 
 
@@ -74,15 +76,15 @@ def flood_of(
     in_flight = min(max(_IN_FLIGHT_ROWS // rows, 4), 64)
     start = time.perf_counter() + _HEAD_START_S
     used = _cpu_s(server)
-    saturating = [pool.submit(saturate, model, rows, in_flight, start, seconds) for _ in range(_PROCESSES)]
+    saturating = [pool.submit(saturate, model, rows, in_flight, start, seconds) for _ in range(_FLOODING)]
     capacity = sum(done.result().answered for done in saturating) / seconds
     capacity_cpu_s = _cpu_s(server) - used
-    rate = TIMES_CAPACITY * capacity / _PROCESSES
+    rate = TIMES_CAPACITY * capacity / _FLOODING
     memory = Memory(server)
     start = time.perf_counter() + _HEAD_START_S
     used = _cpu_s(server)
     polite: Future[Sent] = pool.submit(be_polite, model, POLITE_HZ, start, seconds)
-    flooding = [pool.submit(flood, flooder, model, rows, rate, start, seconds) for _ in range(_PROCESSES)]
+    flooding = [pool.submit(flood, flooder, model, rows, rate, start, seconds) for _ in range(_FLOODING)]
     floods, courtesy = [done.result() for done in flooding], polite.result()
     flood_cpu_s = _cpu_s(server) - used
     peak_mib = memory.close()

@@ -16,7 +16,7 @@ from typing import Final
 from taxel.errors import RequestError
 from taxel.protocol import model_key, pack_infer_request
 from taxel.remote import RemoteSource
-from taxel_bench.chaos.plain_client import sender
+from taxel_bench.chaos.flooders import sender
 from taxel_bench.windows import random_windows
 
 _connected: list[RemoteSource] = []

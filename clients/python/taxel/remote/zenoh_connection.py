@@ -29,6 +29,7 @@ from taxel.remote.first_reply import FirstReply
 from taxel.remote.known_servers import TIMEOUT, KnownServers
 from taxel.remote.open_requests import Ended, OpenRequests, not_counted
 from taxel.remote.query_transport import Done, QueryTransport, nothing_to_give_up
+from taxel.remote.started_query import StartedQuery
 from taxel.remote.zenoh_opening import open_client_session
 from taxel.zenoh_process import close_session, leave_behind_after_fork
 
@@ -133,7 +134,7 @@ class Connection(QueryTransport):
     @override
     def start_polled(
         self, key: str, payload: bytes | None, timeout: float, cancel_key: str | None = None
-    ) -> "_StartedQuery":
+    ) -> StartedQuery:
         started = time.monotonic()
         ended = self._begun(payload)
         try:
@@ -152,7 +153,7 @@ class Connection(QueryTransport):
             ended(None)
             self._give_up(cancel_key, source)
 
-        return _StartedQuery(replies, self._first_reply, settled, give_up, started + timeout)
+        return StartedQuery(replies, self._first_reply, settled, give_up, started + timeout)
 
     def _begun(self, payload: bytes | None) -> Ended:
         """What to call when a query has ended. Only those with a payload wait for the evaluation."""
@@ -299,64 +300,6 @@ class Connection(QueryTransport):
 
     def _broken(self, error: zenoh.ZError) -> Unavailable:
         return Unavailable(f"{self.endpoint}: {reason_of(error)}")
-
-
-class _StartedQuery:
-    """A query whose replies come into a channel.
-
-    Args:
-        replies: the channel.
-        first_reply: waits at it.
-        settled: what a reply, or the end of replies, says, given the stranger that has replied.
-        give_up: tells the server that nobody waits any more.
-        ends: when its time is over.
-    """
-
-    def __init__(
-        self,
-        replies: Handler[zenoh.Reply],
-        first_reply: FirstReply,
-        settled: Callable[[zenoh.Reply | None, zenoh.Reply | None], bytes | RequestError | None],
-        give_up: Callable[[], None],
-        ends: float,
-    ) -> None:
-        self._replies = replies
-        self._first_reply = first_reply
-        self._settled = settled
-        self._ends = ends
-        self._stranger: zenoh.Reply | None = None
-        self.give_up = give_up
-
-    def wait(self) -> bytes:
-        """The answer; raises as the function that `QueryTransport.start` returns."""
-        try:
-            while (answer := self._taken(self._first_reply.wait(self._replies))) is None:
-                pass
-        except RequestError:
-            raise
-        except BaseException:
-            # Ctrl-C, most likely.
-            self.give_up()
-            raise
-        return answer
-
-    def look(self) -> bytes | None:
-        try:
-            reply = self._replies.try_recv()
-        except zenoh.ZError:
-            return self._taken(None)
-        return None if reply is None else self._taken(reply)
-
-    def _taken(self, reply: zenoh.Reply | None) -> bytes | None:
-        outcome = self._settled(reply, self._stranger)
-        if isinstance(outcome, RequestError):
-            # The server's own comes earlier.
-            if isinstance(outcome, DeadlineExceeded) and time.monotonic() >= self._ends:
-                self.give_up()
-            raise outcome
-        if outcome is None:
-            self._stranger = reply
-        return outcome
 
 
 def _ignore(_: zenoh.Reply) -> None: ...
