@@ -153,12 +153,13 @@ def test_a_query_whose_server_went_meanwhile_is_lost_not_denied(
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([client.endpoint]))
-    other: Any = zenoh.open(config)
-    token = other.liveliness().declare_token(f"taxel/{REPLICAS}/another")
-    assert seen(1)
-    with pytest.raises(ServerLost, match="nobody answers taxel/v2: the connection to the server was lost"):
-        client.get("taxel/v2")
-    other.close()
+    with zenoh.open(config) as other:
+        token: Any = other.liveliness().declare_token(f"taxel/{REPLICAS}/another")
+        assert seen(1)
+        with pytest.raises(
+            ServerLost, match="nobody answers taxel/v2: the connection to the server was lost"
+        ):
+            client.get("taxel/v2")
 
 
 def test_a_silent_server_exceeds_the_deadline(

@@ -156,9 +156,8 @@ def test_progress_takes_the_time_of_a_usual_slice_however_short_slices_are(
 ) -> None:
     with batching(max_batch_rows=1) as batcher:
         with busy(batcher, model, runtime):
-            jobs = [MemoryJob(model, windows_of(value)) for value in range(200)]
-            for job in jobs:
-                batcher.submit(job)
+            for value in range(200):
+                batcher.submit(MemoryJob(model, windows_of(value)))
         began = time.monotonic()
         batcher.wait_for_progress(3600)
         assert time.monotonic() - began >= SLICE_S or batcher.open_requests == 0

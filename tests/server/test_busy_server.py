@@ -135,9 +135,9 @@ def test_a_client_sends_no_more_than_the_server_lets_it_queue(
         send(1)
         assert gate.entered.wait(10)
         send(19)
-        # A client alone has half of the queue, and the one request that came first.
+        # A client alone has half of the queue.
         refusals = [answers.get(timeout=10) for _ in range(16)]
-        # The last ones may be sent after the first refusal has come.
+        # The client knows from the first refusal on, and may not send the last ones.
         by_server = [one for one in refusals if "was not sent" not in str(one)]
         assert {getattr(refusal, "open_requests", None) for refusal in by_server} == {4}
         send(5)

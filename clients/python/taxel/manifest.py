@@ -230,8 +230,8 @@ class HeldOutResidual(Schema):
         fading: the part that fades within seconds.
         structure: what each effect explains of it.
         one_kind: what a recording of one kind alone shows, by the column that names kinds.
-        sensitivity: the factor by which each channel's sensitivity seems to change in the course of it;
-            none in a manifest of an earlier version.
+        sensitivity_change: the factor by which each channel's sensitivity seems to change in the course of
+            it; none in a manifest of an earlier version.
     """
 
     rows: Annotated[int, Field(gt=0)]
@@ -240,7 +240,7 @@ class HeldOutResidual(Schema):
     fading: NotNegativePerChannel
     structure: dict[str, OwnStructure] = Field(default_factory=dict)
     one_kind: dict[str, KindResidual] = Field(default_factory=dict)
-    sensitivity: NotNegativePerChannel | None = None
+    sensitivity_change: NotNegativePerChannel | None = None
 
 
 class ModelFile(Schema):

@@ -131,7 +131,7 @@ def run_loop(
     if reference is not None:
         reference = of_its_kinds(reference, observations)
         if not settings.reference:
-            reference = reference.model_copy(update={"structure": {}})
+            reference = reference.model_copy(update={"structure": {}, "sensitivity_change": None})
     constants = replace(settings.constants, least_share=settings.least_share)
     attribution = JointSelection(
         observations, blocks, effects, reference=reference, constants=constants, progress=progress
@@ -153,8 +153,8 @@ def run_loop(
         after = corrected(observations, attribution, new)
         told = unnamed.found(observations, blocks, before, after)
     usual = np.ones(len(CHANNELS))
-    if reference is not None and reference.sensitivity is not None:
-        usual = np.array(reference.sensitivity)
+    if reference is not None and reference.sensitivity_change is not None:
+        usual = np.array(reference.sensitivity_change)
     findings = _findings(
         observations, recordings, blocks, settings, attribution, figures, new, after, usual
     )
@@ -199,14 +199,14 @@ def _findings(
     figures: Mapping[str, list[Parameter]],
     new: NewEffects,
     after: Floats,
-    usual_sensitivity: Floats,
+    usual_changes: Floats,
 ) -> Findings:
     manifest = observations.manifest
     others = [
         named.contribution for named in attribution.named if named.name not in (Gain.name, Fault.name)
     ]
     explained = np.sum(others, axis=0) if others else np.zeros_like(observations.residual)
-    changes = sensitivity_changes(observations, blocks, explained, usual_sensitivity)
+    changes = sensitivity_changes(observations, blocks, explained, usual_changes)
     rows, output_std = blocks.evaluation, np.array(manifest.normalisation.output_std)
     noise = NoiseFloor.of(observations)
     energy = (observations.residual[rows] ** 2).mean(axis=0)

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.channel_history import SensitivityChange, sensitivity_changes, usual_changes
+from taxel_models.loop.inference.reference import held_out_residual
 from taxel_models.loop.observations import gather
+from taxel_models.loop.pipeline import LoopSettings, run_loop
 from taxel_models.recordings import Recording
 
 Make = Callable[..., Recording]
@@ -96,6 +98,19 @@ def test_what_is_usual_is_the_largest_change_either_way(smooth: Any, long: Recor
     assert (usual >= 1.0).all()
 
 
+def test_the_report_leaves_out_what_the_models_reference_shows(smooth: Any, make: Make) -> None:
+    channels = (recording := make(12_000, seed=5)).channels.copy()
+    rest = smooth.counts(np.zeros((1, 3)), np.zeros((1, 3)))[0, CHANNEL]
+    channels[6_000:, CHANNEL] = rest + 1.8 * (channels[6_000:, CHANNEL] - rest)
+    changed = replace(recording, channels=np.rint(channels))
+    reference = held_out_residual(smooth, [changed])
+    assert reference is not None
+    told = run_loop(smooth, [changed], LoopSettings(), reference=reference).findings
+    assert told.changes == ()
+    told = run_loop(smooth, [changed], LoopSettings(reference=False), reference=reference).findings
+    assert [line.split()[0] for line in told.changes] == ["e11"]
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_told_of_a_sensor_that_stays(smooth: Any, make: Make, seed: int) -> None:
     assert changes(smooth, make(12_000, seed=seed, noise=12.0), np.ones(12_000)) == []
@@ -133,7 +148,5 @@ def test_a_channel_that_is_cut_off_lost_no_sensitivity(smooth: Any, make: Make) 
     cut_off = (observations.measured[:, CHANNEL] == COUNTS_MAX)[late[observations.rows[0]]]
     assert 0.2 < cut_off.mean() < 0.9
     blocks = cut(observations, seed=0)
-    assert (
-        list(sensitivity_changes(observations, blocks, np.zeros_like(observations.residual), np.ones(21)))
-        == []
-    )
+    explained, usual = np.zeros_like(observations.residual), np.ones(len(CHANNELS))
+    assert list(sensitivity_changes(observations, blocks, explained, usual)) == []

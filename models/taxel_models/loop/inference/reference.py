@@ -72,7 +72,7 @@ def held_out_residual(
     return found.model_copy(
         update={
             "one_kind": {column: own for column, own in kinds.items() if own},
-            "sensitivity": tuple(usual.tolist()),
+            "sensitivity_change": tuple(usual.tolist()),
         }
     )
 
