@@ -10,8 +10,8 @@ from taxel.remote.open_requests import Ended, OpenRequests
 ANSWER = b"counts"
 
 
-def begun(requests: OpenRequests, number: int) -> list[Ended]:
-    return [requests.begin() for _ in range(number)]
+def begun(requests: OpenRequests, number: int, size: int = 100) -> list[Ended]:
+    return [requests.begin(size) for _ in range(number)]
 
 
 def room_in(requests: OpenRequests, most: int = 1000) -> int:
@@ -19,7 +19,7 @@ def room_in(requests: OpenRequests, most: int = 1000) -> int:
     sent = []
     try:
         for _ in range(most):
-            sent.append(requests.begin())
+            sent.append(requests.begin(100))
     except ResourceExhausted:
         pass
     for end in sent:
@@ -38,7 +38,7 @@ def test_a_refusal_limits_what_is_under_way_to_what_the_server_holds() -> None:
     sent = begun(requests, 10)
     sent.pop()(ResourceExhausted("the queue is full", 4))
     with pytest.raises(ResourceExhausted, match="9 requests of this connection are under way"):
-        requests.begin()
+        requests.begin(100)
     for _ in range(5):
         sent.pop()(Internal("failed"))
         assert room_in(requests) == 0
@@ -72,6 +72,23 @@ def test_a_refusal_of_another_kind_limits_nothing() -> None:
     assert room_in(requests) == 1000
 
 
+def test_a_smaller_request_than_those_refused_is_sent() -> None:
+    requests = OpenRequests()
+    first, second, *_ = begun(requests, 4, size=1000)
+    first(ResourceExhausted("the queue is full", 2))
+    (small,) = begun(requests, 1, size=999)
+    with pytest.raises(ResourceExhausted, match="4 requests"):
+        requests.begin(1000)
+    small(ResourceExhausted("the queue is full", 2))
+    with pytest.raises(ResourceExhausted):
+        requests.begin(999)
+    # A large one that is refused later says nothing new of small ones.
+    second(ResourceExhausted("the queue is full", 2))
+    with pytest.raises(ResourceExhausted):
+        requests.begin(999)
+    begun(requests, 1, size=998)
+
+
 def test_a_request_ends_once() -> None:
     requests = OpenRequests()
     first, second, _ = begun(requests, 3)
@@ -89,7 +106,7 @@ def test_a_server_with_a_fixed_share_refuses_no_more_than_the_growth_asks_for(
     for number in range(rounds):
         for _ in range(wanted):
             try:
-                end = requests.begin()
+                end = requests.begin(100)
             except ResourceExhausted:
                 break
             if len(held) < share:

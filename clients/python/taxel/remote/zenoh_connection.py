@@ -157,7 +157,7 @@ class Connection(QueryTransport):
 
     def _begun(self, payload: bytes | None) -> Ended:
         """What to call when a query has ended. Only those with a payload wait for the evaluation."""
-        return not_counted if payload is None else self._open_requests.begin()
+        return not_counted if payload is None else self._open_requests.begin(len(payload))
 
     def _settled(
         self,
