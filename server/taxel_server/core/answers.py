@@ -69,10 +69,10 @@ class Answers:
             with self._lock:
                 self._count_waiting()
 
-    def count_error(self, model: LoadedModel, error: RequestError) -> None:
+    def count_error(self, model: LoadedModel, code: str) -> None:
         """Count a request whose error somebody else gives."""
         with self._lock:
-            self._statistics[model].add_error(error.code)
+            self._statistics[model].add_error(code)
 
     def count_batch(self, model: LoadedModel, rows: int) -> None:
         """Count one evaluation."""

@@ -63,7 +63,11 @@ class StartedQuery:
             # The server's own comes earlier.
             if isinstance(outcome, DeadlineExceeded) and time.monotonic() >= self._ends:
                 self.give_up()
-            raise outcome
+            try:
+                raise outcome
+            finally:
+                # It holds this frame. A variable that held it would keep both, and the windows.
+                del outcome
         if outcome is None:
             self._stranger = reply
         return outcome
