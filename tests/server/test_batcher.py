@@ -1,9 +1,11 @@
 """The batcher alone: every job is answered once, with its own rows, and no evaluation is too large."""
 
-import time
+import gc
+import logging
+import weakref
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from threading import Event, current_thread
 
 import numpy as np
@@ -24,7 +26,6 @@ from taxel.errors import (
 from taxel.protocol import InferRequest, InferResponse
 from taxel_server.core.batcher import Batcher
 from taxel_server.core.jobs import Job
-from taxel_server.core.policy import SLICE_S
 from taxel_server.engine import Engine, LoadedModel
 
 POISON = 666.0
@@ -80,6 +81,13 @@ class MemoryJob(Job):
         assert self.answered.wait(10)
         (result,) = self.answers
         return result
+
+
+class ForgetfulJob(MemoryJob):
+    """Keeps no answer: an error would hold the job by its traceback."""
+
+    def answer(self, result: InferResponse | RequestError) -> None:
+        self.answered.set()
 
 
 def windows_of(*values: float) -> NDArray[np.float32]:
@@ -139,28 +147,43 @@ def busy(batcher: Batcher, model: LoadedModel, runtime: Recorder) -> Iterator[Me
         runtime.may_go_on.set()
 
 
-def test_progress_is_a_slice_that_is_done_or_nothing_to_do(model: LoadedModel, runtime: Recorder) -> None:
+def test_idle_means_that_nothing_waits(model: LoadedModel, runtime: Recorder) -> None:
     with batching() as batcher, ThreadPoolExecutor(1) as pool:
-        batcher.wait_for_progress(3600)  # Nothing waits.
+        batcher.wait_until_idle(3600)
         with busy(batcher, model, runtime) as first:
-            batcher.wait_for_progress(0.001)  # The time is over.
-            waiting = pool.submit(batcher.wait_for_progress, 3600)
+            batcher.wait_until_idle(0.001)  # The time is over.
+            waiting = pool.submit(batcher.wait_until_idle, 3600)
             assert not waiting.done()
         waiting.result(10)
         assert values_of(first) == [-1]
-        batcher.wait_for_progress(3600)
+        batcher.wait_until_idle(3600)
 
 
-def test_progress_takes_the_time_of_a_usual_slice_however_short_slices_are(
-    model: LoadedModel, runtime: Recorder
+def test_no_request_waits_for_the_garbage_collector(
+    model: LoadedModel, runtime: Recorder, caplog: pytest.LogCaptureFixture
 ) -> None:
-    with batching(max_batch_rows=1) as batcher:
-        with busy(batcher, model, runtime):
-            for value in range(200):
-                batcher.submit(MemoryJob(model, windows_of(value)))
-        began = time.monotonic()
-        batcher.wait_for_progress(3600)
-        assert time.monotonic() - began >= SLICE_S or batcher.open_requests == 0
+    caplog.set_level(logging.CRITICAL)  # A record that is kept holds its error, and so the job.
+
+    def submitted(job: MemoryJob) -> weakref.ref[MemoryJob]:
+        with suppress(ResourceExhausted):
+            batcher.submit(job)
+        return weakref.ref(job)
+
+    gc.disable()
+    try:
+        with batching(max_queue_rows=8) as batcher:
+            with busy(batcher, model, runtime):
+                jobs = {
+                    "refused": submitted(ForgetfulJob(model, windows_of(*range(9)))),
+                    "answered": submitted(ForgetfulJob(model, windows_of(1, 2))),
+                    "wrong": submitted(ForgetfulJob(model, windows_of(np.nan))),
+                    "late": submitted(ForgetfulJob(model, windows_of(3), timeout_ms=0.001)),
+                    "failed": submitted(ForgetfulJob(model, windows_of(POISON))),
+                }
+            batcher.wait_until_idle(10)
+            assert [what for what, job in jobs.items() if job() is not None] == []
+    finally:
+        gc.enable()
 
 
 @given(st.lists(st.integers(1, 30), min_size=1, max_size=20), st.integers(1, 12))

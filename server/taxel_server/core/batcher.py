@@ -21,7 +21,7 @@ from taxel.protocol import InferResponse
 from taxel.windows.checks import check_finite
 from taxel_server.core.answers import Answers, tell
 from taxel_server.core.jobs import Job, Work, too_late
-from taxel_server.core.policy import SLICE_S, Policy, Slice, Ticket
+from taxel_server.core.policy import Policy, Slice, Ticket
 from taxel_server.core.refusals import Refusals
 from taxel_server.core.shadows import Shadows
 from taxel_server.core.shares import Amounts
@@ -77,8 +77,8 @@ class Batcher:
         self._bell: SimpleQueue[None] = SimpleQueue()
         self._sleeps = False
         """Whether the worker waits for the bell."""
-        self._progress = Event()
-        """Set whenever a slice is done or nothing waits; cleared by whoever waits for it."""
+        self._idle = Event()
+        """Set while nothing waits."""
         self._memory = FreeMemory()
         self.shadows: Final = Shadows()
         self._stopping = False
@@ -168,29 +168,21 @@ class Batcher:
         with self._lock:
             self._refuse(ticket, self._policy.refusal(ticket))
 
-    def wait_for_progress(self, seconds: float) -> None:
-        """Return after a slice and a usual slice's time, once nothing waits, or after so many seconds."""
-        now = time.monotonic()
-        usual, ends = now + SLICE_S, now + seconds
-        while now < ends:
-            self._progress.clear()
-            if self._sleeps:
-                return
-            done = self._progress.wait(ends - now)
-            now = time.monotonic()
-            if done and now >= usual:
-                return
+    def wait_until_idle(self, seconds: float) -> None:
+        """Return once nothing waits, or after so many seconds."""
+        self._idle.wait(seconds)
 
     def _refuse(self, ticket: Ticket, refusal: str | None) -> None:
         if refusal is not None:
+            self._answers.count_error(ticket.model, ResourceExhausted.code)
             open_requests = self._policy.shares.of(ticket.client).requests
-            error = ResourceExhausted(f"{refusal}; try again later", open_requests)
-            self._answers.count_error(ticket.model, error)
-            raise error
+            # No variable may hold the error: it holds this frame, and both the request, until a collection.
+            raise ResourceExhausted(f"{refusal}; try again later", open_requests)
 
     def _wake(self) -> None:
         if self._sleeps:
             self._sleeps = False
+            self._idle.clear()
             self._bell.put(None)
 
     @property
@@ -291,7 +283,6 @@ class Batcher:
             self._evaluate(chosen.model, pieces)
             with self._lock:
                 finished = self._policy.done(chosen, time.monotonic() - started)
-            self._progress.set()
             for job in finished:
                 assert job.work is not None
                 self._answers.give(job, job.work.response())
@@ -307,6 +298,8 @@ class Batcher:
                 if chosen is None and self._stopping and not dropped:
                     return None
                 self._sleeps = chosen is None and not dropped
+                if self._sleeps:
+                    self._idle.set()
             if chosen is not None:
                 return chosen
             if dropped:
@@ -316,7 +309,6 @@ class Batcher:
 
     def _wait_idle(self) -> None:
         """Wait for work. If none comes for a while after much work, give memory back to the system."""
-        self._progress.set()
         try:
             self._bell.get(timeout=self._memory.idle_s)
         except Empty:

@@ -9,6 +9,7 @@ receiver of their own.
 """
 
 import logging
+import time
 from collections.abc import Callable
 from threading import Thread
 from typing import Final
@@ -23,6 +24,7 @@ from taxel.protocol import CANCEL_PATH, REPLICAS, InferRequest, InferResponse, p
 from taxel.zenoh_process import close_session
 from taxel_server.core.core import Core
 from taxel_server.core.jobs import Job
+from taxel_server.core.policy import SLICE_S
 from taxel_server.engine import LoadedModel
 from taxel_server.options import ServerOptions
 from taxel_server.transports.access import security_settings
@@ -37,21 +39,21 @@ _NOTHING: Final = zenoh.ZBytes(b"")
 CLIENT: Final = "zenoh"
 """What clients over zenoh are called in logs."""
 
-_CHANNEL: Final = 16
+_CHANNEL: Final = 2
 """The most queries in the channel; if it is full, zenoh reads no more, and clients wait to send.
 
-What is in it is neither counted nor refused yet, so it is short.
+What is in it is neither counted nor refused yet. While the queue is full, all of it is refused between two
+pauses; with 16, a client that asks for little would wait for it, and get half as many answers in a flood.
 """
 
 _REFUSALS: Final = 2
-"""So many requests are refused in the time of a usual slice; then nothing more is read until it is over.
+"""After so many refusals, nothing more is read for a while, unless nothing waits any more.
 
 To refuse a small request costs as much as to answer it. What is not read waits in the connection of its
 client, which slows a flood down and nobody else: zenoh reads each connection by itself.
 """
 
-_PAUSE_S: Final = 0.005
-"""The longest such wait."""
+_PAUSE_S: Final = SLICE_S
 
 _MORE_BYTES: Final = 32 * 2**20
 """A message that is larger than a request by less gets its error; zenoh drops larger ones unread."""
@@ -105,7 +107,9 @@ class ZenohTransport:
         self._options = options
         self._reader = RequestReader(core.max_request_rows)
         self._refused = 0
-        """Requests that found the queue full since the last wait for the evaluation."""
+        """Requests that found the queue full since the last pause …"""
+        self._first_refused = 0.0
+        """… and when the first of them did."""
         self._below_prefix = len(options.prefix) + 1
         self._own_keys = ""
         self._clients = ZenohClients(core.gone)
@@ -223,11 +227,14 @@ class ZenohTransport:
                 self._slow_down()
 
     def _slow_down(self) -> None:
-        """After some refusals, read nothing more until there is room again."""
+        """After some refusals, read nothing more for a while."""
+        now = time.monotonic()
+        if not self._refused:
+            self._first_refused = now
         self._refused += 1
         if self._refused >= _REFUSALS:
             self._refused = 0
-            self._core.wait_for_progress(_PAUSE_S)
+            self._core.wait_until_idle(max(self._first_refused + _PAUSE_S - now, 0.0))
 
 
 def _taken(take: Callable[[], zenoh.Query | None]) -> zenoh.Query | None:
