@@ -33,10 +33,10 @@ def test_there_is_no_limit_before_the_server_has_refused() -> None:
     assert room_in(requests) == 1000
 
 
-def test_a_refusal_limits_what_is_under_way_to_what_the_server_holds() -> None:
+def test_a_refusal_limits_what_is_under_way_to_half_of_what_the_server_holds() -> None:
     requests = OpenRequests()
     sent = begun(requests, 10)
-    sent.pop()(ResourceExhausted("the queue is full", 4))
+    sent.pop()(ResourceExhausted("the queue is full", 8))
     with pytest.raises(ResourceExhausted, match="9 requests of this connection are under way"):
         requests.begin(100)
     for _ in range(5):
@@ -49,7 +49,7 @@ def test_a_refusal_limits_what_is_under_way_to_what_the_server_holds() -> None:
 def test_the_limit_grows_by_one_for_as_many_answers() -> None:
     requests = OpenRequests()
     first, *others = begun(requests, 4)
-    first(ResourceExhausted("the queue is full", 3))
+    first(ResourceExhausted("the queue is full", 6))
     for _ in range(3):
         others.pop(0)(ANSWER)
         others += begun(requests, 1)
@@ -75,7 +75,7 @@ def test_a_refusal_of_another_kind_limits_nothing() -> None:
 def test_a_smaller_request_than_those_refused_is_sent() -> None:
     requests = OpenRequests()
     first, second, *_ = begun(requests, 4, size=1000)
-    first(ResourceExhausted("the queue is full", 2))
+    first(ResourceExhausted("the queue is full", 4))
     (small,) = begun(requests, 1, size=999)
     with pytest.raises(ResourceExhausted, match="4 requests"):
         requests.begin(1000)
@@ -92,7 +92,7 @@ def test_a_smaller_request_than_those_refused_is_sent() -> None:
 def test_a_request_ends_once() -> None:
     requests = OpenRequests()
     first, second, _ = begun(requests, 3)
-    first(ResourceExhausted("the queue is full", 2))
+    first(ResourceExhausted("the queue is full", 4))
     second(ANSWER)
     second(ANSWER)
     assert room_in(requests) == 1

@@ -12,11 +12,11 @@ Ended = Callable[[object], None]
 class OpenRequests:
     """Refuses here what the server would refuse. Thread-safe.
 
-    A server that refuses a request says how many others of this client it holds. From then on, so many
+    A server that refuses a request says how many others of this client it holds. From then on, half as many
     may be under way: what goes beyond costs neither side a message. A request of fewer bytes than any that
     was refused may still find room, so that it is sent. After as many answers as may be under way, it is
-    one more, as TCP's window grows while nothing is lost (RFC 5681). Once none is under way, there is no
-    limit.
+    one more. So TCP's window is halved at a loss and grows while nothing is lost (RFC 5681). Once none is
+    under way, there is no limit.
     """
 
     def __init__(self) -> None:
@@ -62,7 +62,7 @@ class OpenRequests:
         self._open -= 1
         if isinstance(outcome, ResourceExhausted) and outcome.open_requests is not None:
             self._least_size = size if self._limit is None else min(self._least_size, size)
-            self._limit, self._answers = max(outcome.open_requests, 1), 0
+            self._limit, self._answers = max(outcome.open_requests // 2, 1), 0
         elif self._limit is not None and not isinstance(outcome, RequestError):
             self._answers += 1
             if self._answers >= self._limit:
