@@ -30,6 +30,10 @@ LATE_STEPS: Final = 0.25
 MOST_OTHERS: Final = 0.1
 """Processors that other programs may take in the mean."""
 
+TRIES: Final = 2
+MOST_TRIES: Final = 5
+"""A number does not fit if so many attempts failed while nothing else ran, or so many in all."""
+
 _HEAD_START_S: Final = 0.2
 
 
@@ -54,6 +58,11 @@ class Attempt:
     errors: dict[str, int]
     server_cpu: float
     others_cpu: float
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether other programs took too much for it to say that the fingers do not fit."""
+        return self.others_cpu > MOST_OTHERS
 
 
 @dataclass(frozen=True)
@@ -104,7 +113,7 @@ def _attempt(
 def find_capacity(ask: Callable[[int], Attempt], most: int = MAX_ROWS) -> tuple[int, list[Attempt]]:
     """The most fingers that fit, 0 if not even one does; and all attempts.
 
-    A number that does not fit is tried a second time, as another program may have disturbed it.
+    A number that does not fit is tried again, as another program may have disturbed it.
 
     Args:
         ask: tries a number of fingers.
@@ -113,10 +122,14 @@ def find_capacity(ask: Callable[[int], Attempt], most: int = MAX_ROWS) -> tuple[
     attempts: list[Attempt] = []
 
     def fits(fingers: int) -> bool:
-        for _ in range(2):
+        undisturbed = 0
+        for _ in range(MOST_TRIES):
             attempts.append(ask(fingers))
             if attempts[-1].fits:
                 return True
+            undisturbed += not attempts[-1].disturbed
+            if undisturbed == TRIES:
+                break
         return False
 
     low, high = 0, most + 1
@@ -147,13 +160,13 @@ def result_of(
     best = next((attempt for attempt in attempts if attempt.fits and attempt.fingers == fingers), None)
     reasons = []
     if above:
-        nearest = min(above, key=lambda attempt: (attempt.fingers, attempt.generator_late))
+        nearest = min(above, key=lambda each: (each.fingers, each.disturbed, each.generator_late))
         if nearest.generator_late > LATE_SHARE:
             reasons.append(
                 f"at {nearest.fingers} fingers the load generator woke late for "
                 f"{nearest.generator_late:.0%} of the steps: at most {LATE_SHARE:.0%} is allowed"
             )
-        if nearest.others_cpu > MOST_OTHERS:
+        if nearest.disturbed:
             reasons.append(
                 f"at {nearest.fingers} fingers other programs took {nearest.others_cpu:.2g} processors: "
                 f"at most {MOST_OTHERS:g} is allowed"

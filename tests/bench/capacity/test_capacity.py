@@ -38,6 +38,22 @@ def test_what_does_not_fit_once_is_tried_again() -> None:
     assert 91 <= find_capacity(ask, 4096)[0] <= 100
 
 
+def test_a_number_is_tried_until_nothing_else_ran() -> None:
+    tried: list[int] = []
+
+    def ask(fingers: int) -> Attempt:
+        tried.append(fingers)
+        return attempt(fingers, fits=fingers < 64, others=0.4 if tried.count(fingers) < 3 else 0.0)
+
+    found, attempts = find_capacity(ask, 4096)
+    assert found < 64
+    assert tried.count(64) == 4
+    assert result_of("xgb", "lane", 100, found, attempts, 4096)["verdict"] == "VALID"
+    busy = find_capacity(lambda fingers: attempt(fingers, fits=fingers < 64, others=0.4), 4096)
+    assert [each.fingers for each in busy[1]].count(64) == 5
+    assert result_of("xgb", "lane", 100, *busy, 4096)["verdict"] == "INVALID"
+
+
 def test_a_late_generator_makes_a_row_invalid() -> None:
     good = [attempt(64, fits=True), attempt(70, fits=False), attempt(70, fits=False)]
     assert result_of("xgb", "lane", 100, 64, good, 4096)["verdict"] == "VALID"
