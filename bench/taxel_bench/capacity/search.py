@@ -48,7 +48,8 @@ class Attempt:
         generator_late: the share of steps for which the load generator itself woke late.
         errors: by code.
         server_cpu: processors that the server used in the mean.
-        others_cpu: processors that programs used which have no part in this.
+        others_cpu: processors that programs used which have no part in this, on this machine or, where it
+            is a virtual one, on its host.
     """
 
     fingers: int
@@ -200,6 +201,6 @@ def _cpu_s_of_family(process: psutil.Process) -> float:
 
 
 def _busy_s() -> float:
-    """The time that all processors ran programs of this machine; those with `nice` count, too."""
+    """The time that all processors ran programs, also with `nice`, or were not there for a virtual machine."""
     times = psutil.cpu_times()
-    return float(times.user + times.system + getattr(times, "nice", 0.0))
+    return float(times.user + times.system + getattr(times, "nice", 0.0) + getattr(times, "steal", 0.0))
