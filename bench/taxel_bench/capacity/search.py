@@ -201,6 +201,6 @@ def _cpu_s_of_family(process: psutil.Process) -> float:
 
 
 def _busy_s() -> float:
-    """The time that all processors ran programs, also with `nice`, or were not there for a virtual machine."""
+    """The time that all processors ran programs, or that a virtual machine's host took from them."""
     times = psutil.cpu_times()
     return float(times.user + times.system + getattr(times, "nice", 0.0) + getattr(times, "steal", 0.0))
