@@ -27,7 +27,7 @@ from taxel.lane.client import ConnectionLost, LaneConnection
 from taxel.lane.frames import ERROR, pack_cancel, pack_request_head, read_counts, read_error
 from taxel.lane.offer import LaneOffer
 from taxel.protocol import unpackb
-from taxel_server.engine import Engine
+from taxel_server.engine import Engine, LoadedModel
 from taxel_server.transports import lane_connection, lane_transport
 
 WindowMaker = Callable[..., NDArray[np.float32]]
@@ -313,7 +313,7 @@ def test_a_failure_at_one_client_harms_no_other(
 
         patched.setattr(lane_connection, "LaneJob", fail)
         with pytest.raises(Internal, match="log says more"):
-            ask(failing, make_windows(1))
+            ask(failing, make_windows(40))
         patched.setattr(lane_connection, "read_request_head", fail)
         failing.send(SKIN, make_windows(2), 10, 10, spread=False)
         with pytest.raises(ConnectionLost):
@@ -337,6 +337,32 @@ def test_requests_like_the_last_one_and_unlike_it_are_told_apart(
             ask(connection, windows, WIDE)
         with pytest.raises(InvalidArgument, match="expected"):
             ask(connection, windows, SKIN)
+
+
+def test_a_lone_small_request_is_answered_at_once_whatever_was_asked_before(
+    connection: LaneConnection, engine: Engine, make_windows: WindowMaker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    threads = set()
+    evaluate = LoadedModel.evaluate
+
+    def noting(model: LoadedModel, windows: NDArray[np.float32]) -> NDArray[np.float32]:
+        threads.add(threading.current_thread().name)
+        return evaluate(model, windows)
+
+    monkeypatch.setattr(lane_connection, "_KINDS", 4)
+    monkeypatch.setattr(LoadedModel, "evaluate", noting)
+    for seed in range(3):
+        for rows in range(1, 9):
+            # Two windows of the one model are as many bytes as one of the other.
+            for path, name, windows in (
+                (SKIN, "skin", make_windows(2 * rows, 6, seed)),
+                (WIDE, "wide", make_windows(rows, 12, seed)),
+            ):
+                np.testing.assert_array_equal(
+                    ask(connection, windows, path), engine.model(name).runtime.evaluate(windows)
+                )
+    assert len(threads) == 1
+    assert "taxel-batcher" not in threads
 
 
 def test_what_came_before_no_frame_is_answered_first(lane: str, make_windows: WindowMaker) -> None:

@@ -46,8 +46,8 @@ EXTENSIONS: Final = (CANCEL, TRACE_CONTEXT)
 RECEIVE_BYTES: Final = 65_536
 """The most that is received at once."""
 
-_KINDS: Final = 16
-"""Sizes of requests that are remembered."""
+_KINDS: Final = 64
+"""Sizes of requests that are remembered: the last that were new."""
 
 
 class ClientConnection:
@@ -127,15 +127,21 @@ class ClientConnection:
         repeated = self._repeated.get(size)
         if repeated is not None and repeated.is_there():
             model = self._core.model_at(repeated.path)
-            if model and (done := self._core.evaluate_if_idle(model, repeated.windows)) is not None:
+            request_id = int.from_bytes(buffer[ID_AT:ID_END], "little")
+            if model and self._answered_at_once(model, request_id, repeated.windows):
                 self._owed += 1
-                request_id = int.from_bytes(buffer[ID_AT:ID_END], "little")
-                self.send(pack_predictions(request_id, done.counts, len(done.counts), 0, done.compute_us))
-                if (traffic := self._core.traffic) is not None:
-                    traffic.note(self._name, model, repeated.windows, done.counts, done.compute_us)
                 return not self._closed
         self._received = bytes(memoryview(buffer)[:size])
         return False
+
+    def _answered_at_once(self, model: LoadedModel, request_id: int, windows: NDArray[np.float32]) -> bool:
+        done = self._core.evaluate_if_idle(model, windows)
+        if done is None:
+            return False
+        self.send(pack_predictions(request_id, done.counts, len(done.counts), 0, done.compute_us))
+        if (traffic := self._core.traffic) is not None:
+            traffic.note(self._name, model, windows, done.counts, done.compute_us)
+        return True
 
     def read(self) -> bool:
         """Take what has arrived and pass whole requests on; False if the client has gone or must go."""
@@ -143,6 +149,7 @@ class ClientConnection:
         if self._arriving is not None:
             return self._read_into(self._arriving)
         data = self._received
+        alone = data is not None
         if data is None:
             size = self.socket.recv_into(self._buffer)
             data = bytes(memoryview(self._buffer)[:size])
@@ -159,7 +166,7 @@ class ClientConnection:
             data = self._remaining + data
             self._remaining = b""
         try:
-            self._take_requests(data)
+            self._take_requests(data, alone=alone)
         except InvalidArgument as error:
             # Where the next request starts is not known any more.
             self._core.refusals.add(error, client=self._name)
@@ -235,7 +242,7 @@ class ClientConnection:
         if not arriving.missing:
             self._forget_arriving()
             head = arriving.head
-            self._hand_on(arriving.model, head, arriving.windows)
+            self._hand_on(arriving.model, head, arriving.windows, at_once=False)
         return size > 0
 
     def _forget_arriving(self) -> None:
@@ -243,8 +250,13 @@ class ClientConnection:
             self._budget.give(self._arriving.windows.nbytes)
             self._arriving = None
 
-    def _take_requests(self, data: bytes) -> None:
-        """Pass on the requests in `data`, which starts with the head of one."""
+    def _take_requests(self, data: bytes, *, alone: bool) -> None:
+        """Pass on the requests in `data`, which starts with the head of one.
+
+        Args:
+            data: what has arrived.
+            alone: whether no other client has sent anything.
+        """
         at, end = 0, len(data)
         while end - at >= HEAD_BYTES:
             if data[at + KIND_AT] == CANCELLATION:
@@ -272,17 +284,19 @@ class ClientConnection:
                     # A window that waits must not keep all the bytes that it came with.
                     if head.size < end:
                         windows = windows.copy()
-                    self._hand_on(model, head, windows)
-                    if head.size == end <= RECEIVE_BYTES and may_be_repeated(head):
+                    usual = head.size == end <= RECEIVE_BYTES and may_be_repeated(head)
+                    self._hand_on(model, head, windows, at_once=alone and usual)
+                    if usual:
                         self._remember(data, head, path)
             at = stop
         self._remaining = data[at:]
 
     def _remember(self, data: bytes, head: RequestHead, path: str) -> None:
         """Expect more requests like this one."""
-        if head.size in self._repeated or len(self._repeated) < _KINDS:
-            self._buffer[: len(data)] = data
-            self._repeated[head.size] = Repeated(self._buffer, head, path)
+        if head.size not in self._repeated and len(self._repeated) >= _KINDS:
+            del self._repeated[next(iter(self._repeated))]
+        self._buffer[: len(data)] = data
+        self._repeated[head.size] = Repeated(self._buffer, head, path)
 
     def _await_remaining(self, head: RequestHead, model: LoadedModel, data: memoryview) -> None:
         size = head.size - head.data_at
@@ -306,8 +320,12 @@ class ClientConnection:
             )
         return model
 
-    def _hand_on(self, model: LoadedModel, head: RequestHead, windows: NDArray[np.float32]) -> None:
+    def _hand_on(
+        self, model: LoadedModel, head: RequestHead, windows: NDArray[np.float32], *, at_once: bool
+    ) -> None:
         try:
+            if at_once and self._answered_at_once(model, head.id, windows):
+                return
             job = LaneJob(self.send, model, head, windows, self._client, self)
             job.caller = self._name
             self._core.submit(job)
