@@ -176,7 +176,7 @@ class Batcher:
         if refusal is not None:
             self._answers.count_error(ticket.model, ResourceExhausted.code)
             open_requests = self._policy.shares.of(ticket.client).requests
-            # No variable may hold the error: it holds this frame, and both the request, until a collection.
+            # A variable that held the error would keep this frame, and so the request, until a collection.
             raise ResourceExhausted(f"{refusal}; try again later", open_requests)
 
     def _wake(self) -> None:
