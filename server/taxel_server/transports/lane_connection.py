@@ -149,7 +149,6 @@ class ClientConnection:
         if self._arriving is not None:
             return self._read_into(self._arriving)
         data = self._received
-        alone = data is not None
         if data is None:
             size = self.socket.recv_into(self._buffer)
             data = bytes(memoryview(self._buffer)[:size])
@@ -166,7 +165,7 @@ class ClientConnection:
             data = self._remaining + data
             self._remaining = b""
         try:
-            self._take_requests(data, alone=alone)
+            self._take_requests(data)
         except InvalidArgument as error:
             # Where the next request starts is not known any more.
             self._core.refusals.add(error, client=self._name)
@@ -242,7 +241,7 @@ class ClientConnection:
         if not arriving.missing:
             self._forget_arriving()
             head = arriving.head
-            self._hand_on(arriving.model, head, arriving.windows, at_once=False)
+            self._hand_on(arriving.model, head, arriving.windows)
         return size > 0
 
     def _forget_arriving(self) -> None:
@@ -250,13 +249,8 @@ class ClientConnection:
             self._budget.give(self._arriving.windows.nbytes)
             self._arriving = None
 
-    def _take_requests(self, data: bytes, *, alone: bool) -> None:
-        """Pass on the requests in `data`, which starts with the head of one.
-
-        Args:
-            data: what has arrived.
-            alone: whether no other client has sent anything.
-        """
+    def _take_requests(self, data: bytes) -> None:
+        """Pass on the requests in `data`, which starts with the head of one."""
         at, end = 0, len(data)
         while end - at >= HEAD_BYTES:
             if data[at + KIND_AT] == CANCELLATION:
@@ -284,9 +278,8 @@ class ClientConnection:
                     # A window that waits must not keep all the bytes that it came with.
                     if head.size < end:
                         windows = windows.copy()
-                    usual = head.size == end <= RECEIVE_BYTES and may_be_repeated(head)
-                    self._hand_on(model, head, windows, at_once=alone and usual)
-                    if usual:
+                    self._hand_on(model, head, windows)
+                    if head.size == end <= RECEIVE_BYTES and may_be_repeated(head):
                         self._remember(data, head, path)
             at = stop
         self._remaining = data[at:]
@@ -320,12 +313,8 @@ class ClientConnection:
             )
         return model
 
-    def _hand_on(
-        self, model: LoadedModel, head: RequestHead, windows: NDArray[np.float32], *, at_once: bool
-    ) -> None:
+    def _hand_on(self, model: LoadedModel, head: RequestHead, windows: NDArray[np.float32]) -> None:
         try:
-            if at_once and self._answered_at_once(model, head.id, windows):
-                return
             job = LaneJob(self.send, model, head, windows, self._client, self)
             job.caller = self._name
             self._core.submit(job)
