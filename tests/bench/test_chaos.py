@@ -48,7 +48,6 @@ def test_each_figure_of_a_flood_is_judged_by_its_bar() -> None:
     assert [bar.holds for bar in bars_of(flood)] == [True, False, False, True]
     kind = {"answered_per_s": 79.0, "refusal_ms": None, "polite": {"errors": {}}, "after_mib": 111.0}
     assert [bar.holds for bar in bars_of(flood | kind)] == [False, True, True, False]
-    assert [bar.verdict for bar in bars_of(flood | {"flooder": "zenoh"})][:2] == ["VALID", "not judged"]
 
 
 def test_only_refusals_count_as_refusals_and_only_answers_in_time_as_answers() -> None:

@@ -149,14 +149,14 @@ def busy(batcher: Batcher, model: LoadedModel, runtime: Recorder) -> Iterator[Me
 
 def test_idle_means_that_nothing_waits(model: LoadedModel, runtime: Recorder) -> None:
     with batching() as batcher, ThreadPoolExecutor(1) as pool:
-        batcher.wait_until_idle(3600)
+        assert batcher.wait_until_idle(3600)
         with busy(batcher, model, runtime) as first:
-            batcher.wait_until_idle(0.001)  # The time is over.
+            assert not batcher.wait_until_idle(0.01)
             waiting = pool.submit(batcher.wait_until_idle, 3600)
             assert not waiting.done()
-        waiting.result(10)
+        assert waiting.result(10)
         assert values_of(first) == [-1]
-        batcher.wait_until_idle(3600)
+        assert batcher.wait_until_idle(3600)
 
 
 def test_no_request_waits_for_the_garbage_collector(
@@ -180,7 +180,7 @@ def test_no_request_waits_for_the_garbage_collector(
                     "late": submitted(ForgetfulJob(model, windows_of(3), timeout_ms=0.001)),
                     "failed": submitted(ForgetfulJob(model, windows_of(POISON))),
                 }
-            batcher.wait_until_idle(10)
+            assert batcher.wait_until_idle(10)
             assert [what for what, job in jobs.items() if job() is not None] == []
     finally:
         gc.enable()

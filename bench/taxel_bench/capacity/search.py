@@ -165,7 +165,7 @@ def result_of(
         if nearest.generator_late > LATE_SHARE:
             reasons.append(
                 f"at {nearest.fingers} fingers the load generator woke late for "
-                f"{nearest.generator_late:.0%} of the steps: at most {LATE_SHARE:.0%} is allowed"
+                f"{nearest.generator_late * 100:.3g}% of the steps: at most {LATE_SHARE:.0%} is allowed"
             )
         if nearest.disturbed:
             reasons.append(

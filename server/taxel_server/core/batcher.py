@@ -75,10 +75,8 @@ class Batcher:
         self._policy: Policy[Job] = Policy(limits, max_batch_rows)
         self._lock = Lock()
         self._bell: SimpleQueue[None] = SimpleQueue()
-        self._sleeps = False
-        """Whether the worker waits for the bell."""
         self._idle = Event()
-        """Set while nothing waits."""
+        """Set while nothing waits, and the worker for the bell."""
         self._memory = FreeMemory()
         self.shadows: Final = Shadows()
         self._stopping = False
@@ -168,9 +166,9 @@ class Batcher:
         with self._lock:
             self._refuse(ticket, self._policy.refusal(ticket))
 
-    def wait_until_idle(self, seconds: float) -> None:
-        """Return once nothing waits, or after so many seconds."""
-        self._idle.wait(seconds)
+    def wait_until_idle(self, seconds: float) -> bool:
+        """Return once nothing waits, or after so many seconds; whether nothing waits."""
+        return self._idle.wait(seconds)
 
     def _refuse(self, ticket: Ticket, refusal: str | None) -> None:
         if refusal is not None:
@@ -180,8 +178,7 @@ class Batcher:
             raise ResourceExhausted(f"{refusal}; try again later", open_requests)
 
     def _wake(self) -> None:
-        if self._sleeps:
-            self._sleeps = False
+        if self._idle.is_set():
             self._idle.clear()
             self._bell.put(None)
 
@@ -297,8 +294,7 @@ class Batcher:
                 chosen = self._policy.next(now)
                 if chosen is None and self._stopping and not dropped:
                     return None
-                self._sleeps = chosen is None and not dropped
-                if self._sleeps:
+                if chosen is None and not dropped:
                     self._idle.set()
             if chosen is not None:
                 return chosen

@@ -70,8 +70,8 @@ class Core:
         """Carries out an operator's order, and answers it once; False if the path is none."""
         self.check_room: Callable[[Ticket], None] = self._batcher.check_room
         """Raises if a request would be refused now: asked before its windows are read."""
-        self.wait_until_idle: Callable[[float], None] = self._batcher.wait_until_idle
-        """Returns once nothing waits, at the latest after so many seconds."""
+        self.wait_until_idle: Callable[[float], bool] = self._batcher.wait_until_idle
+        """Returns once nothing waits, at the latest after so many seconds: whether nothing waits."""
 
     @property
     def progress(self) -> tuple[bool, int, int]:

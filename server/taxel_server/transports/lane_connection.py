@@ -47,7 +47,7 @@ RECEIVE_BYTES: Final = 65_536
 """The most that is received at once."""
 
 _KINDS: Final = 64
-"""Sizes of requests that are remembered: the last that were new."""
+"""Sizes of requests that are remembered, the last that were new: a model has 16 that are answered alone."""
 
 
 class ClientConnection:
@@ -127,21 +127,15 @@ class ClientConnection:
         repeated = self._repeated.get(size)
         if repeated is not None and repeated.is_there():
             model = self._core.model_at(repeated.path)
-            request_id = int.from_bytes(buffer[ID_AT:ID_END], "little")
-            if model and self._answered_at_once(model, request_id, repeated.windows):
+            if model and (done := self._core.evaluate_if_idle(model, repeated.windows)) is not None:
                 self._owed += 1
+                request_id = int.from_bytes(buffer[ID_AT:ID_END], "little")
+                self.send(pack_predictions(request_id, done.counts, len(done.counts), 0, done.compute_us))
+                if (traffic := self._core.traffic) is not None:
+                    traffic.note(self._name, model, repeated.windows, done.counts, done.compute_us)
                 return not self._closed
         self._received = bytes(memoryview(buffer)[:size])
         return False
-
-    def _answered_at_once(self, model: LoadedModel, request_id: int, windows: NDArray[np.float32]) -> bool:
-        done = self._core.evaluate_if_idle(model, windows)
-        if done is None:
-            return False
-        self.send(pack_predictions(request_id, done.counts, len(done.counts), 0, done.compute_us))
-        if (traffic := self._core.traffic) is not None:
-            traffic.note(self._name, model, windows, done.counts, done.compute_us)
-        return True
 
     def read(self) -> bool:
         """Take what has arrived and pass whole requests on; False if the client has gone or must go."""

@@ -43,7 +43,7 @@ _CHANNEL: Final = 2
 """The most queries in the channel; if it is full, zenoh reads no more, and clients wait to send.
 
 What is in it is neither counted nor refused yet. While the queue is full, all of it is refused between two
-pauses; with 16, a client that asks for little would wait for it, and get half as many answers in a flood.
+pauses. A longer one makes a client that asks for little wait for the refusals of others.
 """
 
 _REFUSALS: Final = 2

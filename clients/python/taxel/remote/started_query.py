@@ -66,7 +66,7 @@ class StartedQuery:
             try:
                 raise outcome
             finally:
-                # It holds this frame. A variable that held it would keep both, and the windows.
+                # The error holds this frame. A variable that holds the error keeps both until a collection.
                 del outcome
         if outcome is None:
             self._stranger = reply
