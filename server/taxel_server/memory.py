@@ -20,8 +20,7 @@ def limit_arenas() -> None:
     """Let all threads allocate from two arenas, where it is glibc; call it before threads start.
 
     glibc would give nearly each thread of zenoh an arena of its own. What a flood leaves in use in each of
-    them keeps memory: 7 to 11 % more than before the flood, in place of 2 to 5 %. Requests take as long as
-    with more arenas. The environment variable MALLOC_ARENA_MAX decides if it is set.
+    them keeps memory (docs/results/chaos). The environment variable MALLOC_ARENA_MAX decides if it is set.
     """
     if sys.platform == "linux" and "MALLOC_ARENA_MAX" not in os.environ:
         library = ctypes.CDLL(None)
