@@ -7,7 +7,7 @@ from pydantic import Field, FiniteFloat, StringConstraints, model_validator
 from taxel.channels import CHANNELS
 from taxel.corrections import AppliedEffect
 from taxel.errors import InvalidArgument
-from taxel.schema import NotNegativePerChannel, Positive, Schema
+from taxel.schema import NotNegativePerChannel, PerChannel, Positive, Schema
 from taxel.trained_contacts import TrainedContacts
 from taxel.windows import PERIOD_NS, ExtraFeature, WindowSpec
 
@@ -220,6 +220,22 @@ class KindResidual(Schema):
     herfindahl: Annotated[float, Field(gt=0, lt=1)]
 
 
+class CorrelatedResidual(Schema):
+    """How the errors of the channels go along with each other.
+
+    Attributes:
+        precision: (21, 21) inverse of their covariance, counts⁻².
+        shared: the part of each whitened channel's variance that a whole contact shares.
+        fading: the part that fades within seconds.
+        structure: what a change of one channel alone explains, by effect; its gain is over the noise.
+    """
+
+    precision: tuple[PerChannel, ...]
+    shared: NotNegativePerChannel
+    fading: NotNegativePerChannel
+    structure: dict[str, OwnStructure] = Field(default_factory=dict)
+
+
 class HeldOutResidual(Schema):
     """A model's residual on the recordings that its training held out: what it gets wrong anyway.
 
@@ -232,6 +248,7 @@ class HeldOutResidual(Schema):
         one_kind: what a recording of one kind alone shows, by the column that names kinds.
         sensitivity_change: the factor by which each channel's sensitivity seems to change in the course of
             it; none in a manifest of an earlier version.
+        correlated: how the errors of its channels go along with each other; likewise.
     """
 
     rows: Annotated[int, Field(gt=0)]
@@ -241,6 +258,7 @@ class HeldOutResidual(Schema):
     structure: dict[str, OwnStructure] = Field(default_factory=dict)
     one_kind: dict[str, KindResidual] = Field(default_factory=dict)
     sensitivity_change: NotNegativePerChannel | None = None
+    correlated: CorrelatedResidual | None = None
 
 
 class ModelFile(Schema):

@@ -113,6 +113,17 @@ class Observations:
         """(n, 21) the model file's counts about rest."""
         return self.base - self.rest
 
+    def seen_as(self, counts: Floats, predicted: Floats, rest: Floats | None) -> "Observations":
+        """The same with other counts (n, 21) as the signal, and another prediction (n, 21).
+
+        Args:
+            rest: (21,) of the signal; None for what these counts are at rest.
+        """
+        seen = replace(self, base=counts, predicted=predicted)
+        if rest is not None:
+            seen.__dict__["rest"] = rest
+        return seen
+
     @cached_property
     def log_impedance_slope(self) -> Floats:
         """(n, 21) what the model file's counts change by with ln Z; 1 for `pac0` and `pdc`."""

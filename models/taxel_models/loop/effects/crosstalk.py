@@ -19,6 +19,7 @@ class Crosstalk(Effect):
     """Each channel adds a part of one other channel's signal."""
 
     name = "crosstalk"
+    follows = "measured"
     looks_at_residual = True
     equation = "delta_c = a (p_j - rest_j), j another channel"
     source = "shared wiring and the converter's multiplexer; one source a channel is assumed"
@@ -27,8 +28,11 @@ class Crosstalk(Effect):
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
         weight = np.sqrt(remaining.row_weights[remaining.fit])[:, None]
+        own = observations.predicted - observations.rest
         sources = _best_sources(
-            observations.signal[remaining.fit] * weight, remaining.residual[remaining.fit] * weight
+            observations.signal[remaining.fit] * weight,
+            own[remaining.fit] * weight,
+            remaining.residual[remaining.fit] * weight,
         )
         yield self._with(sources, observations)
 
@@ -53,13 +57,14 @@ class Crosstalk(Effect):
         )
 
 
-def _best_sources(signal: Floats, residual: Floats) -> NDArray[np.int64]:
-    """(21,) for each channel, the other one that explains most of its residual beside its own signal."""
-    gram, cross = signal.T @ signal, signal.T @ residual
-    own = np.maximum(np.diag(gram), 1e-9)
+def _best_sources(signal: Floats, own: Floats, residual: Floats) -> NDArray[np.int64]:
+    """(21,) for each channel, the other one whose signal explains most of its residual beside its own."""
+    between, cross = signal.T @ own, signal.T @ residual
+    energy = np.maximum((own**2).sum(axis=0), 1e-9)
+    every = np.maximum((signal**2).sum(axis=0), 1e-9)[:, None]
     # Channel c's own signal is taken out of source j and of the residual.
-    partial_cross = cross - gram * (np.diag(cross) / own)[None, :]
-    partial_energy = np.maximum(own[:, None] - gram**2 / own[None, :], 1e-9 * own[:, None] + 1e-9)
+    partial_cross = cross - between * ((own * residual).sum(axis=0) / energy)[None, :]
+    partial_energy = np.maximum(every - between**2 / energy[None, :], 1e-9 * every + 1e-9)
     explained = partial_cross**2 / partial_energy
     np.fill_diagonal(explained, -1.0)
     return np.asarray(explained.argmax(axis=0))

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ class Fitting:
         prior: (k,) each regressor's prior size over the usual one, for many collinear regressors.
         choices: how many regressors each channel's one was chosen from, or how many motions.
         motion: how many parameters of the inputs were fitted beforehand.
+        jointly: whether it is weighed with the correlation of the channels' errors.
     """
 
     pooled: bool = False
@@ -36,6 +37,7 @@ class Fitting:
     prior: Floats | None = None
     choices: int = 1
     motion: int = 0
+    jointly: bool = False
 
 
 @dataclass(frozen=True)
@@ -148,6 +150,8 @@ class Effect(ABC):
         is_constant: whether it is a constant of each channel. All others are tested beside one.
         is_steady: whether it is nearly constant within a contact, whatever happens there.
         is_predictable: whether a model can predict it. Otherwise it is only reported.
+        follows: what a change of few channels is in proportion to: `expected`, what the model and all other
+            channels foretell of the channel, or `measured` signals of others; None if it changes many.
         is_costly: whether its forms take many predictions. Then it is tried again once at most: after it
             failed alone, beside others.
         equation: what it adds to a channel.
@@ -158,6 +162,7 @@ class Effect(ABC):
     name: ClassVar[str]
     looks_at_residual: ClassVar[bool] = False
     is_costly: ClassVar[bool] = False
+    follows: ClassVar[Literal["expected", "measured"] | None] = None
     is_constant: ClassVar[bool] = False
     is_steady: ClassVar[bool] = False
     is_predictable: ClassVar[bool] = True

@@ -30,6 +30,7 @@ class Gain(Effect):
     """measured - rest = (1 + g) (model - rest); with age, g grows with time."""
 
     name = "gain"
+    follows = "expected"
     equation = "delta_c = (g_c + a_c t) (p_c - rest_c)"
     source = "definition; gain acts on the change about rest, since rest is tared or known apart"
     signature = "the residual is in proportion to the channel's own signal, and zero in free air"

@@ -52,12 +52,15 @@ class Base:
         design: (21, bins, k).
         precision: (21, k) of the weights over the noise's; infinite where a channel has none.
         quantum: (21,) squared, what rounding alone leaves in a bin.
+        known_noise: (21,) mean square of the noise where it is known beforehand but for one factor: of
+            channels that are judged together only, since each alone is not free of the others.
     """
 
     target: Design
     design: Design
     precision: Floats
     quantum: Floats
+    known_noise: Floats | None = None
 
     @property
     def bins(self) -> int:
@@ -90,16 +93,21 @@ class Base:
         left = _left(self.energy.sum(axis=0), self.cross.sum(axis=0), self.gram.sum(axis=0), self.precision)
         return np.asarray(np.maximum(left / self.bins, 0.0) + self.quantum)
 
+    @property
+    def counted_noise(self) -> Floats:
+        """(21,) the noise that weights which channels have in common are found with."""
+        return self.noise if self.known_noise is None else self.known_noise
+
     def with_constant(self, ones: Design) -> Self:
         """With a constant of each channel as the last regressor."""
         precision = np.column_stack([self.precision, np.ones(len(self.precision))])
-        return type(self)(self.target, self.design.beside(ones), precision, self.quantum)
+        return type(self)(self.target, self.design.beside(ones), precision, self.quantum, self.known_noise)
 
     def without_last(self) -> Self:
         """The last regressor has no weight; all products stay as they are."""
         precision = self.precision.copy()
         precision[:, -1] = np.inf
-        other = type(self)(self.target, self.design, precision, self.quantum)
+        other = type(self)(self.target, self.design, precision, self.quantum, self.known_noise)
         other.__dict__.update(gram=self.gram, cross=self.cross, energy=self.energy)
         return other
 
@@ -214,7 +222,7 @@ def weigh(
         total = float((by_channel - usual)[allowed].sum() - price)
         return Weighed(total, 1.0, allowed.astype(float), by_channel)
     if fitting.pooled:
-        return _pooled(gram, cross, energy, half, allowed, constants, usual, positive=fitting.positive)
+        return _pooled(base, gram, cross, energy, allowed, constants, usual, positive=fitting.positive)
     if fitting.positive:
         cross = np.maximum(cross, 0.0)
     values, vectors = np.linalg.eigh(gram)
@@ -244,10 +252,10 @@ def _mixture(factors: Floats, share: float) -> Floats:
 
 
 def _pooled(
+    base: Base,
     gram: Floats,
     cross: Floats,
     energy: Floats,
-    half: float,
     allowed: NDArray[np.bool_],
     constants: Constants,
     usual: Floats | float,
@@ -255,6 +263,8 @@ def _pooled(
     positive: bool,
 ) -> Weighed:
     """Weights that all channels share: the posterior's height and width (Laplace)."""
+    half = 0.5 * base.bins
+    together = None if base.known_noise is None else 1.0 / base.known_noise[allowed]
     anyway = float(np.broadcast_to(usual, allowed.shape)[allowed].sum())
     gram, cross, energy = gram[allowed], cross[allowed], energy[allowed]
     size, found, shown = gram.shape[-1], [], []
@@ -262,13 +272,17 @@ def _pooled(
         precision = np.eye(size) / strength**2
         weights, left = np.zeros(size), energy
         for _ in range(12):
-            counted = 2 * half / left
+            counted = (
+                2 * half / left if together is None else together * half * len(left) * 2 / (together @ left)
+            )
             curvature = (gram * counted[:, None, None]).sum(axis=0) + precision
             weights = np.linalg.solve(curvature, (cross * counted[:, None]).sum(axis=0))
             weights = np.maximum(weights, 0.0) if positive else weights
             left = energy - 2 * cross @ weights + np.einsum("k,ckl,l->c", weights, gram, weights)
             left = np.maximum(left, 1e-9 * energy)
         by_channel = -half * np.log(left / energy)
+        if together is not None:
+            by_channel = np.full(len(left), -half * np.log((together @ left) / (together @ energy)))
         height = by_channel.sum() - 0.5 * weights @ precision @ weights
         volume = 0.5 * np.linalg.slogdet(curvature)[1] + size * np.log(strength)
         found.append(float(height - volume))
@@ -289,7 +303,7 @@ def posterior_weights(
     if fitting.fixed:
         weights = np.broadcast_to(changes[:, None], cross.shape).astype(np.float64)
     elif fitting.pooled:
-        counted = changes / base.noise
+        counted = changes / base.counted_noise
         pooled = (gram * counted[:, None, None]).sum(axis=0) + np.eye(gram.shape[-1]) / weighed.strength**2
         common = np.linalg.solve(pooled, (cross * counted[:, None]).sum(axis=0))
         weights = (np.maximum(common, 0.0) if fitting.positive else common)[None] * changes[:, None]
@@ -331,7 +345,7 @@ def held_out(products: Products, fitting: Fitting, weighed: Weighed, *, seen: bo
         seen: fit to all folds instead.
     """
     base, folds = products.base, products.folds
-    noise = base.noise
+    noise = base.counted_noise
     gain, before = np.empty((2, folds, len(noise)))
     for fold in range(folds):
         tested = np.arange(folds) == fold

@@ -22,7 +22,11 @@ def parameter_correlation(taken: Sequence[Taken], noise: Floats) -> ParameterCor
     Returns:
         None where fewer than two weights are fitted.
     """
-    fitted = [each for each in taken if not each.form.candidate.fitting.fixed]
+    fitted = [
+        each
+        for each in taken
+        if not (each.form.candidate.fitting.fixed or each.form.candidate.fitting.jointly)
+    ]
     names = [f"{each.name}: {name}" for each in fitted for name in each.form.candidate.weight_names]
     if len(names) < 2:
         return None

@@ -20,6 +20,7 @@ from taxel_models.loop.inference.contact_offset import (
     ContactOffset,
     ContactOffsets,
 )
+from taxel_models.loop.inference.correlated_channels import CorrelatedChannels, JointForm
 from taxel_models.loop.inference.evidence import (
     Base,
     Design,
@@ -119,6 +120,9 @@ class Scoring:
         self._usual = Usual(reference, self.bins.fold, self.whitening.scale)
         if not self._usual.knows(ContactOffset.name):
             self.out_of_scope[ContactOffset.name] = SCATTER_UNKNOWN
+        self._joint: CorrelatedChannels | None = None
+        if reference is not None and reference.correlated is not None:
+            self._joint = CorrelatedChannels(observations, self.bins, reference.correlated, constants)
         row_weights = self.whitening.row_weights(len(observations))
         self._mean_row_weights = row_weights.mean(axis=1)
         self._contacts = ContactOffsets(
@@ -196,7 +200,7 @@ class Scoring:
             forms = self._forms_of(effect, left)
             if forms:
                 score = self._score(effect, forms, bases)
-                found.append(score)
+                found.append(self._likelier(score, self._jointly(effect, taken), taken))
                 weak = score.log_evidence <= 0 or score.t < self.constants.least_t
                 if effect.is_costly and (weak or score.worth.mean() < self.constants.least_share):
                     self._hopeless[effect.label] = beside
@@ -250,6 +254,36 @@ class Scoring:
         sizes = tuple((option.form.freedom, option.log_evidence) for option in weighed)
         return replace(best, log_evidence=total, most_gain=most_gain, forms=sizes)
 
+    def _likelier(self, score: Score, joint: Score | None, taken: Sequence[Taken]) -> Score:
+        """A change of a few channels in place of an effect's other forms, if it repeats and they do not."""
+        beside_others = bool(taken)
+        if joint is None or not self.stands(joint, beside_others):
+            return score
+        if joint.log_evidence <= self._many_channels(taken):
+            return score
+        if score.log_evidence > joint.log_evidence and self.stands(score, beside_others):
+            return score
+        return joint
+
+    def _many_channels(self, taken: Sequence[Taken]) -> float:
+        """The evidence of the likeliest other effect, of many channels, on the scale of few of them."""
+        assert self._joint is not None
+        left = self.residual(taken)
+        names = {each.name for each in taken}
+        found = [0.0]
+        for effect in self._effects:
+            if effect.follows is None and effect.label not in names and not effect.is_costly:
+                forms = [form.candidate for form in self._forms_of(effect, left)]
+                found.append(self._joint.log_evidence(effect.label, forms, left))
+        return max(found)
+
+    def _jointly(self, effect: Effect, taken: Sequence[Taken]) -> Score | None:
+        if self._joint is None or effect.follows is None:
+            return None
+        left = self.residual(taken)
+        remaining = Remaining(left, self._blocks.fit, self._mean_row_weights)
+        return self._joint.best(effect, left, remaining)
+
     def stands(self, score: Score, beside_others: bool) -> bool:
         """Whether an effect repeats over the held-out folds and removes enough to be named.
 
@@ -263,7 +297,8 @@ class Scoring:
             return bool(score.worth.mean() >= constants.clear_share)
         if score.worth.mean() >= constants.least_share:
             return True
-        if score.form.candidate.fitting.pooled:
+        fitting = score.form.candidate.fitting
+        if fitting.pooled:
             # What all channels share is not told by one of them.
             return False
         # The t above weighs channels by what other folds show: chance does not choose a clear one.
@@ -390,6 +425,8 @@ class Scoring:
 
     def weights(self, taken: Taken, others: Sequence[Taken], fold: int | None = None) -> Floats:
         """(21, k) weights of a named effect beside others, by the fit part or all of it but one fold."""
+        if self._joint is not None and isinstance(taken.form, JointForm):
+            return self._joint.weights(taken.form, self.residual(others), taken.weighed.strength, fold)
         products = Products.of(self.base(others), taken.form.design)
         kept = None if fold is None else np.arange(products.folds) != fold
         _, scaled = posterior_weights(products, taken.form.candidate.fitting, taken.weighed, kept)
@@ -397,6 +434,8 @@ class Scoring:
 
     def beside(self, taken: Taken, others: Sequence[Taken]) -> tuple[Weighed, HeldOut]:
         """A named effect's own form, weighed and tested beside the others."""
+        if self._joint is not None and isinstance(taken.form, JointForm):
+            return self._joint.beside(taken.form, self.residual(others))
         products = Products.of(self.base(others), taken.form.design)
         fitting = taken.form.candidate.fitting
         weighed = weigh(products, fitting, self.constants)

@@ -18,7 +18,7 @@ from taxel_models.loop.basis import Basis, Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.inference.constants import Constants
 
-_ROUNDING: Final = 12**-0.5
+ROUNDING: Final = 12**-0.5
 """Standard deviation of rounding to whole counts."""
 
 _SHARES: Final = np.linspace(0.0, 0.9, 10)
@@ -160,20 +160,28 @@ class Whitening:
         shape: of the noise.
         residual: (n, 21) counts.
         constants: of the inference.
+        rounding: standard deviation of what rounding leaves of the residual.
 
     Attributes:
         scale: (21,) standard deviation of a channel's residual, counts; at least that of rounding.
         quantum: (21,) squared, what rounding to whole counts leaves, over the scale.
     """
 
-    def __init__(self, bins: Bins, shape: NoiseShape, residual: Floats, constants: Constants) -> None:
+    def __init__(
+        self,
+        bins: Bins,
+        shape: NoiseShape,
+        residual: Floats,
+        constants: Constants,
+        rounding: Floats | float = ROUNDING,
+    ) -> None:
         self.bins = bins
         self._shape = shape
         self._step = bins.seconds / constants.fading_s
         self._factors: dict[int, Floats] = {}
         self._counts = np.ones((len(CHANNELS), len(bins)))
-        self.scale = np.maximum(residual[bins.order].std(axis=0), _ROUNDING)
-        self.quantum = (_ROUNDING / self.scale) ** 2
+        self.scale = np.maximum(residual[bins.order].std(axis=0), rounding)
+        self.quantum = (rounding / self.scale) ** 2
         white = self(bins.means(residual.T[:, :, None]))[:, :, 0]
         size = np.array([np.sqrt((white[:, block] ** 2).mean(axis=1)) for block in bins.blocks])
         most = constants.robust * np.median(size, axis=0)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from taxel.channels import CHANNELS
+from taxel_models.loop.effects.effect import Fitting
 from taxel_models.loop.inference.evidence import Design
 from taxel_models.loop.inference.parameter_correlation import parameter_correlation
 
@@ -23,7 +24,7 @@ class Fitted:
 def fitted(name: str, values: np.ndarray, *, pooled: bool, changes: np.ndarray) -> Any:
     size = values.shape[2]
     names = tuple(f"w{place}" for place in range(size))
-    fitting = SimpleNamespace(pooled=pooled, fixed=False)
+    fitting = Fitting(pooled=pooled)
     candidate = SimpleNamespace(fitting=fitting, weight_names=names)
     form = SimpleNamespace(
         candidate=candidate, design=Design(values, np.zeros(values.shape[1], int)), size=size

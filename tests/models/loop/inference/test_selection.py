@@ -362,7 +362,7 @@ def test_one_channel_may_be_enough(
 )
 def test_what_the_model_gets_wrong_anyway_is_no_doubt(t: float, with_usual: float, doubt: bool) -> None:
     def score(evidence: float, t: float, with_usual: float) -> Any:
-        form = SimpleNamespace(candidate=SimpleNamespace(form="a form"))
+        form = SimpleNamespace(candidate=SimpleNamespace(form="a form", fitting=Fitting()))
         return SimpleNamespace(
             name="an effect", form=form, freedom=21, log_evidence=evidence, t=t, t_with_usual=with_usual
         )
@@ -375,7 +375,7 @@ def test_what_the_model_gets_wrong_anyway_is_no_doubt(t: float, with_usual: floa
 @pytest.mark.parametrize("has_constant", [True, False])
 def test_a_constant_is_named_where_the_likeliest_effect_is_in_doubt(has_constant: bool) -> None:
     def score(name: str, evidence: float, repeats: bool) -> Any:
-        form = SimpleNamespace(candidate=SimpleNamespace(form="a form", certain=False))
+        form = SimpleNamespace(candidate=SimpleNamespace(form="a form", certain=False, fitting=Fitting()))
         effect = SimpleNamespace(is_constant=name == "offset")
         t = 6.0 if repeats else 2.0
         return SimpleNamespace(

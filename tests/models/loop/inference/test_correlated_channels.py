@@ -1,0 +1,240 @@
+"""Channels whose errors go along with each other are fitted together, as generalised least squares does."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from taxel.channels import CHANNELS, COUNTS_MAX
+from taxel.manifest import HeldOutResidual
+from taxel_models.loop.blocks import cut
+from taxel_models.loop.effects.crosstalk import Crosstalk
+from taxel_models.loop.effects.drift import Drift
+from taxel_models.loop.effects.effect import Remaining
+from taxel_models.loop.effects.gain import Gain
+from taxel_models.loop.effects.registry import candidates
+from taxel_models.loop.inference.constants import DECLARED
+from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
+from taxel_models.loop.inference.precision import (
+    OWN_NOISE,
+    likeliest_own_noise,
+    parts_of,
+    precision_of,
+    root_of,
+    without_itself,
+)
+from taxel_models.loop.inference.reference import held_out_residual
+from taxel_models.loop.inference.score import UNSHRUNK
+from taxel_models.loop.inference.selection import JointSelection
+from taxel_models.loop.inference.whitening import Bins
+from taxel_models.loop.observations import Observations, gather
+from taxel_models.recordings import Recording
+
+Make = Callable[..., Recording]
+Floats = NDArray[np.float64]
+
+COMMON = 40.0
+"""SD of the error that all electrodes have in common, counts; each one's own has 4."""
+
+
+def errs_alike(recording: Recording, seed: int) -> Recording:
+    """With an error that wanders within a second, of the electrodes together, each to its own degree."""
+    random = np.random.default_rng(seed)
+    rows = len(recording)
+    knots = random.normal(size=rows // 40 + 2)
+    wander = np.interp(np.arange(rows) / 40.0, np.arange(len(knots)), knots)
+    degree = np.random.default_rng(77).uniform(0.5, 1.5, 19) * COMMON
+    counts = recording.channels.copy()
+    counts[:, 2:] += wander[:, None] * degree
+    return replace(recording, channels=np.clip(np.rint(counts), 0, COUNTS_MAX))
+
+
+def weaker(recording: Recording, name: str, share: float) -> Recording:
+    """A channel loses a share of its signal."""
+    column = CHANNELS.index(name)
+    counts = recording.channels.copy()
+    own = counts[:, column]
+    counts[:, column] = np.rint(own - share * (own - own.mean()))
+    return replace(recording, channels=counts)
+
+
+def leaks(recording: Recording, source: str, to: str, share: float) -> Recording:
+    """A channel gets a share of another one's signal."""
+    counts = recording.channels.copy()
+    own = counts[:, CHANNELS.index(source)]
+    counts[:, CHANNELS.index(to)] += np.rint(share * (own - own.mean()))
+    return replace(recording, channels=counts)
+
+
+@pytest.fixture(scope="module")
+def reference(smooth: Any, make: Make) -> HeldOutResidual:
+    found = held_out_residual(smooth, [errs_alike(make(seed=8), seed=1)])
+    assert found is not None
+    assert found.correlated is not None
+    return found
+
+
+@pytest.fixture(scope="module")
+def recording(make: Make) -> Recording:
+    return errs_alike(make(seed=4), seed=2)
+
+
+def named(smooth: Any, recording: Recording, reference: HeldOutResidual | None) -> list[tuple[str, str]]:
+    """The effects that are found, each with its form."""
+    observations = gather(smooth, [recording])
+    effects = [one for one in candidates(observations) if one.label in ("gain", "crosstalk", "offset")]
+    found = JointSelection(observations, cut(observations, seed=0), effects, reference=reference).run()
+    return [(one.name, one.candidate.form) for one in found.named]
+
+
+def test_the_precision_is_the_inverse_of_the_covariance_with_some_noise_of_each_channel_added() -> None:
+    random = np.random.default_rng(0)
+    residual = random.normal(size=(5000, 21)) @ random.normal(size=(21, 21)) * 10 + 3.0
+    covariance = np.cov(residual.T, bias=True)
+    expected = np.linalg.inv(covariance + 0.03 * np.diag(np.diag(covariance)))
+    np.testing.assert_allclose(precision_of(residual, 0.03), expected, rtol=1e-8)
+
+
+def test_its_root_leaves_no_correlation() -> None:
+    random = np.random.default_rng(1)
+    residual = random.normal(size=(5000, 21)) @ random.normal(size=(21, 21)) * 10
+    precision = np.linalg.inv(np.cov(residual.T, bias=True))
+    root = root_of(precision)
+    np.testing.assert_allclose(root.T @ root, precision, rtol=1e-8)
+    np.testing.assert_allclose(np.cov((residual @ root.T).T, bias=True), np.eye(21), atol=1e-8)
+
+
+def test_each_part_is_whitened_by_the_others() -> None:
+    random = np.random.default_rng(2)
+    residual = random.normal(size=(600, 21)) @ random.normal(size=(21, 21))
+    unit = np.repeat(np.arange(6), 100)
+    parts = parts_of(unit)
+    precisions = [precision_of(residual[~part], 0.01) for part in parts]
+    whiten = without_itself(parts, precisions)
+    root = root_of(precision_of(residual[unit != 2], 0.01))
+    errors = whiten(residual)
+    np.testing.assert_allclose(errors[unit == 2], residual[unit == 2] @ root.T)
+    np.testing.assert_allclose(whiten(2.0 * residual), 2.0 * errors)
+
+
+@pytest.mark.parametrize(("rows", "least", "most"), [(20_000, 0.0, 0.001), (30, 0.003, 1.0)])
+def test_few_rows_need_more_noise_of_each_channel(rows: int, least: float, most: float) -> None:
+    random = np.random.default_rng(3)
+    common = random.normal(size=(rows, 1)) * 10.0
+    residual = common + random.normal(size=(rows, 21))
+    found = likeliest_own_noise(residual, parts_of(np.arange(rows) // 3))
+    assert found in OWN_NOISE
+    assert least <= found <= most
+
+
+def test_weights_are_those_of_generalised_least_squares(
+    smooth: Any, recording: Recording, reference: HeldOutResidual
+) -> None:
+    """Of bins without correlation in time: (X' S^-1 X)^-1 X' S^-1 y, written out for all channels."""
+    observations = gather(smooth, [weaker(recording, "e4", 0.3)])
+    blocks = cut(observations, seed=0)
+    bins = Bins.of(blocks, DECLARED.bin_s)
+    assert reference.correlated is not None
+    nothing = (0.0,) * len(CHANNELS)
+    white = reference.correlated.model_copy(update={"shared": nothing, "fading": nothing})
+    joint = CorrelatedChannels(observations, bins, white, replace(DECLARED, robust=1e9))
+    left = observations.residual
+    rows = len(observations)
+    remaining = Remaining(left, blocks.fit, np.ones(rows))
+    best = joint.best(Gain(), left, remaining)
+    assert best is not None
+    assert best.form.channels == [CHANNELS.index("e4")]
+    found = joint.weights(best.form, left, UNSHRUNK, None)
+    column = CHANNELS.index("e4")
+    assert np.flatnonzero(found.any(axis=1)).tolist() == [column]
+
+    precision = np.array(white.precision)
+    own = bins.of_basis(best.form.candidate.basis)[column]
+    # The constants' prior is as wide as the channel's error, so that it hardly counts over all bins.
+    target = bins.means(left.T[:, :, None])[:, :, 0]
+    target = target - target.mean(axis=1, keepdims=True)
+    own = own - own.mean(axis=0)
+    gram = precision[column, column] * own.T @ own
+    cross = own.T @ (precision @ target)[column]
+    np.testing.assert_allclose(found[column], np.linalg.solve(gram, cross), rtol=0.02)
+
+
+def test_a_change_of_one_electrode_stands_out_from_errors_that_all_have(
+    smooth: Any, recording: Recording, reference: HeldOutResidual
+) -> None:
+    dying = weaker(recording, "e4", 0.25)
+    ((name, form),) = named(smooth, dying, reference)
+    assert name == "gain"
+    assert "e4, beside all others" in form
+    alone = reference.model_copy(update={"correlated": None})
+    assert named(smooth, dying, alone) == []
+
+
+def test_a_leak_is_told_from_the_measured_signal_of_its_source(
+    smooth: Any, recording: Recording, reference: HeldOutResidual
+) -> None:
+    (name, form), *_ = named(smooth, leaks(recording, "e8", "e9", 0.25), reference)
+    assert name == "crosstalk"
+    assert "e9, beside all others" in form
+
+
+def test_nothing_is_named_where_nothing_changed(
+    smooth: Any, make: Make, reference: HeldOutResidual
+) -> None:
+    for seed in (4, 5, 6):
+        assert named(smooth, errs_alike(make(seed=seed), seed=seed), reference) == []
+
+
+def test_an_effect_of_many_channels_has_no_such_form(
+    smooth: Any, recording: Recording, reference: HeldOutResidual
+) -> None:
+    observations = gather(smooth, [recording])
+    blocks = cut(observations, seed=0)
+    assert reference.correlated is not None
+    joint = CorrelatedChannels(
+        observations, Bins.of(blocks, DECLARED.bin_s), reference.correlated, DECLARED
+    )
+    remaining = Remaining(observations.residual, blocks.fit, np.ones(len(observations)))
+    assert joint.best(Drift(), observations.residual, remaining) is None
+    structure = reference.correlated.structure
+    assert {Gain.name, Crosstalk.name, Drift.name, "creep", "rate"} <= set(structure)
+    # What one channel alone gains is known of those that change few.
+    assert {name for name, own in structure.items() if any(own.gain)} == {Gain.name, Crosstalk.name}
+
+
+def test_what_the_others_foretell_leaves_little(
+    smooth: Any, recording: Recording, reference: HeldOutResidual
+) -> None:
+    observations: Observations = gather(smooth, [recording])
+    bins = Bins.of(cut(observations, seed=0), DECLARED.bin_s)
+    assert reference.correlated is not None
+    joint = CorrelatedChannels(observations, bins, reference.correlated, DECLARED)
+    left = joint.innovation(observations.residual)[:, 2:].std(axis=0)
+    assert (left < 0.5 * observations.residual[:, 2:].std(axis=0)).all()
+
+
+@pytest.mark.parametrize("hertz", [0.7, 3.0])
+def test_a_cause_that_all_channels_have_is_no_leak(
+    smooth: Any, recording: Recording, reference: HeldOutResidual, hertz: float
+) -> None:
+    """Each channel follows its neighbours then, and each other's measured signals."""
+    random = np.random.default_rng(6)
+    wave = np.sin(2 * np.pi * hertz * np.arange(len(recording)) / 100.0)[:, None]
+    counts = np.rint(recording.channels + wave * random.normal(size=21) * COMMON)
+    assert named(smooth, replace(recording, channels=counts), reference) == []
+
+
+def test_an_effect_of_many_channels_that_is_likelier_goes_first(
+    smooth: Any, recording: Recording, reference: HeldOutResidual
+) -> None:
+    random = np.random.default_rng(7)
+    age = np.linspace(-1.0, 1.0, len(recording))[:, None]
+    counts = np.rint(recording.channels + age * random.normal(size=21) * 10.0)
+    observations = gather(smooth, [replace(recording, channels=counts)])
+    found = JointSelection(
+        observations, cut(observations, seed=0), candidates(observations), reference=reference
+    ).run()
+    assert [one.name for one in found.named] == ["drift"]
