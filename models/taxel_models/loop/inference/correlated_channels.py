@@ -239,10 +239,19 @@ class CorrelatedChannels:
 
     def _products(self, forms: Sequence[Candidate], left: Floats) -> Iterator[tuple[Products, Fitting]]:
         """Of forms of many channels, as the whitened channels show them."""
-        base = replace(self._bases(left).beside, known_noise=None)
+        together = self._bases(left).beside
+        base = replace(together, known_noise=None)
         scale = self._whitening.scale[:, None]
         for candidate in forms:
             fitting, means = candidate.fitting, self._bins.of_basis(candidate.basis)
+            if len(means) > 1 and means.shape[2] == 1 and not (fitting.fixed or fitting.pooled):
+                # A weight of each channel, all fitted together.
+                images = [self._image(candidate, channel)[0] for channel in range(len(CHANNELS))]
+                yield (
+                    Products.of(together, Design(np.concatenate(images, axis=2), self._bins.fold)),
+                    TOGETHER,
+                )
+                continue
             every = np.broadcast_to(means, (len(CHANNELS), *means.shape[1:]))
             if fitting.fixed or fitting.pooled:
                 image = np.einsum("cd,dbk->cbk", self._root, every, optimize=True)
