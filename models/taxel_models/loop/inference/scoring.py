@@ -297,8 +297,7 @@ class Scoring:
             return bool(score.worth.mean() >= constants.clear_share)
         if score.worth.mean() >= constants.least_share:
             return True
-        fitting = score.form.candidate.fitting
-        if fitting.pooled:
+        if score.form.candidate.fitting.pooled:
             # What all channels share is not told by one of them.
             return False
         # The t above weighs channels by what other folds show: chance does not choose a clear one.
