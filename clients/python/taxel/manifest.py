@@ -227,10 +227,11 @@ class CorrelatedResidual(Schema):
         precision: (21, 21) inverse of their covariance, counts⁻².
         shared: the part of each whitened channel's variance that a whole contact shares.
         fading: the part that fades within seconds.
-        structure: what a change of one channel alone explains, by effect; its gain is over the noise.
+        structure: by effect, what a change of each channel alone explains, with its gain over the noise; of
+            effects that change many channels, the odds of each whitened channel.
     """
 
-    precision: tuple[PerChannel, ...]
+    precision: Annotated[tuple[PerChannel, ...], Field(min_length=len(CHANNELS), max_length=len(CHANNELS))]
     shared: NotNegativePerChannel
     fading: NotNegativePerChannel
     structure: dict[str, OwnStructure] = Field(default_factory=dict)

@@ -65,6 +65,7 @@ class Observations:
         turn: how the windows were turned before they were predicted.
         shift_ticks: how far the windows were moved into the past.
         calibration: taken at the start of each segment; None where none was.
+        known_rest: (21,) in place of what the model gives at rest, counts.
     """
 
     model: Model
@@ -83,6 +84,7 @@ class Observations:
     turn: Frame | None = None
     shift_ticks: int = 0
     calibration: TakenCalibration | None = None
+    known_rest: Floats | None = None
     _history: dict[HistoryFeature, Floats] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
@@ -106,7 +108,7 @@ class Observations:
     @cached_property
     def rest(self) -> Floats:
         """(21,) what the model gives at rest, counts; see `resting`."""
-        return resting(self.pressed, self.base)
+        return resting(self.pressed, self.base) if self.known_rest is None else self.known_rest
 
     @cached_property
     def signal(self) -> Floats:
@@ -119,10 +121,7 @@ class Observations:
         Args:
             rest: (21,) of the signal; None for what these counts are at rest.
         """
-        seen = replace(self, base=counts, predicted=predicted)
-        if rest is not None:
-            seen.__dict__["rest"] = rest
-        return seen
+        return replace(self, base=counts, predicted=predicted, known_rest=rest)
 
     @cached_property
     def log_impedance_slope(self) -> Floats:

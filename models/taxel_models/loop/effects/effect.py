@@ -27,7 +27,7 @@ class Fitting:
         prior: (k,) each regressor's prior size over the usual one, for many collinear regressors.
         choices: how many regressors each channel's one was chosen from, or how many motions.
         motion: how many parameters of the inputs were fitted beforehand.
-        jointly: whether it is weighed with the correlation of the channels' errors.
+        few_channels: whether it changes few channels, and is weighed beside all others.
     """
 
     pooled: bool = False
@@ -37,7 +37,7 @@ class Fitting:
     prior: Floats | None = None
     choices: int = 1
     motion: int = 0
-    jointly: bool = False
+    few_channels: bool = False
 
 
 @dataclass(frozen=True)
@@ -150,8 +150,9 @@ class Effect(ABC):
         is_constant: whether it is a constant of each channel. All others are tested beside one.
         is_steady: whether it is nearly constant within a contact, whatever happens there.
         is_predictable: whether a model can predict it. Otherwise it is only reported.
-        follows: what a change of few channels is in proportion to: `expected`, what the model and all other
-            channels foretell of the channel, or `measured` signals of others; None if it changes many.
+        follows: which signal a change of few channels is in proportion to: `expected`, what the model and
+            the other channels foretell of the channel, or `measured`, that of another channel; None if the
+            effect changes many channels.
         is_costly: whether its forms take many predictions. Then it is tried again once at most: after it
             failed alone, beside others.
         equation: what it adds to a channel.

@@ -8,7 +8,7 @@ the marginal likelihood has a closed form (a Student t; Bishop 2006, section 3.5
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,8 +52,8 @@ class Base:
         design: (21, bins, k).
         precision: (21, k) of the weights over the noise's; infinite where a channel has none.
         quantum: (21,) squared, what rounding alone leaves in a bin.
-        known_noise: (21,) mean square of the noise where it is known beforehand but for one factor: of
-            channels that are judged together only, since each alone is not free of the others.
+        known_noise: (21,) mean square of the noise, but for one factor that all channels have in common;
+            None where each channel's own is inferred from what is left of it.
     """
 
     target: Design
@@ -244,6 +244,21 @@ def weigh(
     return Weighed(log_evidence, constants.strengths[row], included, factors[row] * allowed)
 
 
+class Bases(NamedTuple):
+    """What forms are weighed beside, and the evidence of the constant between the two."""
+
+    plain: Base
+    beside: Base
+    constant: float
+
+    @classmethod
+    def of(cls, base: Base, ones: Design, constants: Constants) -> Self:
+        """A base, and the same beside a constant of each channel."""
+        beside = base.with_constant(ones)
+        plain = beside.without_last()
+        return cls(plain, beside, weigh(Products.of(plain, ones), Fitting(), constants).log_evidence)
+
+
 def _mixture(factors: Floats, share: float) -> Floats:
     """log((1 - share) + share exp(factors)): a channel has the effect with a prior probability."""
     if share == 1.0:
@@ -272,9 +287,9 @@ def _pooled(
         precision = np.eye(size) / strength**2
         weights, left = np.zeros(size), energy
         for _ in range(12):
-            counted = (
-                2 * half / left if together is None else together * half * len(left) * 2 / (together @ left)
-            )
+            # What is left says how large the noise is: of each channel, or of all together.
+            noise = left if together is None else (together @ left) / (together * len(left))
+            counted = 2 * half / noise
             curvature = (gram * counted[:, None, None]).sum(axis=0) + precision
             weights = np.linalg.solve(curvature, (cross * counted[:, None]).sum(axis=0))
             weights = np.maximum(weights, 0.0) if positive else weights

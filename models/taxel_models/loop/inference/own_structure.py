@@ -8,9 +8,9 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from taxel.channels import CHANNELS
-from taxel_models.evaluation.standard_error import corrected_standard_error
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.inference.evidence import Products, held_out, weigh
+from taxel_models.loop.inference.gain_limit import gain_limit
 from taxel_models.loop.inference.score import Score
 from taxel_models.loop.inference.scoring import Scoring
 
@@ -61,18 +61,12 @@ def _of_other_forms(scoring: Scoring, score: Score, confidence: float) -> list[t
 
 
 def own_gain(scoring: Scoring, score: Score, confidence: float = OPEN) -> Floats:
-    """(21,) what an effect takes off the squared error in every channel, counts².
-
-    Bins that weights are fitted to say too much, held-out bins say as much too little (Akaike 1974).
-    The mean of both matters where a cause has many weights and there are few blocks for each, such
-    as kinds of a covariate. A limit of the mean share over folds is added: the fewer blocks
-    the reference has, the less it can rule out.
-    """
-    limit = float(stats.t.ppf(confidence, len(score.gain) - 1))
+    """(21,) what an effect takes off the squared error in every channel, counts²; see `gain_limit`."""
     if not score.effect.is_predictable:
         # Nothing is fitted to other folds, so that folds are independent of each other.
         total = score.gain.sum(axis=0)
         by_fold = score.gain * score.taken_off / np.where(total == 0, np.inf, total)
+        limit = float(stats.t.ppf(confidence, len(score.gain) - 1))
         return np.asarray(by_fold.sum(axis=0) + limit * np.sqrt(len(by_fold)) * by_fold.std(axis=0, ddof=1))
     bases = scoring.bases([])
     products = Products.of(bases.beside, score.form.design)
@@ -83,8 +77,4 @@ def own_gain(scoring: Scoring, score: Score, confidence: float = OPEN) -> Floats
     every = replace(score.weighed, included=included)
     folds = [held_out(products, fitting, every, seen=seen) for seen in (True, False)]
     seen, unseen = (tested.gain * tested.noise for tested in folds)
-    energy = np.maximum((folds[0].before * folds[0].noise).sum(axis=0), 1e-9)
-    by_fold = products.folds * (seen / energy)
-    error = np.array([corrected_standard_error(own, 1.0 / (products.folds - 1)) for own in by_fold.T])
-    own = np.maximum(0.5 * (seen + unseen).sum(axis=0), 0.0)
-    return np.asarray((own + limit * error * energy) * scoring.whitening.scale**2)
+    return np.asarray(gain_limit(seen, unseen, confidence) * scoring.whitening.scale**2)

@@ -25,7 +25,7 @@ def parameter_correlation(taken: Sequence[Taken], noise: Floats) -> ParameterCor
     fitted = [
         each
         for each in taken
-        if not (each.form.candidate.fitting.fixed or each.form.candidate.fitting.jointly)
+        if not (each.form.candidate.fitting.fixed or each.form.candidate.fitting.few_channels)
     ]
     names = [f"{each.name}: {name}" for each in fitted for name in each.form.candidate.weight_names]
     if len(names) < 2:

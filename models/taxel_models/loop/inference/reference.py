@@ -8,27 +8,19 @@ import numpy as np
 from scipy import stats
 
 from taxel.errors import RecordingError
-from taxel.manifest import CorrelatedResidual, HeldOutResidual, KindResidual, OwnStructure
+from taxel.manifest import HeldOutResidual, KindResidual, OwnStructure
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks, cut
 from taxel_models.loop.channel_history import usual_changes
-from taxel_models.loop.effects.effect import Remaining
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.contact_offset import FEWEST_FOR_SCATTER, ContactOffset
-from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
+from taxel_models.loop.inference.correlated_reference import correlated_residual
 from taxel_models.loop.inference.kinds import herfindahl, kind_columns
 from taxel_models.loop.inference.own_structure import OPEN, structure_of
-from taxel_models.loop.inference.precision import (
-    FEWEST_PARTS,
-    likeliest_own_noise,
-    parts_of,
-    precision_of,
-    without_itself,
-)
 from taxel_models.loop.inference.scoring import Progress, Scoring, silent
-from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
+from taxel_models.loop.inference.whitening import Bins, NoiseShape
 from taxel_models.loop.observations import Observations, gather
 from taxel_models.model import Model
 from taxel_models.recordings import Recording
@@ -77,8 +69,9 @@ def held_out_residual(
         column: _residual_of_one_kind(observations, column, constants, progress)
         for column in kind_columns(observations)
     }
-    correlated = _correlated(observations, constants, progress)
-    usual = usual_changes(observations, cut(observations, seed=0, held_out=KEPT))
+    blocks = cut(observations, seed=0, held_out=KEPT)
+    correlated = correlated_residual(observations, blocks, constants, progress)
+    usual = usual_changes(observations, blocks)
     return found.model_copy(
         update={
             "one_kind": {column: own for column, own in kinds.items() if own},
@@ -86,46 +79,6 @@ def held_out_residual(
             "correlated": correlated,
         }
     )
-
-
-def _correlated(
-    observations: Observations, constants: Constants, progress: Progress
-) -> CorrelatedResidual | None:
-    """How the channels' errors go along with each other; None where too few parts could test that."""
-    blocks = cut(observations, seed=0, held_out=KEPT)
-    unit = observations.segment
-    if len(np.unique(unit)) < FEWEST_PARTS:
-        unit = blocks.of_row
-    if len(np.unique(unit)) < FEWEST_PARTS:
-        return None
-    residual, bins = observations.residual, Bins.of(blocks, constants.bin_s)
-    # Errors of neighbouring bins are alike, too: channels are compared without that.
-    alone = Whitening(bins, NoiseShape.of(bins, residual, constants.fading_s), residual, constants)
-    white = alone(bins.means(residual.T[:, :, None]))[:, :, 0].T * alone.scale
-    parts = parts_of(unit)
-    of_bins = [part[bins.order[bins.starts]] for part in parts]
-    own_noise = likeliest_own_noise(white, of_bins)
-    others = [precision_of(white[~part], own_noise) for part in of_bins]
-    whiten = without_itself(parts, others)
-    shape = NoiseShape.of(bins, whiten(residual), constants.fading_s)
-    known = CorrelatedResidual(
-        precision=tuple(map(tuple, precision_of(white, own_noise).tolist())),
-        shared=tuple(shape.shared.tolist()),
-        fading=tuple(shape.fading.tolist()),
-    )
-    joint = CorrelatedChannels(observations, bins, known, constants, whiten)
-    weights = alone.row_weights(len(observations)).mean(axis=1)
-    remaining = Remaining(residual, blocks.fit, weights)
-    structure = {}
-    for effect in candidates(observations):
-        progress(effect.label)
-        own = joint.structure(effect, remaining, OPEN)
-        if own is None and not effect.is_costly and effect.out_of_scope(observations) is None:
-            forms = list(effect.forms(observations, remaining))
-            own = joint.common_structure(forms, residual) if forms else None
-        if own is not None:
-            structure[effect.label] = own
-    return known.model_copy(update={"structure": structure})
 
 
 def _residual_of(

@@ -129,7 +129,7 @@ class Taken:
     def is_regressor(self) -> bool:
         """Whether its weights are inferred together with those of others."""
         fitting = self.form.candidate.fitting
-        return not (fitting.fixed or fitting.pooled or fitting.jointly)
+        return not (fitting.fixed or fitting.pooled or fitting.few_channels)
 
 
 def t_over_folds(gain: Floats, weighed: Weighed) -> float:

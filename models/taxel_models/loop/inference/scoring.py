@@ -12,7 +12,7 @@ from taxel.channels import CHANNELS, COUNTS_MAX, ELECTRODE_COLUMNS
 from taxel.manifest import HeldOutResidual
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
-from taxel_models.loop.effects.effect import Effect, Fitting, Remaining
+from taxel_models.loop.effects.effect import Effect, Remaining
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.contact_offset import (
@@ -20,9 +20,10 @@ from taxel_models.loop.inference.contact_offset import (
     ContactOffset,
     ContactOffsets,
 )
-from taxel_models.loop.inference.correlated_channels import CorrelatedChannels, JointForm
+from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
 from taxel_models.loop.inference.evidence import (
     Base,
+    Bases,
     Design,
     HeldOut,
     Products,
@@ -31,6 +32,7 @@ from taxel_models.loop.inference.evidence import (
     posterior_weights,
     weigh,
 )
+from taxel_models.loop.inference.few_channels_form import FewChannelsForm
 from taxel_models.loop.inference.forms import WhitenedForm, prepared
 from taxel_models.loop.inference.score import Score, Taken
 from taxel_models.loop.inference.usual import Usual
@@ -46,15 +48,6 @@ def silent(_: str) -> None:
 
 REFITS: Final = 3
 """Rounds in which weights, or a form's parameters, are found again."""
-
-
-class Bases(NamedTuple):
-    """What forms are weighed beside, and the evidence of the constant between the two."""
-
-    plain: Base
-    beside: Base
-    constant: float
-    beside_others: bool
 
 
 class Option(NamedTuple):
@@ -120,16 +113,16 @@ class Scoring:
         self._usual = Usual(reference, self.bins.fold, self.whitening.scale)
         if not self._usual.knows(ContactOffset.name):
             self.out_of_scope[ContactOffset.name] = SCATTER_UNKNOWN
-        self._joint: CorrelatedChannels | None = None
+        self._correlated: CorrelatedChannels | None = None
         if reference is not None and reference.correlated is not None:
-            self._joint = CorrelatedChannels(observations, self.bins, reference.correlated, constants)
+            known = reference.correlated
+            self._correlated = CorrelatedChannels(observations.residual, self.bins, known, constants)
         row_weights = self.whitening.row_weights(len(observations))
         self._mean_row_weights = row_weights.mean(axis=1)
         self._contacts = ContactOffsets(
             observations, blocks, self.bins, self.whitening, row_weights, constants.strengths
         )
-        ones = np.broadcast_to(self.whitening.scale[:, None, None], (len(CHANNELS), len(self.bins), 1))
-        self._ones = Design(self.whitening(ones), self.bins.fold)
+        self._ones = Design(self.whitening.ones, self.bins.fold)
         target = self.base([]).target.values[:, :, 0]
         self._energy = np.maximum((target**2).sum(axis=1), 1e-9)
         self._forms: dict[str, list[WhitenedForm]] = {}
@@ -166,14 +159,14 @@ class Scoring:
 
     def bases(self, taken: Sequence[Taken]) -> Bases:
         """The base, the same beside a constant of each channel, and the constant's own evidence."""
-        beside = self.base(taken).with_constant(self._ones)
-        plain = beside.without_last()
-        constant = weigh(Products.of(plain, self._ones), Fitting(), self.constants)
-        return Bases(plain, beside, constant.log_evidence, bool(taken))
+        return Bases.of(self.base(taken), self._ones, self.constants)
+
+    def _remaining(self, left: Floats) -> Remaining:
+        return Remaining(left, self._blocks.fit, self._mean_row_weights)
 
     def _forms_of(self, effect: Effect, left: Floats) -> list[WhitenedForm]:
         if effect.looks_at_residual or effect.label not in self._forms:
-            remaining = Remaining(left, self._blocks.fit, self._mean_row_weights)
+            remaining = self._remaining(left)
             self._forms[effect.label] = [
                 form
                 for candidate in effect.forms(self.observations, remaining)
@@ -199,16 +192,19 @@ class Scoring:
             self._progress(effect.label)
             forms = self._forms_of(effect, left)
             if forms:
-                score = self._score(effect, forms, bases)
-                found.append(self._likelier(score, self._jointly(effect, taken), taken))
+                score = self._score(effect, forms, bases, beside_others=bool(taken))
+                found.append(score)
                 weak = score.log_evidence <= 0 or score.t < self.constants.least_t
                 if effect.is_costly and (weak or score.worth.mean() < self.constants.least_share):
                     self._hopeless[effect.label] = beside
+        found = self._with_few_channels(found, names, left)
         contact = None if ContactOffset.name in names else self._contact_offset(bases.plain, left)
         found += [] if contact is None else [contact]
         return sorted(found, key=lambda score: -score.log_evidence)
 
-    def _score(self, effect: Effect, forms: Sequence[WhitenedForm], bases: Bases) -> Score:
+    def _score(
+        self, effect: Effect, forms: Sequence[WhitenedForm], bases: Bases, *, beside_others: bool
+    ) -> Score:
         usual = self._usual.log_evidence(effect.label)
         weighed: list[Option] = []
         logs = []
@@ -246,7 +242,7 @@ class Scoring:
             most = _most_of_simpler(simple, self.constants)
             if simple.log_evidence > 0:
                 # Many weights can make a form likely that does not repeat, though a simpler one does.
-                stands = self.stands(best, bases.beside_others), self.stands(simple, bases.beside_others)
+                stands = self.stands(best, beside_others), self.stands(simple, beside_others)
                 if stands == (False, True):
                     best = simple
                 elif stands != (True, False):
@@ -254,35 +250,31 @@ class Scoring:
         sizes = tuple((option.form.freedom, option.log_evidence) for option in weighed)
         return replace(best, log_evidence=total, most_gain=most_gain, forms=sizes)
 
-    def _likelier(self, score: Score, joint: Score | None, taken: Sequence[Taken]) -> Score:
-        """A change of a few channels in place of an effect's other forms, if it repeats and they do not."""
-        beside_others = bool(taken)
-        if joint is None or not self.stands(joint, beside_others):
-            return score
-        if joint.log_evidence <= self._many_channels(taken):
-            return score
-        if score.log_evidence > joint.log_evidence and self.stands(score, beside_others):
-            return score
-        return joint
+    def _with_few_channels(self, scores: list[Score], names: set[str], left: Floats) -> list[Score]:
+        """Changes of few channels in place of their effects' other forms, where they prove themselves."""
+        if self._correlated is None:
+            return scores
+        found, of_many, beside_others = [], None, bool(names)
+        for score in scores:
+            few = None
+            if score.effect.follows is not None:
+                few = self._correlated.best(score.effect, self.observations, self._remaining(left))
+            if few is not None and self.stands(few, beside_others):
+                of_many = self._of_many(names, left) if of_many is None else of_many
+                stronger = score.log_evidence > few.log_evidence and self.stands(score, beside_others)
+                score = few if few.log_evidence > of_many and not stronger else score
+            found.append(score)
+        return found
 
-    def _many_channels(self, taken: Sequence[Taken]) -> float:
-        """The evidence of the likeliest other effect, of many channels, on the scale of few of them."""
-        assert self._joint is not None
-        left = self.residual(taken)
-        names = {each.name for each in taken}
-        found = [0.0]
-        for effect in self._effects:
-            if effect.follows is None and effect.label not in names and not effect.is_costly:
-                forms = [form.candidate for form in self._forms_of(effect, left)]
-                found.append(self._joint.log_evidence(effect.label, forms, left))
-        return max(found)
-
-    def _jointly(self, effect: Effect, taken: Sequence[Taken]) -> Score | None:
-        if self._joint is None or effect.follows is None:
-            return None
-        left = self.residual(taken)
-        remaining = Remaining(left, self._blocks.fit, self._mean_row_weights)
-        return self._joint.best(effect, left, remaining)
+    def _of_many(self, names: set[str], left: Floats) -> float:
+        """The evidence of the likeliest effect that changes many channels, on the scale of few of them."""
+        assert self._correlated is not None
+        forms = {
+            effect.label: [form.candidate for form in self._forms_of(effect, left)]
+            for effect in self._effects
+            if effect.follows is None and effect.label not in names and not effect.is_costly
+        }
+        return self._correlated.of_many(forms, left)
 
     def stands(self, score: Score, beside_others: bool) -> bool:
         """Whether an effect repeats over the held-out folds and removes enough to be named.
@@ -405,7 +397,8 @@ class Scoring:
             ]
             if not finer:
                 break
-            found = self._score(score.effect, [score.form, *finer], bases)
+            forms = [score.form, *finer]
+            found = self._score(score.effect, forms, bases, beside_others=bool(taken))
             found = replace(found, log_evidence=score.log_evidence)
             if found.form is score.form:
                 break
@@ -424,8 +417,9 @@ class Scoring:
 
     def weights(self, taken: Taken, others: Sequence[Taken], fold: int | None = None) -> Floats:
         """(21, k) weights of a named effect beside others, by the fit part or all of it but one fold."""
-        if self._joint is not None and isinstance(taken.form, JointForm):
-            return self._joint.weights(taken.form, self.residual(others), taken.weighed.strength, fold)
+        if self._correlated is not None and isinstance(taken.form, FewChannelsForm):
+            left = self.residual(others)
+            return self._correlated.weights(taken.form, left, taken.weighed.strength, fold)
         products = Products.of(self.base(others), taken.form.design)
         kept = None if fold is None else np.arange(products.folds) != fold
         _, scaled = posterior_weights(products, taken.form.candidate.fitting, taken.weighed, kept)
@@ -433,8 +427,8 @@ class Scoring:
 
     def beside(self, taken: Taken, others: Sequence[Taken]) -> tuple[Weighed, HeldOut]:
         """A named effect's own form, weighed and tested beside the others."""
-        if self._joint is not None and isinstance(taken.form, JointForm):
-            return self._joint.beside(taken.form, self.residual(others))
+        if self._correlated is not None and isinstance(taken.form, FewChannelsForm):
+            return self._correlated.beside(taken.form, self.residual(others))
         products = Products.of(self.base(others), taken.form.design)
         fitting = taken.form.candidate.fitting
         weighed = weigh(products, fitting, self.constants)

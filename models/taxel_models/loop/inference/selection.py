@@ -19,7 +19,6 @@ from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect
 from taxel_models.loop.inference.constants import DECLARED, Constants
-from taxel_models.loop.inference.correlated_channels import JointForm
 from taxel_models.loop.inference.forms import prepared
 from taxel_models.loop.inference.parameter_correlation import parameter_correlation
 from taxel_models.loop.inference.score import Score, Taken, t_over_folds
@@ -100,7 +99,7 @@ class JointSelection:
 
     def _casts_doubt(self, other: Score, best: Score) -> bool:
         """Whether a likelier effect, about as simple, does not repeat: the best may only stand for it."""
-        if best.form.candidate.fitting.jointly:
+        if best.form.candidate.fitting.few_channels:
             # Others take correlated channels for independent witnesses.
             return False
         likelier = other is not best and other.log_evidence > best.log_evidence
@@ -131,8 +130,8 @@ class JointSelection:
             fewer = best.freedom <= self._constants.simpler * constant.freedom
             if not fewer or best.log_evidence_alone <= constant.log_evidence:
                 return constant
-        if best.form.candidate.fitting.jointly:
-            # Which channels were chosen is no figure of the form, so that a simpler one has no merit.
+        if best.form.candidate.fitting.few_channels:
+            # It has few figures already, and its gain is not on the scale of the others.
             return best
         # A constant is judged by itself, and all others beside one.
         others = [score for score in able if not score.effect.is_constant]
@@ -159,7 +158,7 @@ class JointSelection:
 
     def _again(self, taken: Taken) -> Taken:
         """The same form for other predictions."""
-        if taken.form.candidate.again is None or isinstance(taken.form, JointForm):
+        if taken.form.candidate.again is None:
             return taken
         candidate = taken.form.candidate.again(self._scoring.observations)
         form = next(iter(prepared(replace(candidate, mean_absorbed=False), self._scoring.whitening)))
@@ -294,7 +293,7 @@ class JointSelection:
             served_share=share,
             contribution=taken.contribution,
             log_evidence=taken.score.log_evidence,
-            included=taken.form.included if isinstance(taken.form, JointForm) else taken.weighed.included,
+            included=taken.weighed.included,
             t=taken.score.t,
             p_value=taken.score.p_value,
             confounded_with=either,

@@ -195,6 +195,11 @@ class Whitening:
         weights[self.bins.order] = np.repeat(self._counts.T**2, counts, axis=0)
         return weights
 
+    @property
+    def ones(self) -> Floats:
+        """(21, bins, 1) a whitened constant of each channel, as large as its residual."""
+        return self(np.broadcast_to(self.scale[:, None, None], (len(CHANNELS), len(self.bins), 1)))
+
     def _factor(self, count: int) -> Floats:
         """(21, count, count) that whitens a block's bins."""
         if count not in self._factors:

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from taxel.channels import CHANNELS, COUNTS_MAX
-from taxel.manifest import HeldOutResidual
+from taxel.manifest import CorrelatedResidual, HeldOutResidual
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.crosstalk import Crosstalk
 from taxel_models.loop.effects.drift import Drift
@@ -140,14 +141,14 @@ def test_weights_are_those_of_generalised_least_squares(
     assert reference.correlated is not None
     nothing = (0.0,) * len(CHANNELS)
     white = reference.correlated.model_copy(update={"shared": nothing, "fading": nothing})
-    joint = CorrelatedChannels(observations, bins, white, replace(DECLARED, robust=1e9))
     left = observations.residual
+    channels = CorrelatedChannels(left, bins, white, replace(DECLARED, robust=1e9))
     rows = len(observations)
     remaining = Remaining(left, blocks.fit, np.ones(rows))
-    best = joint.best(Gain(), left, remaining)
+    best = channels.best(Gain(), observations, remaining)
     assert best is not None
     assert best.form.channels == [CHANNELS.index("e4")]
-    found = joint.weights(best.form, left, UNSHRUNK, None)
+    found = channels.weights(best.form, left, UNSHRUNK, None)
     column = CHANNELS.index("e4")
     assert np.flatnonzero(found.any(axis=1)).tolist() == [column]
 
@@ -188,17 +189,9 @@ def test_nothing_is_named_where_nothing_changed(
         assert named(smooth, errs_alike(make(seed=seed), seed=seed), reference) == []
 
 
-def test_an_effect_of_many_channels_has_no_such_form(
-    smooth: Any, recording: Recording, reference: HeldOutResidual
-) -> None:
-    observations = gather(smooth, [recording])
-    blocks = cut(observations, seed=0)
+def test_the_reference_says_what_each_kind_of_effect_explains(reference: HeldOutResidual) -> None:
+    assert Drift.follows is None
     assert reference.correlated is not None
-    joint = CorrelatedChannels(
-        observations, Bins.of(blocks, DECLARED.bin_s), reference.correlated, DECLARED
-    )
-    remaining = Remaining(observations.residual, blocks.fit, np.ones(len(observations)))
-    assert joint.best(Drift(), observations.residual, remaining) is None
     structure = reference.correlated.structure
     assert {Gain.name, Crosstalk.name, Drift.name, "creep", "rate"} <= set(structure)
     # What one channel alone gains is known of those that change few.
@@ -211,8 +204,8 @@ def test_what_the_others_foretell_leaves_little(
     observations: Observations = gather(smooth, [recording])
     bins = Bins.of(cut(observations, seed=0), DECLARED.bin_s)
     assert reference.correlated is not None
-    joint = CorrelatedChannels(observations, bins, reference.correlated, DECLARED)
-    left = joint.innovation(observations.residual)[:, 2:].std(axis=0)
+    channels = CorrelatedChannels(observations.residual, bins, reference.correlated, DECLARED)
+    left = channels.conditional_residual(observations.residual)[:, 2:].std(axis=0)
     assert (left < 0.5 * observations.residual[:, 2:].std(axis=0)).all()
 
 
@@ -238,3 +231,11 @@ def test_an_effect_of_many_channels_that_is_likelier_goes_first(
         observations, cut(observations, seed=0), candidates(observations), reference=reference
     ).run()
     assert [one.name for one in found.named] == ["drift"]
+
+
+def test_a_precision_without_all_channels_is_refused(reference: HeldOutResidual) -> None:
+    assert reference.correlated is not None
+    damaged = reference.correlated.model_dump()
+    damaged["precision"] = damaged["precision"][:3]
+    with pytest.raises(ValidationError, match="at least 21 items"):
+        CorrelatedResidual(**damaged)

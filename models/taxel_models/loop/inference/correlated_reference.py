@@ -1,0 +1,107 @@
+"""How a model's own held-out errors are correlated between channels, and what is usual beside that."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from taxel.channels import CHANNELS
+from taxel.manifest import CorrelatedResidual, OwnStructure
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.blocks import Blocks
+from taxel_models.loop.effects.effect import Candidate, Effect, Remaining
+from taxel_models.loop.effects.registry import candidates
+from taxel_models.loop.inference.constants import Constants
+from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
+from taxel_models.loop.inference.evidence import Products, held_out, weigh
+from taxel_models.loop.inference.few_channels_form import TOGETHER
+from taxel_models.loop.inference.gain_limit import gain_limit
+from taxel_models.loop.inference.own_structure import OPEN
+from taxel_models.loop.inference.precision import (
+    FEWEST_PARTS,
+    likeliest_own_noise,
+    parts_of,
+    precision_of,
+    without_itself,
+)
+from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
+from taxel_models.loop.observations import Observations
+
+
+def correlated_residual(
+    observations: Observations, blocks: Blocks, constants: Constants, progress: Callable[[str], None]
+) -> CorrelatedResidual | None:
+    """Of the recordings that training held out; None where there are too few parts to test it.
+
+    Args:
+        blocks: almost all of them are the fit part.
+        constants: of the inference.
+        progress: is told what is looked at.
+    """
+    unit = observations.segment
+    if len(np.unique(unit)) < FEWEST_PARTS:
+        unit = blocks.of_row
+    if len(np.unique(unit)) < FEWEST_PARTS:
+        return None
+    residual, bins = observations.residual, Bins.of(blocks, constants.bin_s)
+    # Errors of neighbouring bins are alike, too: channels are compared without that.
+    alone = Whitening(bins, NoiseShape.of(bins, residual, constants.fading_s), residual, constants)
+    white = alone(bins.means(residual.T[:, :, None]))[:, :, 0].T * alone.scale
+    parts = parts_of(unit)
+    of_bins = [part[bins.order[bins.starts]] for part in parts]
+    own_noise = likeliest_own_noise(white, of_bins)
+    # Each part is judged by the precision of the others, as another recording is.
+    whiten = without_itself(parts, [precision_of(white[~part], own_noise) for part in of_bins])
+    shape = NoiseShape.of(bins, whiten(residual), constants.fading_s)
+    known = CorrelatedResidual(
+        precision=tuple(map(tuple, precision_of(white, own_noise).tolist())),
+        shared=tuple(shape.shared.tolist()),
+        fading=tuple(shape.fading.tolist()),
+    )
+    channels = CorrelatedChannels(residual, bins, known, constants, whiten)
+    weights = alone.row_weights(len(observations)).mean(axis=1)
+    remaining = Remaining(residual, blocks.fit, weights)
+    structure = {}
+    for effect in candidates(observations):
+        if effect.is_costly or effect.out_of_scope(observations) is not None:
+            continue
+        progress(effect.label)
+        if effect.follows is not None:
+            structure[effect.label] = _of_few(channels, effect, observations, remaining, constants)
+        elif forms := list(effect.forms(observations, remaining)):
+            structure[effect.label] = _of_many(channels, forms, residual, constants)
+    return known.model_copy(update={"structure": structure})
+
+
+def _of_few(
+    channels: CorrelatedChannels,
+    effect: Effect,
+    observations: Observations,
+    remaining: Remaining,
+    constants: Constants,
+) -> OwnStructure:
+    """What an effect explains in each electrode alone: log odds and gain over the noise, by bins."""
+    forms = channels.signals(effect, observations, remaining).about_mean
+    base = channels.bases(remaining.residual).beside
+    log_evidence, gain = np.zeros((2, len(CHANNELS)))
+    for channel, place in forms.options:
+        products = Products.of(base, forms.design({channel: place}))
+        weighed = weigh(products, TOGETHER, constants)
+        seen, unseen = (
+            held_out(products, TOGETHER, weighed, seen=one).gain.sum(axis=1, keepdims=True)
+            for one in (True, False)
+        )
+        log_evidence[channel] = max(log_evidence[channel], weighed.log_evidence)
+        gain[channel] = max(gain[channel], float(gain_limit(seen, unseen, OPEN)[0]))
+    return OwnStructure(
+        log_evidence=tuple((log_evidence / base.bins).tolist()), gain=tuple((gain / base.bins).tolist())
+    )
+
+
+def _of_many(
+    channels: CorrelatedChannels, forms: Sequence[Candidate], residual: Floats, constants: Constants
+) -> OwnStructure:
+    """What an effect of many channels explains: log odds of each whitened channel, by bins."""
+    bases = channels.bases(residual)
+    found = [weigh(each, fitting, constants) for each, fitting in channels.products_of_many(forms, bases)]
+    odds = np.max([np.maximum(one.by_channel, 0.0) for one in found], axis=0) / bases.beside.bins
+    return OwnStructure(log_evidence=tuple(odds.tolist()), gain=(0.0,) * len(CHANNELS))
