@@ -162,7 +162,7 @@ python -c "import pathlib, runpy; runpy.run_path('{_GAZEBO}')['network_b']().wri
     "docs/operations.md": "pip install 'taxel[server]'\ntaxel serve --listen tcp/127.0.0.1:7447\n"
     "mkdir -p etc/systemd/system\n",
     "docs/ros2.md": _ROUTER,
-    "docs/scale.md": _TREES + f"cp -r {_SHIPPED}/ffnn repository/\n",
+    "docs/scale.md": _TREES,
     "docs/search.md": TWIN,
     "docs/security.md": _TREES + "python -m trustme -q -i localhost && mv client.pem ca.pem\n"
     "printf 'robot:…\\noperator:turns\\n' > users\n",
@@ -259,11 +259,12 @@ _LITTLE_NETWORKS: Final = (
 
 SMALLER: Final = {
     # What is added to commands that begin so; of options that are given twice, the last counts.
-    "bench capacity": "--models xgb,ffnn --rates 100 --seconds 0.1 --most 1"
+    "bench capacity": "--models xgb --rates 100 --seconds 0.1 --most 1"
     " --clients 1 --repository repository --json"
     " > capacity.json",
     "bench capacity --models": "--seconds 0.1 --most 1 --clients 1 --repository repository",
-    "bench chaos": "--rows 64 --seconds 1",
+    "bench chaos": "--rows 64 --seconds 1 --payloads 500 --flooders zenoh",
+    "bench chaos --only flood": "--rows 64 --seconds 1 --flooders taxel",
     "bench churn": "--clients 2 --rows 64 --repository repository",
     "bench lane": "--rounds 1 --seconds 0.05 --gap-ms 0",
     "bench lane --model xgb --size paper": "--model network-b --rounds 1 --seconds 0.05",
@@ -271,7 +272,7 @@ SMALLER: Final = {
     "bench load --scenario server": "--duration 0.2 --clients 1 --repository repository",
     "bench reload": "--loads 1 --calm 1 --rate 50 --repository repository",
     "bench replicas": "--count 2 --loops 1 --seconds 1 --repository repository",
-    "bench scale": "--measured capacity.json --requests 10000 --latency-bound 1000",
+    "bench scale": "--model xgb --measured capacity.json --requests 10000 --latency-bound 1000",
     "bench simulator --json": "--fingers 1,2 --models xgb --seconds 0.1",
     "bench simulator --fingers": "--fingers 2 --seconds 0.1",
     "dask scheduler": "--port 8786 --no-dashboard",
