@@ -71,8 +71,18 @@ def test_the_test_rows_come_back_as_recordings(make_recording: Make) -> None:
     recordings = [make_recording([900] * 25, seed) for seed in (1, 2)]
     spec = WindowSpec.of(1)
     data = Dataset.of(recordings, spec, SplitSettings(seed=1))
-    windows = np.concatenate([examples(recording, spec).windows for recording in data.test_recordings])
+    windows = np.concatenate([examples(recording, spec).windows for recording in data.held_out.test])
     np.testing.assert_array_equal(windows, data.test.windows)
+
+
+def test_the_reference_has_all_rows_that_nothing_was_fitted_to(make_recording: Make) -> None:
+    recordings = [make_recording([900] * 25, seed) for seed in (1, 2)]
+    data = Dataset.of(recordings, WindowSpec.of(1), SplitSettings(seed=1))
+    for whole, test, reference in zip(recordings, data.held_out.test, data.held_out.reference, strict=True):
+        known = np.isin(reference.samples.time_ns, test.samples.time_ns)
+        assert known.sum() == len(test) < len(reference) < len(whole)
+    rest = [examples(recording, WindowSpec.of(1)) for recording in data.held_out.reference]
+    assert sum(len(one.windows) for one in rest) == len(data.test) + len(data.validation)
 
 
 def test_too_little_to_split_is_refused(make_recording: Make) -> None:

@@ -1,6 +1,7 @@
 """Training XGBoost: deterministic, without a leak, kept and read back whole."""
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -51,7 +52,7 @@ def test_it_learns_and_reports_beside_the_mean_predictor(recording: Recording) -
     predicted = model.predict(data.test.windows)
     mae = np.abs(predicted - data.test.channels).mean()
     assert metrics["test"]["mae"] == pytest.approx(mae, rel=1e-6)
-    assert sum(map(len, held_out)) > 0
+    assert sum(map(len, held_out.test)) > 0
 
 
 def test_statistics_come_from_the_training_part_alone(recording: Recording) -> None:
@@ -121,9 +122,22 @@ def test_a_trained_model_is_kept_whole(recording: Recording, tmp_path: Path) -> 
     windows = np.random.default_rng(0).normal(size=(99, 9)).astype(np.float32)
     np.testing.assert_array_equal(back.predict(windows), model.predict(windows))
     (rows,) = trained_models.held_out(folder)
-    np.testing.assert_array_equal(rows.channels, held_out[0].channels)
+    np.testing.assert_array_equal(rows.channels, held_out.test[0].channels)
+    (reference,) = trained_models.reference(folder)
+    np.testing.assert_array_equal(reference.channels, held_out.reference[0].channels)
     with pytest.raises(SettingsError, match="exists already"):
         trained_models.save(model, held_out, folder)
+
+
+def test_a_trained_model_of_an_earlier_version_is_judged_by_its_test_rows(
+    recording: Recording, tmp_path: Path
+) -> None:
+    model, held_out = train([recording], small_settings())
+    folder = tmp_path / "trained"
+    trained_models.save(model, held_out, folder)
+    shutil.rmtree(folder / "reference")
+    (rows,) = trained_models.reference(folder)
+    np.testing.assert_array_equal(rows.channels, held_out.test[0].channels)
 
 
 def test_damage_to_a_trained_model_is_named(recording: Recording, tmp_path: Path) -> None:

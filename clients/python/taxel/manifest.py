@@ -213,11 +213,14 @@ class KindResidual(Schema):
         std: root of the mean square of each channel's residual, counts.
         structure: what each effect explains of it: mean over the kinds, and two standard deviations more.
         herfindahl: sum of the squared shares of the rows that each kind has in all recordings together.
+        correlated: likewise, what the channels show beside each other; none in a manifest of an earlier
+            version.
     """
 
     std: NotNegativePerChannel
     structure: dict[str, OwnStructure]
     herfindahl: Annotated[float, Field(gt=0, lt=1)]
+    correlated: dict[str, OwnStructure] = Field(default_factory=dict)
 
 
 class CorrelatedResidual(Schema):

@@ -58,7 +58,8 @@ class BaseModel:
             overrides=dict(SMALL),
             jobs=jobs,
         )
-        trained, (reference,) = train([recording], settings)
+        trained, held = train([recording], settings)
+        (reference,) = held.reference
         unshifted = cls(trained, np.zeros(len(CHANNELS)))
         counts, rows = predicted(unshifted, reference)
         return cls(trained, (reference.channels[rows] - counts).mean(axis=0)), reference

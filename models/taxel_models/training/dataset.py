@@ -60,18 +60,31 @@ def examples(recording: Recording, spec: WindowSpec) -> Examples:
 
 
 @dataclass(frozen=True)
+class HeldOutRecordings:
+    """Rows that no weight was fitted to, one recording for each source that has any.
+
+    Attributes:
+        test: that had no part in training at all.
+        reference: these, and those that told when to stop: there the model errs nearly as on others.
+    """
+
+    test: tuple[Recording, ...]
+    reference: tuple[Recording, ...]
+
+
+@dataclass(frozen=True)
 class Dataset:
     """Three sets that share no sample.
 
     Attributes:
-        test_recordings: the test rows, one recording for each source that has any.
+        held_out: the rows that no weight was fitted to, as recordings.
         contacts: what the training set's contacts range over.
     """
 
     train: Examples
     validation: Examples
     test: Examples
-    test_recordings: tuple[Recording, ...]
+    held_out: HeldOutRecordings
     contacts: TrainedContacts
 
     @classmethod
@@ -99,21 +112,25 @@ class Dataset:
                     f"the {subset.name.lower()} set has no window: segments are shorter than "
                     f"the {spec.look_back + spec.look_ahead + 1} samples of one, or too few"
                 )
-        held_out = [
-            recording.rows(of_row == Subset.TEST)
-            for recording, of_row in zip(ticks, row_subsets, strict=True)
-            if (of_row == Subset.TEST).any()
-        ]
-        trained_on = [
-            recording.rows(of_row == Subset.TRAIN)
-            for recording, of_row in zip(ticks, row_subsets, strict=True)
-        ]
+
+        def recordings_of(*subsets: Subset) -> tuple[Recording, ...]:
+            rows = [np.isin(of_row, subsets) for of_row in row_subsets]
+            return tuple(
+                recording.rows(chosen)
+                for recording, chosen in zip(ticks, rows, strict=True)
+                if chosen.any()
+            )
+
         return cls(
             sets[Subset.TRAIN],
             sets[Subset.VALIDATION],
             sets[Subset.TEST],
-            tuple(held_out),
-            contacts_of(trained_on, max(recording.samples.period_ns for recording in recordings)),
+            HeldOutRecordings(
+                test=recordings_of(Subset.TEST), reference=recordings_of(Subset.VALIDATION, Subset.TEST)
+            ),
+            contacts_of(
+                recordings_of(Subset.TRAIN), max(recording.samples.period_ns for recording in recordings)
+            ),
         )
 
     def counts(self) -> dict[str, int]:

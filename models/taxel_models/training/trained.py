@@ -4,6 +4,7 @@ DIR/trained.json      family, inputs, hyperparameters, normalisation, split, met
 DIR/loss.png          the loss after each step of fitting
 DIR/weights/          the family's own files
 DIR/held_out/*.csv    the test rows of each recording, to evaluate any model on
+DIR/reference/*.csv   these and the validation rows: what the loop judges the model's own errors by
 """
 
 import json
@@ -26,8 +27,11 @@ from taxel_models.families.family import NO_EXTRAS, FittedModel, History
 from taxel_models.families.registry import family
 from taxel_models.recordings import Recording, read_ruppel, write_ruppel
 from taxel_models.training.curve import draw_history
+from taxel_models.training.dataset import HeldOutRecordings
 
 RECORD: Final = "trained.json"
+HELD_OUT: Final = "held_out"
+REFERENCE: Final = "reference"
 CURVE: Final = "loss.png"
 
 
@@ -137,7 +141,7 @@ class TrainedModel:
 
 
 def save(
-    model: TrainedModel, held_out: tuple[Recording, ...], folder: Path, *, overwrite: bool = False
+    model: TrainedModel, held_out: HeldOutRecordings, folder: Path, *, overwrite: bool = False
 ) -> None:
     """Write a trained model and its held-out recordings; the folder appears whole or not at all.
 
@@ -147,9 +151,10 @@ def save(
     with whole_folder(folder, replacing=RECORD if overwrite else None) as place:
         (place / "weights").mkdir()
         model.fitted.save(place / "weights")
-        (place / "held_out").mkdir()
-        for number, recording in enumerate(held_out, start=1):
-            write_ruppel(recording, place / "held_out" / f"{number}_{Path(recording.name).stem}.csv")
+        for name, recordings in ((HELD_OUT, held_out.test), (REFERENCE, held_out.reference)):
+            (place / name).mkdir()
+            for number, recording in enumerate(recordings, start=1):
+                write_ruppel(recording, place / name / f"{number}_{Path(recording.name).stem}.csv")
         draw_history(model.record.history, place / CURVE)
         record = json.dumps(model.record.model_dump(mode="json"), indent=1) + "\n"
         (place / RECORD).write_text(record, encoding="utf-8")
@@ -177,7 +182,17 @@ def held_out(folder: Path) -> list[Recording]:
     Raises:
         ArtifactError: there are none.
     """
-    paths = sorted((folder / "held_out").glob("*.csv"))
+    paths = sorted((folder / HELD_OUT).glob("*.csv"))
     if not paths:
-        raise ArtifactError(f"{folder / 'held_out'}: no recording; expected the held-out rows")
+        raise ArtifactError(f"{folder / HELD_OUT}: no recording; expected the held-out rows")
     return [read_ruppel(path) for path in paths]
+
+
+def reference(folder: Path) -> list[Recording]:
+    """All rows that no weight was fitted to; the test rows alone where an earlier version trained.
+
+    Raises:
+        ArtifactError: there are none.
+    """
+    paths = sorted((folder / REFERENCE).glob("*.csv"))
+    return [read_ruppel(path) for path in paths] or held_out(folder)

@@ -20,6 +20,7 @@ class Crosstalk(Effect):
 
     name = "crosstalk"
     follows = "measured"
+    most_weight = 1.0  # No wire gives more than it carries.
     looks_at_residual = True
     equation = "delta_c = a (p_j - rest_j), j another channel"
     source = "shared wiring and the converter's multiplexer; one source a channel is assumed"

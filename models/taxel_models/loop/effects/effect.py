@@ -1,5 +1,6 @@
 """The interface of effects: their forms compete for a residual, and the best one has an online form."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -153,6 +154,7 @@ class Effect(ABC):
         follows: which signal a change of few channels is in proportion to: `expected`, what the model and
             the other channels foretell of the channel, or `measured`, that of another channel; None if the
             effect changes many channels.
+        most_weight: that a channel can have of what it follows.
         is_costly: whether its forms take many predictions. Then it is tried again once at most: after it
             failed alone, beside others.
         equation: what it adds to a channel.
@@ -164,6 +166,7 @@ class Effect(ABC):
     looks_at_residual: ClassVar[bool] = False
     is_costly: ClassVar[bool] = False
     follows: ClassVar[Literal["expected", "measured"] | None] = None
+    most_weight: ClassVar[float] = math.inf
     is_constant: ClassVar[bool] = False
     is_steady: ClassVar[bool] = False
     is_predictable: ClassVar[bool] = True

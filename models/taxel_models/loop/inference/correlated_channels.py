@@ -96,6 +96,10 @@ class CorrelatedChannels:
         self._whitening = Whitening(bins, shape, self._whiten(residual), constants, rounding)
         self._ones = Design(self._whitening.ones, bins.fold)
 
+    def knows(self, effect: str) -> bool:
+        """Whether the model's own residual tells how much of an effect is usual."""
+        return effect in self._known.structure
+
     def conditional_residual(self, residual: Floats) -> Floats:
         """(n, 21) of a residual, the part that the other channels do not foretell, about 0, counts."""
         around = residual - residual[self._bins.order].mean(axis=0)
@@ -133,12 +137,19 @@ class CorrelatedChannels:
                 break
             more = {**chosen, channel: place}
             score = self._scored(effect, signals, more, bases, price, best)
-            if odds(signals.predicted, channel, place) > 0 and self._repeats(score, best, channel):
+            proven = odds(signals.predicted, channel, place) > 0 and self._repeats(score, best, channel)
+            if proven and self._is_possible(score, remaining.residual, channel):
                 chosen, best = more, score
             if not chosen or len(chosen) > MOST_CHANNELS:
                 # Where the likeliest one proves nothing, those that do may only stand for its cause.
                 return None
         return best
+
+    def _is_possible(self, score: Score, left: Floats, channel: int) -> bool:
+        """Whether a channel's weights are not larger than its effect can make them."""
+        assert isinstance(score.form, FewChannelsForm)
+        weights = self.weights(score.form, left, score.weighed.strength, None)[channel]
+        return bool((np.abs(weights) <= score.effect.most_weight).all())
 
     def _repeats(self, score: Score, before: Score | None, channel: int) -> bool:
         """Whether one channel more is likelier and repeats over the folds."""
@@ -208,6 +219,8 @@ class CorrelatedChannels:
         """
         bases, found = self.bases(left), [0.0]
         for label, own in forms.items():
+            if not self.knows(label):
+                continue
             usual = self._usual_odds(label)
             for products, fitting in self.products_of_many(own, bases):
                 found.append(weigh(products, fitting, self._constants, usual).log_evidence)

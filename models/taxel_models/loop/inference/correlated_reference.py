@@ -59,17 +59,52 @@ def correlated_residual(
     )
     channels = CorrelatedChannels(residual, bins, known, constants, whiten)
     weights = alone.row_weights(len(observations)).mean(axis=1)
-    remaining = Remaining(residual, blocks.fit, weights)
+    structure = _structure_of(channels, observations, blocks, weights, constants, OPEN, progress)
+    return known.model_copy(update={"structure": structure})
+
+
+def correlated_structure(
+    observations: Observations,
+    blocks: Blocks,
+    known: CorrelatedResidual,
+    constants: Constants,
+    confidence: float,
+) -> dict[str, OwnStructure]:
+    """What a part of these recordings, such as one kind, shows beside what its channels have in common.
+
+    Args:
+        confidence: of the limit of what few blocks leave open.
+    """
+    residual, bins = observations.residual, Bins.of(blocks, constants.bin_s)
+    channels = CorrelatedChannels(residual, bins, known, constants)
+    shape = NoiseShape.of(bins, residual, constants.fading_s)
+    weights = Whitening(bins, shape, residual, constants).row_weights(len(observations)).mean(axis=1)
+    return _structure_of(channels, observations, blocks, weights, constants, confidence, lambda _: None)
+
+
+def _structure_of(
+    channels: CorrelatedChannels,
+    observations: Observations,
+    blocks: Blocks,
+    row_weights: Floats,
+    constants: Constants,
+    confidence: float,
+    progress: Callable[[str], None],
+) -> dict[str, OwnStructure]:
+    residual = observations.residual
+    remaining = Remaining(residual, blocks.fit, row_weights)
     structure = {}
     for effect in candidates(observations):
         if effect.is_costly or effect.out_of_scope(observations) is not None:
             continue
         progress(effect.label)
         if effect.follows is not None:
-            structure[effect.label] = _of_few(channels, effect, observations, remaining, constants)
+            structure[effect.label] = _of_few(
+                channels, effect, observations, remaining, constants, confidence
+            )
         elif forms := list(effect.forms(observations, remaining)):
             structure[effect.label] = _of_many(channels, forms, residual, constants)
-    return known.model_copy(update={"structure": structure})
+    return structure
 
 
 def _of_few(
@@ -78,6 +113,7 @@ def _of_few(
     observations: Observations,
     remaining: Remaining,
     constants: Constants,
+    confidence: float,
 ) -> OwnStructure:
     """What an effect explains in each electrode alone: log odds and gain over the noise, by bins."""
     forms = channels.signals(effect, observations, remaining).about_mean
@@ -91,7 +127,7 @@ def _of_few(
             for one in (True, False)
         )
         log_evidence[channel] = max(log_evidence[channel], weighed.log_evidence)
-        gain[channel] = max(gain[channel], float(gain_limit(seen, unseen, OPEN)[0]))
+        gain[channel] = max(gain[channel], float(gain_limit(seen, unseen, confidence)[0]))
     return OwnStructure(
         log_evidence=tuple((log_evidence / base.bins).tolist()), gain=tuple((gain / base.bins).tolist())
     )

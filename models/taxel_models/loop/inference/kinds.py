@@ -1,11 +1,14 @@
 """Kinds: a model errs in its own way on each material, and a recording may have few of them."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from taxel.channels import CHANNELS
 from taxel.manifest import HeldOutResidual, OwnStructure
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.effects.covariate import NOT_COVARIATES, are_kinds
+from taxel_models.loop.effects.covariate import NOT_COVARIATES, Covariate, are_kinds
+from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.inference.contact_offset import ContactOffset
 from taxel_models.loop.observations import Observations
@@ -53,24 +56,46 @@ def of_its_kinds(reference: HeldOutResidual, observations: Observations) -> Held
     """
     scale = np.maximum(observations.residual.std(axis=0), 1e-9)
     structure = {name: _figures(own) for name, own in reference.structure.items()}
+    beside = {} if reference.correlated is None else reference.correlated.structure
+    correlated = {name: _figures(own) for name, own in beside.items()}
     for column, one in reference.one_kind.items():
         if column not in observations.covariates:
             continue
+        covariate = f"{Covariate.name}:{column}"
+        if covariate not in structure:
+            # Too few were held out to compare kinds: each kind may have what one kind alone shows.
+            alike = [
+                _figures(one.structure[name]) for name in (Gain.name, Offset.name) if name in one.structure
+            ]
+            structure[covariate] = np.sum(alike, axis=0) if alike else np.zeros((2, len(CHANNELS)))
         few = herfindahl(observations.covariates[column]) - one.herfindahl
         alone = max(few, 0.0) / (1.0 - one.herfindahl)
         for name in one.structure.keys() & structure.keys():
             unit = counted(name, np.array(reference.std), scale)
             own = _figures(one.structure[name]) * counted(name, np.array(one.std), scale) / unit
-            structure[name] = np.maximum(structure[name], (1.0 - alone) * structure[name] + alone * own)
+            structure[name] = _at_least(structure[name], own, alone)
+        for name in one.correlated.keys() & correlated.keys():
+            correlated[name] = _at_least(correlated[name], _figures(one.correlated[name]), alone)
+    known = reference.correlated
     return reference.model_copy(
         update={
-            "structure": {
-                name: OwnStructure(log_evidence=tuple(odds.tolist()), gain=tuple(gain.tolist()))
-                for name, (odds, gain) in structure.items()
-            },
+            "structure": _of_figures(structure),
             "one_kind": {},
+            "correlated": known and known.model_copy(update={"structure": _of_figures(correlated)}),
         }
     )
+
+
+def _at_least(several: Floats, one: Floats, alone: float) -> Floats:
+    """Figures of a recording, of which a share stands for one kind alone."""
+    return np.maximum(several, (1.0 - alone) * several + alone * one)
+
+
+def _of_figures(structure: Mapping[str, Floats]) -> dict[str, OwnStructure]:
+    return {
+        name: OwnStructure(log_evidence=tuple(odds.tolist()), gain=tuple(gain.tolist()))
+        for name, (odds, gain) in structure.items()
+    }
 
 
 def _figures(own: OwnStructure) -> Floats:

@@ -1,6 +1,6 @@
 """The reference: a model's own held-out residual, which says what the model gets wrong anyway."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Final
 
@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 
 from taxel.errors import RecordingError
-from taxel.manifest import HeldOutResidual, KindResidual, OwnStructure
+from taxel.manifest import CorrelatedResidual, HeldOutResidual, KindResidual, OwnStructure
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks, cut
 from taxel_models.loop.channel_history import usual_changes
@@ -16,7 +16,7 @@ from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.contact_offset import FEWEST_FOR_SCATTER, ContactOffset
-from taxel_models.loop.inference.correlated_reference import correlated_residual
+from taxel_models.loop.inference.correlated_reference import correlated_residual, correlated_structure
 from taxel_models.loop.inference.kinds import herfindahl, kind_columns
 from taxel_models.loop.inference.own_structure import OPEN, structure_of
 from taxel_models.loop.inference.scoring import Progress, Scoring, silent
@@ -65,12 +65,12 @@ def held_out_residual(
     if len(np.unique(observations.contact)) < FEWEST_FOR_SCATTER:
         known = {name: own for name, own in found.structure.items() if name != ContactOffset.name}
         found = found.model_copy(update={"structure": known})
-    kinds = {
-        column: _residual_of_one_kind(observations, column, constants, progress)
-        for column in kind_columns(observations)
-    }
     blocks = cut(observations, seed=0, held_out=KEPT)
     correlated = correlated_residual(observations, blocks, constants, progress)
+    kinds = {
+        column: _residual_of_one_kind(observations, column, correlated, constants, progress)
+        for column in kind_columns(observations)
+    }
     usual = usual_changes(observations, blocks)
     return found.model_copy(
         update={
@@ -110,32 +110,47 @@ def _residual_of(
 
 
 def _residual_of_one_kind(
-    observations: Observations, column: str, constants: Constants, progress: Progress
+    observations: Observations,
+    column: str,
+    correlated: CorrelatedResidual | None,
+    constants: Constants,
+    progress: Progress,
 ) -> KindResidual | None:
     """Of a recording of one value of a column; None where fewer than three values have enough rows.
 
     There is little of each value, so all values together say how much one may show.
     """
-    found = []
+    found, beside = [], []
     values = observations.covariates[column]
     kinds, rows = np.unique(values, return_counts=True)
     for kind in kinds[rows >= FEWEST_ROWS]:
         progress(f"{column} {kind:g}")
         with suppress(RecordingError):
-            found.append(_residual_of(observations.kept(values == kind), constants, silent, MEAN))
+            own = observations.kept(values == kind)
+            found.append(_residual_of(own, constants, silent, MEAN))
+            if correlated is not None:
+                blocks = cut(own, seed=0, held_out=KEPT)
+                beside.append(correlated_structure(own, blocks, correlated, constants, MEAN))
     if len(found) < FEWEST_KINDS:
         return None
+    std = np.sqrt(np.mean([np.square(one.std) for one in found], axis=0))
+    return KindResidual(
+        std=tuple(std.tolist()),
+        structure=_of_nearly_all([one.structure for one in found]),
+        herfindahl=herfindahl(values),
+        correlated=_of_nearly_all(beside),
+    )
+
+
+def _of_nearly_all(kinds: Sequence[Mapping[str, OwnStructure]]) -> dict[str, OwnStructure]:
+    """What nearly all kinds stay below, of each effect that enough of them tell of."""
     structure = {}
-    for name in {name for one in found for name in one.structure}:
-        of_kinds = [one.structure[name] for one in found if name in one.structure]
-        figures = np.array([(own.log_evidence, own.gain) for own in of_kinds])
+    for name in sorted({name for one in kinds for name in one}):
+        figures = np.array([(one[name].log_evidence, one[name].gain) for one in kinds if name in one])
         if len(figures) >= FEWEST_KINDS:
             odds, gain = figures.mean(axis=0) + DEVIATIONS * figures.std(axis=0, ddof=1)
             structure[name] = OwnStructure(log_evidence=tuple(odds.tolist()), gain=tuple(gain.tolist()))
-    std = np.sqrt(np.mean([np.square(one.std) for one in found], axis=0))
-    return KindResidual(
-        std=tuple(std.tolist()), structure=dict(sorted(structure.items())), herfindahl=herfindahl(values)
-    )
+    return structure
 
 
 def _unknown_mean(observations: Observations, blocks: Blocks) -> Floats:

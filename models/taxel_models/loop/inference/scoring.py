@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache, partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from taxel.channels import CHANNELS, COUNTS_MAX, ELECTRODE_COLUMNS
 from taxel.manifest import HeldOutResidual
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
-from taxel_models.loop.effects.effect import Effect, Remaining
+from taxel_models.loop.effects.effect import Candidate, Effect, Remaining
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.contact_offset import (
@@ -174,6 +175,9 @@ class Scoring:
             ]
         return self._forms[effect.label]
 
+    def _candidates(self, effect: Effect, left: Floats) -> list[Candidate]:
+        return [form.candidate for form in self._forms_of(effect, left)]
+
     def forms_of(self, effect: Effect) -> list[WhitenedForm]:
         """The forms of an effect while nothing is named."""
         return self._forms_of(effect, self.residual([]))
@@ -197,7 +201,7 @@ class Scoring:
                 weak = score.log_evidence <= 0 or score.t < self.constants.least_t
                 if effect.is_costly and (weak or score.worth.mean() < self.constants.least_share):
                     self._hopeless[effect.label] = beside
-        found = self._with_few_channels(found, names, left)
+        found = self._beside_all_channels(found, names, left)
         contact = None if ContactOffset.name in names else self._contact_offset(bases.plain, left)
         found += [] if contact is None else [contact]
         return sorted(found, key=lambda score: -score.log_evidence)
@@ -250,29 +254,44 @@ class Scoring:
         sizes = tuple((option.form.freedom, option.log_evidence) for option in weighed)
         return replace(best, log_evidence=total, most_gain=most_gain, forms=sizes)
 
-    def _with_few_channels(self, scores: list[Score], names: set[str], left: Floats) -> list[Score]:
-        """Changes of few channels in place of their effects' other forms, where they prove themselves."""
+    def _beside_all_channels(self, scores: list[Score], names: set[str], left: Floats) -> list[Score]:
+        """Scores, as what all channels show together tells them.
+
+        Changes of few channels take the place of their effect's other forms, where they prove themselves.
+        What explains only the error that channels have in common anyway is no evidence.
+        """
         if self._correlated is None:
             return scores
-        found, of_many, beside_others = [], None, bool(names)
+        beside_others = bool(names)
+        of_many = cache(partial(self._of_many, names, left))
+        found = []
         for score in scores:
-            few = None
-            if score.effect.follows is not None:
-                few = self._correlated.best(score.effect, self.observations, self._remaining(left))
+            effect, few = score.effect, None
+            if effect.follows is not None:
+                few = self._correlated.best(effect, self.observations, self._remaining(left))
+            stands = self.stands(score, beside_others)
             if few is not None and self.stands(few, beside_others):
-                of_many = self._of_many(names, left) if of_many is None else of_many
-                stronger = score.log_evidence > few.log_evidence and self.stands(score, beside_others)
-                score = few if few.log_evidence > of_many and not stronger else score
+                stronger = stands and score.log_evidence > few.log_evidence
+                if few.log_evidence > of_many(effect) and not stronger:
+                    found.append(few)
+                    continue
+            if stands and self._correlated.knows(effect.label) and not score.form.candidate.certain:
+                least = of_many(effect) if effect.follows == "measured" else 0.0
+                if self._correlated.of_many({effect.label: self._candidates(effect, left)}, left) <= least:
+                    score = replace(score, log_evidence=0.0)
             found.append(score)
         return found
 
-    def _of_many(self, names: set[str], left: Floats) -> float:
-        """The evidence of the likeliest effect that changes many channels, on the scale of few of them."""
+    def _of_many(self, names: set[str], left: Floats, but: Effect) -> float:
+        """The evidence of the likeliest other effect of many channels, for all of them together."""
         assert self._correlated is not None
         forms = {
-            effect.label: [form.candidate for form in self._forms_of(effect, left)]
+            effect.label: self._candidates(effect, left)
             for effect in self._effects
-            if effect.follows is None and effect.label not in names and not effect.is_costly
+            if effect is not but
+            and effect.follows != "measured"
+            and effect.label not in names
+            and not effect.is_costly
         }
         return self._correlated.of_many(forms, left)
 

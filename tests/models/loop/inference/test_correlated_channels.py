@@ -91,6 +91,16 @@ def named(smooth: Any, recording: Recording, reference: HeldOutResidual | None) 
     return [(one.name, one.candidate.form) for one in found.named]
 
 
+def test_a_channel_that_gives_more_than_it_has_is_no_leak(
+    smooth: Any, recording: Recording, reference: HeldOutResidual
+) -> None:
+    """A leak of half is found; one of one and a half, no wire can make."""
+    for share, names in ((0.5, {"crosstalk"}), (1.5, set())):
+        found = named(smooth, leaks(recording, "e4", "e9", share), reference)
+        leaking = {name for name, form in found if name == "crosstalk" and "beside all others" in form}
+        assert leaking == names, found
+
+
 def test_the_precision_is_the_inverse_of_the_covariance_with_some_noise_of_each_channel_added() -> None:
     random = np.random.default_rng(0)
     residual = random.normal(size=(5000, 21)) @ random.normal(size=(21, 21)) * 10 + 3.0

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taxel.manifest import HeldOutResidual, KindResidual, Manifest, OwnStructure
+from taxel.manifest import CorrelatedResidual, HeldOutResidual, KindResidual, Manifest, OwnStructure
 from taxel_models.loop.effects.covariate import Covariate
 from taxel_models.loop.inference.kinds import of_its_kinds
 from taxel_models.loop.inference.reference import held_out_residual
@@ -62,6 +62,31 @@ def test_own_parts_of_several_kinds_cancel_out(observations: Observations) -> No
     for kinds in (10, 30):
         many = of(observations, list(range(kinds)))
         assert many.structure["gain"].gain[0] == pytest.approx(1.0, rel=1e-2)
+
+
+def test_kinds_that_were_never_compared_may_differ_as_much_as_one_shows(observations: Observations) -> None:
+    """Each kind has a weight of its own, so that they do not cancel out."""
+    both = of(observations, [1.0, 2.0])
+    assert both.structure["covariate:material"].gain[0] == pytest.approx(8.0)
+    compared = known()
+    compared.structure["covariate:material"] = own(5.0)
+    column = {"material": np.resize(np.array([1.0, 2.0]), len(observations))}
+    found = of_its_kinds(compared, replace(observations, covariates=column))
+    assert found.structure["covariate:material"].gain[0] == pytest.approx(5.0)
+
+
+def test_what_one_kind_shows_beside_all_channels_counts_likewise(observations: Observations) -> None:
+    whole = known()
+    material = whole.one_kind["material"].model_copy(update={"correlated": {"drift": own(9.0)}})
+    precision = tuple(map(tuple, np.eye(21).tolist()))
+    beside = CorrelatedResidual(
+        precision=precision, shared=whole.shared, fading=whole.fading, structure={"drift": own(2.0)}
+    )
+    whole = whole.model_copy(update={"one_kind": {"material": material}, "correlated": beside})
+    column = {"material": np.full(len(observations), 7.0)}
+    found = of_its_kinds(whole, replace(observations, covariates=column))
+    assert found.correlated is not None
+    assert found.correlated.structure["drift"].log_evidence[0] == pytest.approx(0.9)
 
 
 def test_a_recording_without_the_column_is_judged_by_all_together(observations: Observations) -> None:
