@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from taxel.channels import CHANNELS, COUNTS_MAX
-from taxel.manifest import CorrelatedResidual, HeldOutResidual
+from taxel.manifest import CorrelatedResidual, HeldOutResidual, OwnStructure
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.crosstalk import Crosstalk
 from taxel_models.loop.effects.drift import Drift
@@ -83,10 +83,13 @@ def recording(make: Make) -> Recording:
     return errs_alike(make(seed=4), seed=2)
 
 
-def named(smooth: Any, recording: Recording, reference: HeldOutResidual | None) -> list[tuple[str, str]]:
+def named(
+    smooth: Any, recording: Recording, reference: HeldOutResidual | None, *other: str
+) -> list[tuple[str, str]]:
     """The effects that are found, each with its form."""
     observations = gather(smooth, [recording])
-    effects = [one for one in candidates(observations) if one.label in ("gain", "crosstalk", "offset")]
+    competing = "gain", "crosstalk", "offset", *other
+    effects = [one for one in candidates(observations) if one.label in competing]
     found = JointSelection(observations, cut(observations, seed=0), effects, reference=reference).run()
     return [(one.name, one.candidate.form) for one in found.named]
 
@@ -241,6 +244,20 @@ def test_an_effect_of_many_channels_that_is_likelier_goes_first(
         observations, cut(observations, seed=0), candidates(observations), reference=reference
     ).run()
     assert [one.name for one in found.named] == ["drift"]
+
+
+def test_what_all_channels_show_together_anyway_is_no_evidence(
+    smooth: Any, recording: Recording, reference: HeldOutResidual
+) -> None:
+    counts = recording.channels + np.linspace(-200, 200, len(recording))[:, None]
+    drifting = replace(recording, channels=np.clip(np.rint(counts), 0, COUNTS_MAX))
+    assert reference.correlated is not None
+    often = OwnStructure(log_evidence=(1e3,) * len(CHANNELS), gain=(0.0,) * len(CHANNELS))
+    structure = {**reference.correlated.structure, "drift": often}
+    usual = reference.correlated.model_copy(update={"structure": structure})
+    assert [name for name, _ in named(smooth, drifting, reference, "drift")] == ["drift"]
+    found = named(smooth, drifting, reference.model_copy(update={"correlated": usual}), "drift")
+    assert "drift" not in [name for name, _ in found]
 
 
 def test_a_precision_without_all_channels_is_refused(reference: HeldOutResidual) -> None:
