@@ -31,6 +31,9 @@ KEPT: Final = 0.05
 MEAN: Final = 0.5
 """The confidence of a limit that is the mean."""
 
+LEAST_ROWS: Final = 2000
+"""Of all recordings together, 20 s: fewer blocks leave open whether the model lacks anything at all."""
+
 FEWEST_ROWS: Final = 1000
 """Of a kind, 10 s."""
 
@@ -59,6 +62,8 @@ def held_out_residual(
     progress = progress or silent
     try:
         observations = gather(model, recordings)
+        if len(observations) < LEAST_ROWS:
+            return None
         found = _residual_of(observations, constants, progress)
     except RecordingError:
         return None
