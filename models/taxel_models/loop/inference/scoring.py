@@ -6,7 +6,6 @@ from functools import cache, partial
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy import stats
 from scipy.special import logsumexp
 
 from taxel.channels import CHANNELS, COUNTS_MAX, ELECTRODE_COLUMNS
@@ -35,6 +34,7 @@ from taxel_models.loop.inference.evidence import (
 )
 from taxel_models.loop.inference.few_channels_form import FewChannelsForm
 from taxel_models.loop.inference.forms import WhitenedForm, prepared
+from taxel_models.loop.inference.proof import most_of_simpler, simplest, stands
 from taxel_models.loop.inference.score import Score, Taken
 from taxel_models.loop.inference.usual import Usual
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
@@ -64,11 +64,6 @@ class Option(NamedTuple):
     weighed: Weighed
     alone: float
     needs_constant: bool
-
-
-def _most_of_simpler(score: Score, constants: Constants) -> float:
-    """How many figures an effect has at most that is simpler; fewer than the other, in any case."""
-    return min(constants.simpler * score.freedom, score.freedom - 1)
 
 
 class Scoring:
@@ -240,17 +235,17 @@ class Scoring:
         best = tested(max(weighed, key=lambda option: option.log_evidence))
         most_gain = best.total_gain
         total = float(logsumexp(logs) - np.log(len(logs)))
-        most = _most_of_simpler(best, self.constants)
+        most = most_of_simpler(best, self.constants)
         while simpler := [option for option in weighed if option.form.freedom <= most]:
             simple = tested(max(simpler, key=lambda option: option.log_evidence))
-            most = _most_of_simpler(simple, self.constants)
+            most = most_of_simpler(simple, self.constants)
             if simple.log_evidence > 0:
                 # Many weights can make a form likely that does not repeat, though a simpler one does.
-                stands = self.stands(best, beside_others), self.stands(simple, beside_others)
-                if stands == (False, True):
+                proven = tuple(stands(one, beside_others, self.constants) for one in (best, simple))
+                if proven == (False, True):
                     best = simple
-                elif stands != (True, False):
-                    best = self.simplest(best, [simple])
+                elif proven != (True, False):
+                    best = simplest(best, [simple], self.constants)
         sizes = tuple((option.form.freedom, option.log_evidence) for option in weighed)
         return replace(best, log_evidence=total, most_gain=most_gain, forms=sizes)
 
@@ -269,13 +264,13 @@ class Scoring:
             effect, few = score.effect, None
             if effect.follows is not None:
                 few = self._correlated.best(effect, self.observations, self._remaining(left))
-            stands = self.stands(score, beside_others)
-            if few is not None and self.stands(few, beside_others):
-                stronger = stands and score.log_evidence > few.log_evidence
+            proven = stands(score, beside_others, self.constants)
+            if few is not None and stands(few, beside_others, self.constants):
+                stronger = proven and score.log_evidence > few.log_evidence
                 if few.log_evidence > of_many(effect) and not stronger:
                     found.append(few)
                     continue
-            if stands and self._correlated.knows(effect.label) and not score.form.candidate.certain:
+            if proven and self._correlated.knows(effect.label) and not score.form.candidate.certain:
                 least = of_many(effect) if effect.follows == "measured" else 0.0
                 if self._correlated.of_many({effect.label: self._candidates(effect, left)}, left) <= least:
                     score = replace(score, log_evidence=0.0)
@@ -294,56 +289,6 @@ class Scoring:
             and not effect.is_costly
         }
         return self._correlated.of_many(forms, left)
-
-    def stands(self, score: Score, beside_others: bool) -> bool:
-        """Whether an effect repeats over the held-out folds and removes enough to be named.
-
-        Args:
-            beside_others: something is named already; its form may not be quite right.
-        """
-        constants = self.constants
-        if score.t < constants.least_t:
-            return False
-        if not score.effect.is_predictable:
-            return bool(score.worth.mean() >= constants.clear_share)
-        if score.worth.mean() >= constants.least_share:
-            return True
-        if score.form.candidate.fitting.pooled:
-            # What all channels share is not told by one of them.
-            return False
-        # The t above weighs channels by what other folds show: chance does not choose a clear one.
-        told = (score.worth >= constants.clear_share) & (score.channel_t >= constants.least_t)
-        if not (beside_others or score.effect.is_constant):
-            # A channel's mean scatters from finger to finger.
-            sure = score.channel_t >= self._least_channel_t(score)
-            told |= (score.worth >= constants.least_channel_share) & sure
-        told &= score.weighed.changes & (score.worth >= constants.least_share)
-        return bool(told.any())
-
-    def _least_channel_t(self, score: Score) -> float:
-        """The t that one of all channels must reach: choosing among them has its price (Bonferroni)."""
-        freedom = max(len(score.gain) - 1, 1)
-        chance = stats.t.sf(self.constants.least_t, freedom)
-        return float(stats.t.isf(chance / len(CHANNELS), freedom))
-
-    def simplest(self, best: Score, scores: Sequence[Score]) -> Score:
-        """The likeliest of those simpler than the best that carry most of what it explains, or the best.
-
-        Where one still simpler carries most of that, too, it is taken in its place.
-        """
-        least = 0.0
-        while True:
-            least = max(least, self.constants.carries * best.total_gain)
-            simpler = [
-                score
-                for score in scores
-                if score.effect.is_predictable
-                and score.freedom <= _most_of_simpler(best, self.constants)
-                and score.total_gain > least
-            ]
-            if not simpler:
-                return best
-            best = max(simpler, key=lambda score: score.log_evidence)
 
     def _scored(
         self,

@@ -21,6 +21,7 @@ from taxel_models.loop.effects.effect import Effect
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.forms import prepared
 from taxel_models.loop.inference.parameter_correlation import parameter_correlation
+from taxel_models.loop.inference.proof import simplest, stands
 from taxel_models.loop.inference.score import Score, Taken, t_over_folds
 from taxel_models.loop.inference.scoring import REFITS, Progress, Scoring, silent
 from taxel_models.loop.observations import Observations
@@ -93,7 +94,7 @@ class JointSelection:
             return False
         if not score.weighed.changes.any():
             return False
-        if not self._scoring.stands(score, bool(self._taken)):
+        if not stands(score, bool(self._taken), self._constants):
             return False
         return not self._scoring.contradicts(score, self._taken)
 
@@ -141,7 +142,7 @@ class JointSelection:
             for score in others
             if score.evidence_within(score.freedom) > best.evidence_within(score.freedom)
         ]
-        return self._scoring.simplest(best, simpler)
+        return simplest(best, simpler, self._constants)
 
     def _take(self, score: Score) -> None:
         score = self._scoring.refined(score, self._taken)

@@ -15,10 +15,11 @@ from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.effect import Fitting
 from taxel_models.loop.effects.registry import candidates
+from taxel_models.loop.inference import proof
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.forms import prepared
+from taxel_models.loop.inference.proof import simplest
 from taxel_models.loop.inference.reference import held_out_residual
-from taxel_models.loop.inference.scoring import Scoring
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations, gather
@@ -315,13 +316,12 @@ def test_the_simplest_is_looked_for_step_by_step() -> None:
 
     kinds, ageing, line = score(294, 1600.0, 1613.0), score(105, 1800.0, 1569.0), score(21, 2100.0, 1383.0)
     weak, constant = score(10, 1190.0, 1500.0), score(1, 900.0, 2000.0)
-    scoring: Any = SimpleNamespace(constants=DECLARED)
-    assert Scoring.simplest(scoring, kinds, [kinds, ageing]) is ageing
+    assert simplest(kinds, [kinds, ageing], DECLARED) is ageing
     # It carries most of what the ageing does, which carries most of what the kinds do.
-    assert Scoring.simplest(scoring, kinds, [kinds, ageing, line]) is line
+    assert simplest(kinds, [kinds, ageing, line], DECLARED) is line
     # These carry most of what the kinds do, or of nothing: the line explains more.
-    assert Scoring.simplest(scoring, kinds, [kinds, ageing, line, weak, constant]) is line
-    assert Scoring.simplest(scoring, line, [kinds, ageing]) is line
+    assert simplest(kinds, [kinds, ageing, line, weak, constant], DECLARED) is line
+    assert simplest(line, [kinds, ageing], DECLARED) is line
 
 
 @pytest.mark.parametrize(
@@ -342,8 +342,6 @@ def test_one_channel_may_be_enough(
     worth: float, t: float, shared: bool, constant: bool, beside: bool, stands: bool
 ) -> None:
     """Of 21 channels, the others are a little worse with the effect."""
-    scoring: Any = SimpleNamespace(constants=DECLARED)
-    scoring._least_channel_t = lambda score: Scoring._least_channel_t(scoring, score)
     candidate = SimpleNamespace(fitting=Fitting(pooled=shared))
     score: Any = SimpleNamespace(
         effect=SimpleNamespace(is_predictable=True, is_constant=constant),
@@ -354,7 +352,7 @@ def test_one_channel_may_be_enough(
         channel_t=np.array([t] + [0.0] * 20),
         worth=np.array([worth] + [-0.001] * 20),
     )
-    assert Scoring.stands(scoring, score, beside) is stands
+    assert proof.stands(score, beside, DECLARED) is stands
 
 
 @pytest.mark.parametrize(
