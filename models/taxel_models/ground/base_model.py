@@ -58,8 +58,8 @@ class BaseModel:
             overrides=dict(SMALL),
             jobs=jobs,
         )
-        trained, held = train([recording], settings)
-        (reference,) = held.reference
+        trained, left_out = train([recording], settings)
+        (reference,) = left_out.reference
         unshifted = cls(trained, np.zeros(len(CHANNELS)))
         counts, rows = predicted(unshifted, reference)
         return cls(trained, (reference.channels[rows] - counts).mean(axis=0)), reference

@@ -131,7 +131,9 @@ def run_loop(
     if reference is not None:
         reference = of_its_kinds(reference, observations)
         if not settings.reference:
-            reference = reference.model_copy(update={"structure": {}, "sensitivity_change": None})
+            reference = reference.model_copy(
+                update={"structure": {}, "sensitivity_change": None, "correlated": None}
+            )
     constants = replace(settings.constants, least_share=settings.least_share)
     attribution = JointSelection(
         observations, blocks, effects, reference=reference, constants=constants, progress=progress

@@ -65,7 +65,7 @@ class HeldOutRecordings:
 
     Attributes:
         test: that had no part in training at all.
-        reference: these, and those that told when to stop: there the model errs nearly as on others.
+        reference: the same with the validation rows, where the model errs nearly as much.
     """
 
     test: tuple[Recording, ...]

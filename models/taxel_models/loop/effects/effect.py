@@ -154,7 +154,7 @@ class Effect(ABC):
         follows: which signal a change of few channels is in proportion to: `expected`, what the model and
             the other channels foretell of the channel, or `measured`, that of another channel; None if the
             effect changes many channels.
-        most_weight: that a channel can have of what it follows.
+        most_weight: the largest weight that a channel can have of the signal that it follows.
         is_costly: whether its forms take many predictions. Then it is tried again once at most: after it
             failed alone, beside others.
         equation: what it adds to a channel.

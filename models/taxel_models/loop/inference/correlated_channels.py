@@ -6,7 +6,7 @@ the rest. All channels are fitted together here, by generalised least squares (A
 the root of the precision of the model's own held-out residual, their errors have no correlation left.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -210,20 +210,16 @@ class CorrelatedChannels:
         gain = found.gain.sum(axis=1)[:, None] * form.included / form.included.sum()
         return weighed, HeldOut(gain, found.before, np.ones(len(CHANNELS)))
 
-    def of_many(self, forms: Mapping[str, Sequence[Candidate]], left: Floats) -> float:
-        """The log evidence of the likeliest form of some effects that change many channels.
+    def of_many(self, label: str, forms: Sequence[Candidate], bases: Bases) -> float:
+        """The log evidence of the likeliest form of an effect that changes many channels, 0 at least.
 
-        Args:
-            forms: of each effect, by its label.
-            left: (n, 21) the residual that no named effect explains, counts.
+        It is 0 where the model's own residual does not tell how much of the effect is usual.
         """
-        bases, found = self.bases(left), [0.0]
-        for label, own in forms.items():
-            if not self.knows(label):
-                continue
-            usual = self._usual_odds(label)
-            for products, fitting in self.products_of_many(own, bases):
-                found.append(weigh(products, fitting, self._constants, usual).log_evidence)
+        if not self.knows(label):
+            return 0.0
+        usual, found = self._usual_odds(label), [0.0]
+        for products, fitting in self.products_of_many(forms, bases):
+            found.append(weigh(products, fitting, self._constants, usual).log_evidence)
         return max(found)
 
     def products_of_many(

@@ -61,7 +61,7 @@ def of_its_kinds(reference: HeldOutResidual, observations: Observations) -> Held
     for column, one in reference.one_kind.items():
         if column not in observations.covariates:
             continue
-        covariate = f"{Covariate.name}:{column}"
+        covariate = Covariate(column).label
         if covariate not in structure:
             # Too few were held out to compare kinds: each kind may have what one kind alone shows.
             alike = [
@@ -76,14 +76,12 @@ def of_its_kinds(reference: HeldOutResidual, observations: Observations) -> Held
             structure[name] = _at_least(structure[name], own, alone)
         for name in one.correlated.keys() & correlated.keys():
             correlated[name] = _at_least(correlated[name], _figures(one.correlated[name]), alone)
-    known = reference.correlated
-    return reference.model_copy(
-        update={
-            "structure": _of_figures(structure),
-            "one_kind": {},
-            "correlated": known and known.model_copy(update={"structure": _of_figures(correlated)}),
-        }
-    )
+    update: dict[str, object] = {"structure": _of_figures(structure), "one_kind": {}}
+    if reference.correlated is not None:
+        update["correlated"] = reference.correlated.model_copy(
+            update={"structure": _of_figures(correlated)}
+        )
+    return reference.model_copy(update=update)
 
 
 def _at_least(several: Floats, one: Floats, alone: float) -> Floats:

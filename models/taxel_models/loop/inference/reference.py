@@ -31,11 +31,11 @@ KEPT: Final = 0.05
 MEAN: Final = 0.5
 """The confidence of a limit that is the mean."""
 
-LEAST_ROWS: Final = 2000
+FEWEST_ROWS: Final = 2000
 """Of all recordings together, 20 s: fewer blocks leave open whether the model lacks anything at all."""
 
-FEWEST_ROWS: Final = 1000
-"""Of a kind, 10 s."""
+FEWEST_ROWS_OF_A_KIND: Final = 1000
+"""10 s."""
 
 FEWEST_KINDS: Final = 3
 """To tell how far kinds differ."""
@@ -62,7 +62,7 @@ def held_out_residual(
     progress = progress or silent
     try:
         observations = gather(model, recordings)
-        if len(observations) < LEAST_ROWS:
+        if len(observations) < FEWEST_ROWS:
             return None
         found = _residual_of(observations, constants, progress)
     except RecordingError:
@@ -128,7 +128,7 @@ def _residual_of_one_kind(
     found, beside = [], []
     values = observations.covariates[column]
     kinds, rows = np.unique(values, return_counts=True)
-    for kind in kinds[rows >= FEWEST_ROWS]:
+    for kind in kinds[rows >= FEWEST_ROWS_OF_A_KIND]:
         progress(f"{column} {kind:g}")
         with suppress(RecordingError):
             own = observations.kept(values == kind)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from taxel.channels import CHANNELS, COUNTS_MAX, ELECTRODE_COLUMNS
 from taxel.manifest import HeldOutResidual
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
-from taxel_models.loop.effects.effect import Candidate, Effect, Remaining
+from taxel_models.loop.effects.effect import Effect, Remaining
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.contact_offset import (
@@ -170,9 +170,6 @@ class Scoring:
             ]
         return self._forms[effect.label]
 
-    def _candidates(self, effect: Effect, left: Floats) -> list[Candidate]:
-        return [form.candidate for form in self._forms_of(effect, left)]
-
     def forms_of(self, effect: Effect) -> list[WhitenedForm]:
         """The forms of an effect while nothing is named."""
         return self._forms_of(effect, self.residual([]))
@@ -257,8 +254,22 @@ class Scoring:
         """
         if self._correlated is None:
             return scores
-        beside_others = bool(names)
-        of_many = cache(partial(self._of_many, names, left))
+        beside_others, bases = bool(names), self._correlated.bases(left)
+
+        @cache
+        def beside_all(effect: Effect) -> float:
+            assert self._correlated is not None
+            forms = [form.candidate for form in self._forms_of(effect, left)]
+            return self._correlated.of_many(effect.label, forms, bases)
+
+        @cache
+        def rival(but: Effect) -> float:
+            """The evidence of the likeliest other effect of many channels."""
+            others = [one for one in self._effects if one.follows != "measured" and one.label not in names]
+            return max(
+                (beside_all(one) for one in others if one is not but and not one.is_costly), default=0.0
+            )
+
         found = []
         for score in scores:
             effect, few = score.effect, None
@@ -267,28 +278,15 @@ class Scoring:
             proven = stands(score, beside_others, self.constants)
             if few is not None and stands(few, beside_others, self.constants):
                 stronger = proven and score.log_evidence > few.log_evidence
-                if few.log_evidence > of_many(effect) and not stronger:
+                if few.log_evidence > rival(effect) and not stronger:
                     found.append(few)
                     continue
             if proven and self._correlated.knows(effect.label) and not score.form.candidate.certain:
-                least = of_many(effect) if effect.follows == "measured" else 0.0
-                if self._correlated.of_many({effect.label: self._candidates(effect, left)}, left) <= least:
+                least = rival(effect) if effect.follows == "measured" else 0.0
+                if beside_all(effect) <= least:
                     score = replace(score, log_evidence=0.0)
             found.append(score)
         return found
-
-    def _of_many(self, names: set[str], left: Floats, but: Effect) -> float:
-        """The evidence of the likeliest other effect of many channels, for all of them together."""
-        assert self._correlated is not None
-        forms = {
-            effect.label: self._candidates(effect, left)
-            for effect in self._effects
-            if effect is not but
-            and effect.follows != "measured"
-            and effect.label not in names
-            and not effect.is_costly
-        }
-        return self._correlated.of_many(forms, left)
 
     def _scored(
         self,

@@ -32,6 +32,7 @@ from taxel_models.loop.inference.score import UNSHRUNK
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.inference.whitening import Bins
 from taxel_models.loop.observations import Observations, gather
+from taxel_models.loop.pipeline import LoopSettings, run_loop
 from taxel_models.recordings import Recording
 
 Make = Callable[..., Recording]
@@ -256,8 +257,13 @@ def test_what_all_channels_show_together_anyway_is_no_evidence(
     structure = {**reference.correlated.structure, "drift": often}
     usual = reference.correlated.model_copy(update={"structure": structure})
     assert [name for name, _ in named(smooth, drifting, reference, "drift")] == ["drift"]
-    found = named(smooth, drifting, reference.model_copy(update={"correlated": usual}), "drift")
+    known = reference.model_copy(update={"correlated": usual})
+    found = named(smooth, drifting, known, "drift")
     assert "drift" not in [name for name, _ in found]
+    # Where the user asks for what the model lacked from the start, too, nothing is usual.
+    settings = LoopSettings(reference=False, stability=0)
+    effects = run_loop(smooth, [drifting], settings, reference=known).findings.effects
+    assert "drift" in [effect.name for effect in effects]
 
 
 def test_a_precision_without_all_channels_is_refused(reference: HeldOutResidual) -> None:
