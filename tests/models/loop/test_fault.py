@@ -63,6 +63,21 @@ def test_a_channel_that_a_press_leads_to_its_limit_is_cut_off(smooth: Any, make:
     assert forms(with_e5(given, np.ones(len(counts), bool), counts)) == []
 
 
+def test_a_channel_that_a_drift_leads_to_its_limit_for_good_is_cut_off(smooth: Any, make: Make) -> None:
+    """Segments after that show nothing else, so that what the channel showed before them tells."""
+    observations = observed(smooth, make)
+    predicted = observations.predicted.copy()
+    predicted[:, E5] = 3000.0 + 0.1 * (predicted[:, E5] - predicted[:, E5].mean())
+    given, every = replace(observations, predicted=predicted), np.ones(len(predicted), bool)
+    share = observations.time_s / observations.time_s[-1]
+    noise = np.random.default_rng(2).normal(0.0, 3.0, len(share))
+    drifting = np.rint(predicted[:, E5] + noise + 2000.0 * share).clip(0, COUNTS_MAX)
+    assert (drifting[share > 0.7] == COUNTS_MAX).all()
+    assert forms(with_e5(given, every, drifting)) == []
+    broken = np.where(share > 0.7, COUNTS_MAX, np.rint(predicted[:, E5] + noise))
+    assert forms(with_e5(given, every, broken)) == ["stuck: e5"]
+
+
 def test_a_value_that_is_kept_once_for_a_second_is_no_fault(smooth: Any, make: Make) -> None:
     observations = observed(smooth, make)
     rows = np.zeros(len(observations), bool)

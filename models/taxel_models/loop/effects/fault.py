@@ -71,21 +71,20 @@ def _leads_there(
 ) -> bool:
     """Whether the prediction leads to the limit, with what the channel (n,) showed just before or after."""
     residual, free = measured - predicted, ~stuck.rows
-    expected, scatter = [], []
-    for part in segments(segment):
-        rows = np.arange(part.start, part.stop)
-        own = rows[free[part]]
-        if not len(own):
-            continue
-        scatter.append(float(residual[own].std()))
-        after = np.searchsorted(own, rows)
-        before = own[np.maximum(after - 1, 0)]
-        after = own[np.minimum(after, len(own) - 1)]
-        nearest = np.where(np.abs(rows - before) <= np.abs(after - rows), before, after)
-        expected.append((predicted[rows] + residual[nearest])[~free[part]])
-    # Segments that are at the limit as a whole have nothing to go by.
-    if not expected or 2 * len(there := np.concatenate(expected)) < stuck.rows.sum():
+    own = np.flatnonzero(free)
+    if not len(own):
         return False
+    rows = np.flatnonzero(stuck.rows)
+    after = np.searchsorted(own, rows)
+    before, after = own[np.maximum(after - 1, 0)], own[np.minimum(after, len(own) - 1)]
+    # Segments that are at the limit as a whole go by the nearest rows of others.
+    apart = [
+        np.abs(rows - other) + len(measured) * (segment[rows] != segment[other])
+        for other in (before, after)
+    ]
+    nearest = np.where(apart[0] <= apart[1], before, after)
+    there = predicted[rows] + residual[nearest]
+    scatter = [float(residual[part][free[part]].std()) for part in segments(segment) if free[part].any()]
     most = float(np.median(scatter))
     within = there - most <= 0 if stuck.value == 0 else there + most >= COUNTS_MAX
     return bool(within.mean() >= LEADS_BEYOND)

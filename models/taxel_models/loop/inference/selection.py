@@ -27,6 +27,20 @@ from taxel_models.loop.inference.scoring import REFITS, Progress, Scoring, silen
 from taxel_models.loop.observations import Observations
 
 
+def most_first(named: Sequence[Named]) -> tuple[Named, ...]:
+    """Named effects, each certain one behind those that explain more.
+
+    A fault of one channel beside a cause of all is often its consequence: a drift leads to a limit.
+    """
+    ordered = [one for one in named if not one.candidate.certain]
+    for one in (one for one in named if one.candidate.certain):
+        place = next(
+            (k for k, other in enumerate(ordered) if other.conditional < one.conditional), len(ordered)
+        )
+        ordered.insert(place, one)
+    return tuple(ordered)
+
+
 class JointSelection:
     """One attribution.
 
@@ -73,7 +87,7 @@ class JointSelection:
             self._drop()
         before = [taken.name for taken in self._taken]
         named = self._exchange(alone)
-        if [one.name for one in named] != before:
+        if {one.name for one in named} != set(before):
             scores = self._scoring.scores(self._taken)
         left = self._scoring.residual(self._taken)
         rejected = self._rejected(scores, alone, named)
@@ -227,9 +241,11 @@ class JointSelection:
             either[taken.name] = () if own is None else self._alike(own, scores)
             place += 1
         shares = self._fit_to_rows()
-        return tuple(
-            self._finished(taken, either.get(taken.name, ()), share)
-            for taken, share in zip(self._taken, shares, strict=True)
+        return most_first(
+            [
+                self._finished(taken, either.get(taken.name, ()), share)
+                for taken, share in zip(self._taken, shares, strict=True)
+            ]
         )
 
     def _fit_to_rows(self) -> list[Floats]:

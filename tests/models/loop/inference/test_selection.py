@@ -20,7 +20,7 @@ from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.forms import prepared
 from taxel_models.loop.inference.proof import simplest
 from taxel_models.loop.inference.reference import held_out_residual
-from taxel_models.loop.inference.selection import JointSelection
+from taxel_models.loop.inference.selection import JointSelection, most_first
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations, gather
 from taxel_models.loop.pipeline import LoopSettings, run_loop
@@ -392,16 +392,27 @@ def test_a_constant_is_named_where_the_likeliest_effect_is_in_doubt(has_constant
     assert JointSelection.choose(selection, scores) is (offset if has_constant else None)
 
 
-def test_a_certain_cause_is_named_before_one_that_explains_more(smooth: Any, make: Make) -> None:
+def test_a_fault_of_one_channel_comes_behind_what_explains_more(smooth: Any, make: Make) -> None:
     injection = into(make)
     add(injection, np.full((1, 21), 24.0))
     counts = injection.recording.channels.copy()
     counts[:, 7] = 2000.0
     found = attributed(smooth, replace(injection.recording, channels=counts))
-    assert names(found)[0] == "fault"
-    assert found.named[0].channels == (CHANNELS[7],)
-    assert found.named[0].confounded_with == ()
-    assert "offset" in names(found)
+    assert names(found) == ["offset", "fault"]
+    _, fault = found.named
+    assert fault.channels == (CHANNELS[7],)
+    assert fault.confounded_with == ()
+
+
+def test_a_fault_comes_before_what_explains_less() -> None:
+    def one(name: str, conditional: float) -> Any:
+        certain = name in ("fault", "interference")
+        return SimpleNamespace(
+            name=name, candidate=SimpleNamespace(certain=certain), conditional=conditional
+        )
+
+    named = [one("fault", 0.2), one("interference", 0.05), one("gain", 0.3), one("rate", 0.1)]
+    assert [each.name for each in most_first(named)] == ["gain", "fault", "rate", "interference"]
 
 
 def test_a_form_whose_weights_contradict_its_cause_is_not_named(smooth: Any, make: Make) -> None:
