@@ -30,8 +30,10 @@ demo: $(VENV)/.server
 install: $(VENV)/.all
 	@echo "Installed. Try: $(BIN)/taxel --help, $(BIN)/bench --help"
 
-test: $(VENV)/.all $(VENV)/.ros2 $(VENV)/.typescript
-	@$(MAKE) --no-print-directory check unit
+# What waits for the network or has one thread leaves a core to the others.
+test:
+	@$(MAKE) --no-print-directory -j3 $(VENV)/.all $(VENV)/.ros2 $(VENV)/.typescript
+	@$(MAKE) --no-print-directory -j2 check unit
 
 check:
 	$(BIN)/ruff format --check .
@@ -132,7 +134,7 @@ $(VENV)/.all: $(BIN)/python pyproject.toml constraints.txt
 # start every Python of their environment twice. Where there are no such wheels, their tests are skipped.
 ROS2 := $(VENV)/ros2
 ROS2_TESTS := tests/clients/ros2/requirements.txt
-$(VENV)/.ros2: $(VENV)/.all $(ROS2_TESTS)
+$(VENV)/.ros2: $(BIN)/python $(ROS2_TESTS)
 	@echo "Installing ROS 2 for the tests into $(ROS2) …"
 	@$(BIN)/python -m venv $(ROS2)
 	@$(BIN)/python -c 'import sysconfig; site = sysconfig.get_path("purelib"); print(f"import site; site.addsitedir({site!r})")' \
@@ -142,7 +144,7 @@ $(VENV)/.ros2: $(VENV)/.all $(ROS2_TESTS)
 	@touch $@
 
 # The compiler of the client for Node. Where there is no npm or no index, that client's tests are skipped.
-$(VENV)/.typescript: $(VENV)/.all clients/typescript/package-lock.json
+$(VENV)/.typescript: $(BIN)/python clients/typescript/package-lock.json
 	@if command -v npm >/dev/null 2>&1; then \
 	  echo "Installing the TypeScript compiler for the tests …"; \
 	  npm ci --silent --no-audit --no-fund --prefix clients/typescript \
