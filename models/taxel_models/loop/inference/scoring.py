@@ -3,10 +3,9 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
-from scipy.special import logsumexp
 
 from taxel.channels import CHANNELS, COUNTS_MAX, ELECTRODE_COLUMNS
 from taxel.manifest import HeldOutResidual
@@ -34,9 +33,10 @@ from taxel_models.loop.inference.evidence import (
 )
 from taxel_models.loop.inference.few_channels_form import FewChannelsForm
 from taxel_models.loop.inference.forms import WhitenedForm, prepared
-from taxel_models.loop.inference.proof import most_of_simpler, simplest, stands
+from taxel_models.loop.inference.proof import stands
 from taxel_models.loop.inference.score import Score, Taken
 from taxel_models.loop.inference.usual import Usual
+from taxel_models.loop.inference.weighing import Weighing
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
 
@@ -49,21 +49,6 @@ def silent(_: str) -> None:
 
 REFITS: Final = 3
 """Rounds in which weights, or a form's parameters, are found again."""
-
-
-class Option(NamedTuple):
-    """One form of an effect, with or without a constant of each channel beside it.
-
-    Attributes:
-        alone: log evidence without the constant.
-    """
-
-    log_evidence: float
-    form: WhitenedForm
-    products: Products
-    weighed: Weighed
-    alone: float
-    needs_constant: bool
 
 
 class Scoring:
@@ -120,7 +105,8 @@ class Scoring:
         )
         self._ones = Design(self.whitening.ones, self.bins.fold)
         target = self.base([]).target.values[:, :, 0]
-        self._energy = np.maximum((target**2).sum(axis=1), 1e-9)
+        energy = np.maximum((target**2).sum(axis=1), 1e-9)
+        self._weighing = Weighing(self._usual, self.whitening.scale, energy, constants)
         self._forms: dict[str, list[WhitenedForm]] = {}
         self._hopeless: dict[str, int] = {}
         """Effects with costly forms that the residual did not speak for: 0 alone, 1 beside others."""
@@ -188,7 +174,7 @@ class Scoring:
             self._progress(effect.label)
             forms = self._forms_of(effect, left)
             if forms:
-                score = self._score(effect, forms, bases, beside_others=bool(taken))
+                score = self._weighing.likeliest(effect, forms, bases, beside_others=bool(taken))
                 found.append(score)
                 weak = score.log_evidence <= 0 or score.t < self.constants.least_t
                 if effect.is_costly and (weak or score.worth.mean() < self.constants.least_share):
@@ -197,54 +183,6 @@ class Scoring:
         contact = None if ContactOffset.name in names else self._contact_offset(bases.plain, left)
         found += [] if contact is None else [contact]
         return sorted(found, key=lambda score: -score.log_evidence)
-
-    def _score(
-        self, effect: Effect, forms: Sequence[WhitenedForm], bases: Bases, *, beside_others: bool
-    ) -> Score:
-        usual = self._usual.log_evidence(effect.label)
-        weighed: list[Option] = []
-        logs = []
-        for form in forms:
-            fitting = form.candidate.fitting
-            products = Products.of(bases.beside, form.design)
-            plain = weigh(replace(products, base=bases.plain), fitting, self.constants, usual)
-            alone = plain.log_evidence
-            options = [Option(alone, form, products, plain, alone, needs_constant=False)]
-            if not effect.is_constant:
-                second = weigh(products, fitting, self.constants, usual)
-                value = second.log_evidence + bases.constant
-                options.append(Option(value, form, products, second, alone, needs_constant=True))
-            both = logsumexp([option.log_evidence for option in options])
-            logs.append(float(both - np.log(len(options))))
-            weighed.append(max(options, key=lambda option: option.log_evidence))
-
-        def tested(option: Option) -> Score:
-            products = option.products
-            if effect.is_constant:
-                products = replace(products, base=bases.plain)
-            found = held_out(products, option.form.candidate.fitting, option.weighed)
-            return replace(
-                self._scored(effect, option.form, option.weighed, option.log_evidence, found),
-                needs_constant=option.needs_constant,
-                log_evidence_alone=option.alone,
-            )
-
-        best = tested(max(weighed, key=lambda option: option.log_evidence))
-        most_gain = best.total_gain
-        total = float(logsumexp(logs) - np.log(len(logs)))
-        most = most_of_simpler(best, self.constants)
-        while simpler := [option for option in weighed if option.form.freedom <= most]:
-            simple = tested(max(simpler, key=lambda option: option.log_evidence))
-            most = most_of_simpler(simple, self.constants)
-            if simple.log_evidence > 0:
-                # Many weights can make a form likely that does not repeat, though a simpler one does.
-                proven = tuple(stands(one, beside_others, self.constants) for one in (best, simple))
-                if proven == (False, True):
-                    best = simple
-                elif proven != (True, False):
-                    best = simplest(best, [simple], self.constants)
-        sizes = tuple((option.form.freedom, option.log_evidence) for option in weighed)
-        return replace(best, log_evidence=total, most_gain=most_gain, forms=sizes)
 
     def _beside_all_channels(self, scores: list[Score], names: set[str], left: Floats) -> list[Score]:
         """Scores, as what all channels show together tells them.
@@ -288,28 +226,6 @@ class Scoring:
             found.append(score)
         return found
 
-    def _scored(
-        self,
-        effect: Effect,
-        form: WhitenedForm,
-        weighed: Weighed,
-        log_evidence: float,
-        tested: HeldOut,
-        *,
-        energy: Floats | None = None,
-    ) -> Score:
-        """A score less what the effect explains of the model's own held-out residual."""
-        # A channel that it does not change gains nothing, usual or not.
-        usual = self._usual.gain(form.candidate.effect, tested) * weighed.changes
-        gain = tested.gain - usual
-        fall = (gain * tested.noise).sum(axis=0)
-        worth = fall / (self._energy if energy is None else energy)
-        taken_off = fall * self.whitening.scale**2
-        usual = usual * np.ones_like(gain)
-        shares = (gain, worth, taken_off, usual)
-        score = Score(effect, form, weighed, log_evidence, False, *shares, most_gain=0.0)
-        return replace(score, most_gain=score.total_gain)
-
     def unknown_mean(self) -> Floats:
         """(21,) the size of a constant that the model's own held-out residual leaves open, counts."""
         if self._reference is None or Offset.name not in self._reference.structure:
@@ -331,7 +247,7 @@ class Scoring:
         # Rows that calibrate are not counted.
         energy = np.maximum((tested.before * base.noise).sum(axis=0), 1e-9)
         total = weighed.log_evidence
-        return self._scored(ContactOffset(), form, weighed, total, tested, energy=energy)
+        return self._weighing.scored(ContactOffset(), form, weighed, total, tested, energy=energy)
 
     def contradicts(self, score: Score, taken: Sequence[Taken]) -> bool:
         """Whether electrodes' weights differ more than their common cause allows."""
@@ -360,7 +276,7 @@ class Scoring:
             if not finer:
                 break
             forms = [score.form, *finer]
-            found = self._score(score.effect, forms, bases, beside_others=bool(taken))
+            found = self._weighing.likeliest(score.effect, forms, bases, beside_others=bool(taken))
             found = replace(found, log_evidence=score.log_evidence)
             if found.form is score.form:
                 break

@@ -1,0 +1,139 @@
+"""Weighing: an effect's forms are compared, and the likeliest that repeats is tested on held-out folds."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import logsumexp
+
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.effects.effect import Effect
+from taxel_models.loop.inference.constants import Constants
+from taxel_models.loop.inference.evidence import Bases, HeldOut, Products, Weighed, held_out, weigh
+from taxel_models.loop.inference.forms import WhitenedForm
+from taxel_models.loop.inference.proof import most_of_simpler, simplest, stands
+from taxel_models.loop.inference.score import Score
+from taxel_models.loop.inference.usual import Usual
+
+
+class Option(NamedTuple):
+    """One form of an effect, with or without a constant of each channel beside it.
+
+    Attributes:
+        alone: log evidence without the constant.
+    """
+
+    log_evidence: float
+    form: WhitenedForm
+    products: Products
+    weighed: Weighed
+    alone: float
+    needs_constant: bool
+
+
+class Weighing:
+    """Weighs the forms of one effect beside a base.
+
+    Args:
+        usual: what the model's own held-out residual has of each effect.
+        scale: (21,) of the recording's residual, counts.
+        energy: (21,) whitened squared error of each channel.
+        constants: of the inference.
+    """
+
+    def __init__(self, usual: Usual, scale: Floats, energy: Floats, constants: Constants) -> None:
+        self._usual, self._scale, self._energy, self._constants = usual, scale, energy, constants
+
+    def likeliest(
+        self, effect: Effect, forms: Sequence[WhitenedForm], bases: Bases, *, beside_others: bool
+    ) -> Score:
+        """The score of an effect by the likeliest of its forms, or a simpler one that carries most of it.
+
+        Args:
+            effect: which.
+            forms: at least one.
+            bases: what they are weighed beside.
+            beside_others: something is named already.
+        """
+        weighed, total = self._weighed(effect, forms, bases)
+
+        def tested(option: Option) -> Score:
+            products = option.products
+            if effect.is_constant:
+                products = replace(products, base=bases.plain)
+            found = held_out(products, option.form.candidate.fitting, option.weighed)
+            return replace(
+                self.scored(effect, option.form, option.weighed, option.log_evidence, found),
+                needs_constant=option.needs_constant,
+                log_evidence_alone=option.alone,
+            )
+
+        best = tested(max(weighed, key=lambda option: option.log_evidence))
+        most_gain = best.total_gain
+        most = most_of_simpler(best, self._constants)
+        while simpler := [option for option in weighed if option.form.freedom <= most]:
+            simple = tested(max(simpler, key=lambda option: option.log_evidence))
+            most = most_of_simpler(simple, self._constants)
+            if simple.log_evidence > 0:
+                # Many weights can make a form likely that does not repeat, though a simpler one does.
+                proven = tuple(stands(one, beside_others, self._constants) for one in (best, simple))
+                if proven == (False, True):
+                    best = simple
+                elif proven != (True, False):
+                    best = simplest(best, [simple], self._constants)
+        sizes = tuple((option.form.freedom, option.log_evidence) for option in weighed)
+        return replace(best, log_evidence=total, most_gain=most_gain, forms=sizes)
+
+    def _weighed(
+        self, effect: Effect, forms: Sequence[WhitenedForm], bases: Bases
+    ) -> tuple[list[Option], float]:
+        """Each form, with a constant or without one, and the log evidence of all together."""
+        usual = self._usual.log_evidence(effect.label)
+        weighed: list[Option] = []
+        logs = []
+        for form in forms:
+            fitting = form.candidate.fitting
+            products = Products.of(bases.beside, form.design)
+            plain = weigh(replace(products, base=bases.plain), fitting, self._constants, usual)
+            alone = plain.log_evidence
+            options = [Option(alone, form, products, plain, alone, needs_constant=False)]
+            if not effect.is_constant:
+                second = weigh(products, fitting, self._constants, usual)
+                value = second.log_evidence + bases.constant
+                options.append(Option(value, form, products, second, alone, needs_constant=True))
+            both = logsumexp([option.log_evidence for option in options])
+            logs.append(float(both - np.log(len(options))))
+            weighed.append(max(options, key=lambda option: option.log_evidence))
+        return weighed, float(logsumexp(logs) - np.log(len(logs)))
+
+    def scored(
+        self,
+        effect: Effect,
+        form: WhitenedForm,
+        weighed: Weighed,
+        log_evidence: float,
+        tested: HeldOut,
+        *,
+        energy: Floats | None = None,
+    ) -> Score:
+        """The score of a form less what its effect explains of the model's own held-out residual.
+
+        Args:
+            effect: the form's.
+            form: that was weighed.
+            weighed: its evidence.
+            log_evidence: of the effect.
+            tested: on held-out folds.
+            energy: (21,) in place of the whole whitened squared error.
+        """
+        # A channel that it does not change gains nothing, usual or not.
+        usual = self._usual.gain(form.candidate.effect, tested) * weighed.changes
+        gain = tested.gain - usual
+        fall = (gain * tested.noise).sum(axis=0)
+        worth = fall / (self._energy if energy is None else energy)
+        taken_off = fall * self._scale**2
+        usual = usual * np.ones_like(gain)
+        shares = (gain, worth, taken_off, usual)
+        score = Score(effect, form, weighed, log_evidence, False, *shares, most_gain=0.0)
+        return replace(score, most_gain=score.total_gain)
