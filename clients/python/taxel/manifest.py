@@ -200,10 +200,17 @@ class OwnStructure(Schema):
         log_evidence: logarithm of each channel's odds with the effect to those without it, for each bin of
             rows.
         gain: what it takes off each channel's squared error, counts².
+        forms: of an effect whose forms change every recording alike, those that may explain so much; none
+            where any may, and in a manifest of an earlier version.
     """
 
     log_evidence: NotNegativePerChannel
     gain: NotNegativePerChannel
+    forms: tuple[str, ...] = ()
+
+    def has(self, form: str) -> bool:
+        """Whether a form may explain so much."""
+        return not self.forms or form in self.forms
 
 
 class KindResidual(Schema):

@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +63,10 @@ class Online:
         return bool(self.terms or self.frame or self.shift_ticks)
 
 
+ABOUT_MEAN: Final = ", about its mean"
+"""Ends the name of a form that is taken less its mean."""
+
+
 @dataclass(frozen=True)
 class Candidate:
     """One form of an effect. Only its weights are not known yet.
@@ -99,6 +103,11 @@ class Candidate:
     again: "Callable[[Observations], Candidate] | None" = None
 
     @property
+    def form_itself(self) -> str:
+        """The form, whether it is taken about its mean or not."""
+        return self.form.removesuffix(ABOUT_MEAN)
+
+    @property
     def moves(self) -> bool:
         """Whether it changes the model's inputs."""
         return self.moved is not None
@@ -123,7 +132,7 @@ def about_mean(candidate: Candidate, means: Floats) -> Candidate:
         assert candidate.again is not None
         return about_mean(candidate.again(observations), means)
 
-    form = f"{candidate.form}, about its mean"
+    form = candidate.form + ABOUT_MEAN
     return replace(candidate, form=form, basis=basis, online=online, again=again)
 
 
@@ -157,6 +166,8 @@ class Effect(ABC):
         most_weight: the largest weight that a channel can have of the signal that it follows.
         is_costly: whether its forms take many predictions. Then it is tried again once at most: after it
             failed alone, beside others.
+        is_usual_by_form: whether a form changes every recording alike, such as a delay of 20 ms: what the
+            model's own residual has of one form says nothing of others.
         equation: what it adds to a channel.
         source: the source of the equation.
         signature: how it differs from other effects.
@@ -165,6 +176,7 @@ class Effect(ABC):
     name: ClassVar[str]
     looks_at_residual: ClassVar[bool] = False
     is_costly: ClassVar[bool] = False
+    is_usual_by_form: ClassVar[bool] = False
     follows: ClassVar[Literal["expected", "measured"] | None] = None
     most_weight: ClassVar[float] = math.inf
     is_constant: ClassVar[bool] = False

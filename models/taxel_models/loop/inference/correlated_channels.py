@@ -217,8 +217,9 @@ class CorrelatedChannels:
         """
         if not self.knows(label):
             return 0.0
-        usual, found = self._usual_odds(label), [0.0]
-        for products, fitting in self.products_of_many(forms, bases):
+        known, odds, found = self._known.structure[label], self._usual_odds(label), [0.0]
+        for candidate, (products, fitting) in zip(forms, self.products_of_many(forms, bases), strict=True):
+            usual = odds if known.has(candidate.form_itself) else 0.0
             found.append(weigh(products, fitting, self._constants, usual).log_evidence)
         return max(found)
 

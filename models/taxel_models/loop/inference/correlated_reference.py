@@ -103,7 +103,7 @@ def _structure_of(
                 channels, effect, observations, remaining, constants, confidence
             )
         elif forms := list(effect.forms(observations, remaining)):
-            structure[effect.label] = _of_many(channels, forms, residual, constants)
+            structure[effect.label] = _of_many(channels, effect, forms, residual, constants)
     return structure
 
 
@@ -134,10 +134,23 @@ def _of_few(
 
 
 def _of_many(
-    channels: CorrelatedChannels, forms: Sequence[Candidate], residual: Floats, constants: Constants
+    channels: CorrelatedChannels,
+    effect: Effect,
+    forms: Sequence[Candidate],
+    residual: Floats,
+    constants: Constants,
 ) -> OwnStructure:
     """What an effect of many channels explains: log odds of each whitened channel, by bins."""
     bases = channels.bases(residual)
     found = [weigh(each, fitting, constants) for each, fitting in channels.products_of_many(forms, bases)]
-    odds = np.max([np.maximum(one.by_channel, 0.0) for one in found], axis=0) / bases.beside.bins
-    return OwnStructure(log_evidence=tuple(odds.tolist()), gain=(0.0,) * len(CHANNELS))
+    # Where each form stands for itself, only the likely ones are usual, and the likeliest in any case.
+    likely = max(one.log_evidence for one in found) if effect.is_usual_by_form else -np.inf
+    least = min(0.0, likely)
+    kept = [(form, one) for form, one in zip(forms, found, strict=True) if one.log_evidence >= least]
+    odds = np.max([np.maximum(one.by_channel, 0.0) for _, one in kept], axis=0) / bases.beside.bins
+    names = {form.form_itself for form, _ in kept} if effect.is_usual_by_form else ()
+    return OwnStructure(
+        log_evidence=tuple(odds.tolist()),
+        gain=(0.0,) * len(CHANNELS),
+        forms=tuple(sorted(names)),
+    )

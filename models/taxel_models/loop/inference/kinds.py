@@ -1,6 +1,6 @@
 """Kinds: a model errs in its own way on each material, and a recording may have few of them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -56,8 +56,10 @@ def of_its_kinds(reference: HeldOutResidual, observations: Observations) -> Held
     """
     scale = np.maximum(observations.residual.std(axis=0), 1e-9)
     structure = {name: _figures(own) for name, own in reference.structure.items()}
+    owns = {name: [own] for name, own in reference.structure.items()}
     beside = {} if reference.correlated is None else reference.correlated.structure
     correlated = {name: _figures(own) for name, own in beside.items()}
+    owns_beside = {name: [own] for name, own in beside.items()}
     for column, one in reference.one_kind.items():
         if column not in observations.covariates:
             continue
@@ -74,12 +76,14 @@ def of_its_kinds(reference: HeldOutResidual, observations: Observations) -> Held
             unit = counted(name, np.array(reference.std), scale)
             own = _figures(one.structure[name]) * counted(name, np.array(one.std), scale) / unit
             structure[name] = _at_least(structure[name], own, alone)
+            owns.setdefault(name, []).append(one.structure[name])
         for name in one.correlated.keys() & correlated.keys():
             correlated[name] = _at_least(correlated[name], _figures(one.correlated[name]), alone)
-    update: dict[str, object] = {"structure": _of_figures(structure), "one_kind": {}}
+            owns_beside[name].append(one.correlated[name])
+    update: dict[str, object] = {"structure": _of_figures(structure, owns), "one_kind": {}}
     if reference.correlated is not None:
         update["correlated"] = reference.correlated.model_copy(
-            update={"structure": _of_figures(correlated)}
+            update={"structure": _of_figures(correlated, owns_beside)}
         )
     return reference.model_copy(update=update)
 
@@ -89,9 +93,23 @@ def _at_least(several: Floats, one: Floats, alone: float) -> Floats:
     return np.maximum(several, (1.0 - alone) * several + alone * one)
 
 
-def _of_figures(structure: Mapping[str, Floats]) -> dict[str, OwnStructure]:
+def all_forms(owns: Sequence[OwnStructure]) -> tuple[str, ...]:
+    """The forms that any of some structures of one effect names; none where one says that any may."""
+    if any(not own.forms for own in owns):
+        return ()
+    return tuple(sorted({form for own in owns for form in own.forms}))
+
+
+def _of_figures(
+    structure: Mapping[str, Floats], owns: Mapping[str, Sequence[OwnStructure]]
+) -> dict[str, OwnStructure]:
+    """Figures with the names of the forms that have them."""
     return {
-        name: OwnStructure(log_evidence=tuple(odds.tolist()), gain=tuple(gain.tolist()))
+        name: OwnStructure(
+            log_evidence=tuple(odds.tolist()),
+            gain=tuple(gain.tolist()),
+            forms=all_forms(owns.get(name, [])),
+        )
         for name, (odds, gain) in structure.items()
     }
 

@@ -8,10 +8,11 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from taxel.channels import CHANNELS
+from taxel.manifest import OwnStructure
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.inference.evidence import Products, held_out, weigh
 from taxel_models.loop.inference.gain_limit import gain_limit
-from taxel_models.loop.inference.score import Score
+from taxel_models.loop.inference.score import Score, t_of_folds
 from taxel_models.loop.inference.scoring import Scoring
 
 LIKELY: Final = 0.5
@@ -22,8 +23,8 @@ OPEN: Final = 0.99
 """The confidence of the limit up to which few blocks leave open what an effect explains."""
 
 
-def structure_of(scoring: Scoring, confidence: float = OPEN) -> dict[str, tuple[Floats, Floats]]:
-    """For each effect alone, its log odds (21,) and its gain (21,), counts², for each bin.
+def structure_of(scoring: Scoring, confidence: float = OPEN) -> dict[str, OwnStructure]:
+    """For each effect alone, its log odds and its gain for each bin.
 
     Of an effect's likely forms, the largest counts: another recording may show another one. Of a costly
     effect, and of one that is certain, only the likeliest form counts.
@@ -41,8 +42,24 @@ def structure_of(scoring: Scoring, confidence: float = OPEN) -> dict[str, tuple[
             odds = np.max([odds for odds, _ in found], axis=0)
             gain = max((gain for _, gain in found), key=lambda gain: float(gain.sum()))
             bins = len(scoring.bins)
-            structure[score.name] = np.maximum(odds, 0.0) / bins, np.maximum(gain, 0.0) / bins
+            structure[score.name] = OwnStructure(
+                log_evidence=tuple((np.maximum(odds, 0.0) / bins).tolist()),
+                gain=tuple((np.maximum(gain, 0.0) / bins).tolist()),
+                forms=_usual_forms(scoring, score, confidence) if score.effect.is_usual_by_form else (),
+            )
         return structure
+
+
+def _usual_forms(scoring: Scoring, score: Score, confidence: float) -> tuple[str, ...]:
+    """Forms that the folds do not rule out, and the likeliest."""
+    bases, found = scoring.bases([]), {score.form.candidate.form_itself}
+    for form in scoring.forms_of(score.effect):
+        products, fitting = Products.of(bases.beside, form.design), form.candidate.fitting
+        tested = held_out(products, fitting, weigh(products, fitting, scoring.constants))
+        limit = float(stats.t.ppf(confidence, len(tested.gain) - 1))
+        if t_of_folds(tested.gain.sum(axis=1)) > -limit:
+            found.add(form.candidate.form_itself)
+    return tuple(sorted(found))
 
 
 def _of_other_forms(scoring: Scoring, score: Score, confidence: float) -> list[tuple[Floats, Floats]]:

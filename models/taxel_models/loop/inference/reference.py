@@ -17,7 +17,7 @@ from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.contact_offset import FEWEST_FOR_SCATTER, ContactOffset
 from taxel_models.loop.inference.correlated_reference import correlated_residual, correlated_structure
-from taxel_models.loop.inference.kinds import herfindahl, kind_columns
+from taxel_models.loop.inference.kinds import all_forms, herfindahl, kind_columns
 from taxel_models.loop.inference.own_structure import OPEN, structure_of
 from taxel_models.loop.inference.scoring import Progress, Scoring, silent
 from taxel_models.loop.inference.whitening import Bins, NoiseShape
@@ -103,10 +103,7 @@ def _residual_of(
     )
     effects = candidates(observations)
     scoring = Scoring(observations, blocks, effects, found, constants, progress)
-    structure = {
-        name: OwnStructure(log_evidence=tuple(log_evidence.tolist()), gain=tuple(gain.tolist()))
-        for name, (log_evidence, gain) in structure_of(scoring, confidence).items()
-    }
+    structure = structure_of(scoring, confidence)
     if Offset.name in structure:
         own = structure[Offset.name]
         gain = np.array(own.gain) + scoring.whitened_constant(_unknown_mean(observations, blocks))
@@ -154,7 +151,11 @@ def _of_nearly_all(kinds: Sequence[Mapping[str, OwnStructure]]) -> dict[str, Own
         figures = np.array([(one[name].log_evidence, one[name].gain) for one in kinds if name in one])
         if len(figures) >= FEWEST_KINDS:
             odds, gain = figures.mean(axis=0) + DEVIATIONS * figures.std(axis=0, ddof=1)
-            structure[name] = OwnStructure(log_evidence=tuple(odds.tolist()), gain=tuple(gain.tolist()))
+            structure[name] = OwnStructure(
+                log_evidence=tuple(odds.tolist()),
+                gain=tuple(gain.tolist()),
+                forms=all_forms([one[name] for one in kinds if name in one]),
+            )
     return structure
 
 

@@ -81,7 +81,7 @@ class Score:
     @property
     def channel_t(self) -> Floats:
         """(21,) of each channel alone."""
-        return np.array([_t(own) for own in self.gain.T])
+        return np.array([t_of_folds(own) for own in self.gain.T])
 
     @property
     def p_value(self) -> float:
@@ -147,11 +147,11 @@ def t_over_folds(gain: Floats, weighed: Weighed) -> float:
     some = gain[:, weighed.changes]
     others = np.maximum((some.sum(axis=0) - some) / max(len(some) - 1, 1), 0.0)
     weighted = (others * some).sum(axis=1) / np.maximum(others.sum(axis=1), 1e-12)
-    return max(_t(some.sum(axis=1)), _t(weighted))
+    return max(t_of_folds(some.sum(axis=1)), t_of_folds(weighted))
 
 
-def _t(by_fold: Floats) -> float:
-    """Of the corrected resampled t-test: each fold is tested on one part and fitted to the others."""
+def t_of_folds(by_fold: Floats) -> float:
+    """Of gains (folds,), by the corrected resampled t-test: each fold is tested by what the others show."""
     by_fold = np.sign(by_fold) * np.sqrt(np.abs(by_fold))
     error = corrected_standard_error(by_fold, 1.0 / max(len(by_fold) - 1, 1))
     return float(by_fold.mean()) / max(error, 1e-12)

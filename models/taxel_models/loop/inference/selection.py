@@ -18,6 +18,7 @@ from taxel_models.loop.attribution import AS_MUCH_ANYWAY, Attribution, Named, Re
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect
+from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.forms import prepared
 from taxel_models.loop.inference.parameter_correlation import parameter_correlation
@@ -28,16 +29,14 @@ from taxel_models.loop.observations import Observations
 
 
 def most_first(named: Sequence[Named]) -> tuple[Named, ...]:
-    """Named effects, each certain one behind those that explain more.
+    """Named effects, a fault behind those that explain more.
 
     A fault of one channel beside a cause of all is often its consequence: a drift leads to a limit.
     """
-    ordered = [one for one in named if not one.candidate.certain]
-    for one in (one for one in named if one.candidate.certain):
-        place = next(
-            (k for k, other in enumerate(ordered) if other.conditional < one.conditional), len(ordered)
-        )
-        ordered.insert(place, one)
+    ordered = [one for one in named if one.name != Fault.name]
+    for fault in (one for one in named if one.name == Fault.name):
+        more = [place for place, other in enumerate(ordered, 1) if other.conditional > fault.conditional]
+        ordered.insert(max(more, default=0), fault)
     return tuple(ordered)
 
 

@@ -29,17 +29,17 @@ class Usual:
         """Whether it says how much is usual of an effect; without any structure, nothing is usual."""
         return self._is_known and (not self._structure or effect in self._structure)
 
-    def log_evidence(self, effect: str) -> Floats | float:
-        """(21,) log odds that the model's own residual gives an effect."""
-        if effect not in self._structure:
+    def log_evidence(self, effect: str, form: str = "") -> Floats | float:
+        """(21,) log odds that the model's own residual gives a form of an effect."""
+        if effect not in self._structure or not self._structure[effect].has(form):
             return 0.0
         part, _ = counted(effect, self._std, self._scale)
         usual = np.array(self._structure[effect].log_evidence)
         return np.asarray(usual * part * self._bins_each.sum())
 
-    def gain(self, effect: str, tested: HeldOut) -> Floats | float:
-        """(folds, 21) what an effect takes off the model's own residual, over the noise."""
-        if effect not in self._structure:
+    def gain(self, effect: str, form: str, tested: HeldOut) -> Floats | float:
+        """(folds, 21) what a form of an effect takes off the model's own residual, over the noise."""
+        if effect not in self._structure or not self._structure[effect].has(form):
             return 0.0
         _, part = counted(effect, self._std, self._scale)
         gain = part * np.array(self._structure[effect].gain)

@@ -89,11 +89,11 @@ class Weighing:
         self, effect: Effect, forms: Sequence[WhitenedForm], bases: Bases
     ) -> tuple[list[Option], float]:
         """Each form, with a constant or without one, and the log evidence of all together."""
-        usual = self._usual.log_evidence(effect.label)
         weighed: list[Option] = []
         logs = []
         for form in forms:
             fitting = form.candidate.fitting
+            usual = self._usual.log_evidence(effect.label, form.candidate.form_itself)
             products = Products.of(bases.beside, form.design)
             plain = weigh(replace(products, base=bases.plain), fitting, self._constants, usual)
             alone = plain.log_evidence
@@ -128,7 +128,8 @@ class Weighing:
             energy: (21,) in place of the whole whitened squared error.
         """
         # A channel that it does not change gains nothing, usual or not.
-        usual = self._usual.gain(form.candidate.effect, tested) * weighed.changes
+        candidate = form.candidate
+        usual = self._usual.gain(candidate.effect, candidate.form_itself, tested) * weighed.changes
         gain = tested.gain - usual
         fall = (gain * tested.noise).sum(axis=0)
         worth = fall / (self._energy if energy is None else energy)

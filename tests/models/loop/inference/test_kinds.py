@@ -9,7 +9,7 @@ import pytest
 
 from taxel.manifest import CorrelatedResidual, HeldOutResidual, KindResidual, Manifest, OwnStructure
 from taxel_models.loop.effects.covariate import Covariate
-from taxel_models.loop.inference.kinds import of_its_kinds
+from taxel_models.loop.inference.kinds import all_forms, of_its_kinds
 from taxel_models.loop.inference.reference import held_out_residual
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.pipeline import LoopSettings, run_loop
@@ -131,3 +131,12 @@ def test_numbers_of_contacts_are_no_covariate(observations: Observations) -> Non
     twice = replace(several, covariates={"trial": several.segment // 2.0})
     assert Covariate("trial").out_of_scope(twice) is None
     assert Covariate("trial").out_of_scope(numbers) is None
+
+
+def test_a_form_that_any_kind_has_is_usual() -> None:
+    first, second = (
+        own(1.0).model_copy(update={"forms": forms}) for forms in (("10 ms",), ("-10 ms", "10 ms"))
+    )
+    assert all_forms([first, second]) == ("-10 ms", "10 ms")
+    assert all_forms([first, own(1.0)]) == ()
+    assert all_forms([]) == ()

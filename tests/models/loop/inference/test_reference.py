@@ -85,6 +85,31 @@ def test_other_effects_are_named_beside_what_is_known(smooth: Any, make: Make) -
     assert [effect.name for effect in findings.effects] == ["offset"]
 
 
+def late(recording: Recording, ticks: int) -> Recording:
+    """Its channels come so many ticks late."""
+    rows = np.maximum(np.arange(len(recording)) - ticks, 0)
+    return replace(recording, channels=recording.channels[rows])
+
+
+def test_a_delay_that_the_model_never_had_is_named_beside_one_that_it_had(smooth: Any, make: Make) -> None:
+    """Its clocks were apart by 20 ms from the start: that says nothing of 60 ms."""
+    known = held_out_residual(smooth, [late(make(seed=8), 2)])
+    assert known is not None
+    assert "20 ms" in known.structure["lag"].forms
+    assert not {"-20 ms", "60 ms"} & set(known.structure["lag"].forms)
+    assert known.correlated is not None
+    assert known.correlated.structure["lag"].has("20 ms")
+    assert not known.correlated.structure["lag"].has("60 ms")
+    assert known.structure["creep"].forms == ()
+
+    def named(ticks: int) -> list[tuple[str, str]]:
+        result = run_loop(smooth, [late(make(seed=9), ticks)], LoopSettings(), reference=known)
+        return [(effect.name, effect.form) for effect in result.findings.effects]
+
+    assert named(2) == []
+    assert named(6) == [("lag", "60 ms")]
+
+
 def test_where_the_residual_is_smaller_so_is_what_is_usual_of_it(smooth: Any, make: Make) -> None:
     lacks = held_out_residual(smooth, [with_effect(make, "hysteresis", 8)])
     assert lacks is not None
