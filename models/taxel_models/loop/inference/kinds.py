@@ -56,13 +56,10 @@ def of_its_kinds(reference: HeldOutResidual, observations: Observations) -> Held
     """
     scale = np.maximum(observations.residual.std(axis=0), 1e-9)
     structure = {name: _figures(own) for name, own in reference.structure.items()}
-    owns = {name: [own] for name, own in reference.structure.items()}
     beside = {} if reference.correlated is None else reference.correlated.structure
     correlated = {name: _figures(own) for name, own in beside.items()}
-    owns_beside = {name: [own] for name, own in beside.items()}
-    for column, one in reference.one_kind.items():
-        if column not in observations.covariates:
-            continue
+    here = {column: one for column, one in reference.one_kind.items() if column in observations.covariates}
+    for column, one in here.items():
         covariate = Covariate(column).label
         if covariate not in structure:
             # Too few were held out to compare kinds: each kind may have what one kind alone shows.
@@ -76,14 +73,14 @@ def of_its_kinds(reference: HeldOutResidual, observations: Observations) -> Held
             unit = counted(name, np.array(reference.std), scale)
             own = _figures(one.structure[name]) * counted(name, np.array(one.std), scale) / unit
             structure[name] = _at_least(structure[name], own, alone)
-            owns.setdefault(name, []).append(one.structure[name])
         for name in one.correlated.keys() & correlated.keys():
             correlated[name] = _at_least(correlated[name], _figures(one.correlated[name]), alone)
-            owns_beside[name].append(one.correlated[name])
-    update: dict[str, object] = {"structure": _of_figures(structure, owns), "one_kind": {}}
+    sources = [reference.structure, *(one.structure for one in here.values())]
+    update: dict[str, object] = {"structure": _of_figures(structure, sources), "one_kind": {}}
     if reference.correlated is not None:
+        sources = [beside, *(one.correlated for one in here.values())]
         update["correlated"] = reference.correlated.model_copy(
-            update={"structure": _of_figures(correlated, owns_beside)}
+            update={"structure": _of_figures(correlated, sources)}
         )
     return reference.model_copy(update=update)
 
@@ -93,22 +90,19 @@ def _at_least(several: Floats, one: Floats, alone: float) -> Floats:
     return np.maximum(several, (1.0 - alone) * several + alone * one)
 
 
-def all_forms(owns: Sequence[OwnStructure]) -> tuple[str, ...]:
-    """The forms that any of some structures of one effect names; none where one says that any may."""
-    if any(not own.forms for own in owns):
-        return ()
-    return tuple(sorted({form for own in owns for form in own.forms}))
+def all_forms(effect: str, sources: Sequence[Mapping[str, OwnStructure]]) -> tuple[str, ...]:
+    """The forms of an effect that any of some structures names; none where one says that any may."""
+    forms = [source[effect].forms for source in sources if effect in source]
+    return tuple(sorted({name for own in forms for name in own})) if all(forms) else ()
 
 
 def _of_figures(
-    structure: Mapping[str, Floats], owns: Mapping[str, Sequence[OwnStructure]]
+    structure: Mapping[str, Floats], sources: Sequence[Mapping[str, OwnStructure]]
 ) -> dict[str, OwnStructure]:
-    """Figures with the names of the forms that have them."""
+    """Figures, with the forms that the structures name from which they are."""
     return {
         name: OwnStructure(
-            log_evidence=tuple(odds.tolist()),
-            gain=tuple(gain.tolist()),
-            forms=all_forms(owns.get(name, [])),
+            log_evidence=tuple(odds.tolist()), gain=tuple(gain.tolist()), forms=all_forms(name, sources)
         )
         for name, (odds, gain) in structure.items()
     }

@@ -154,7 +154,7 @@ def _of_nearly_all(kinds: Sequence[Mapping[str, OwnStructure]]) -> dict[str, Own
             structure[name] = OwnStructure(
                 log_evidence=tuple(odds.tolist()),
                 gain=tuple(gain.tolist()),
-                forms=all_forms([one[name] for one in kinds if name in one]),
+                forms=all_forms(name, kinds),
             )
     return structure
 

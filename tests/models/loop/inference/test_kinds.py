@@ -137,6 +137,6 @@ def test_a_form_that_any_kind_has_is_usual() -> None:
     first, second = (
         own(1.0).model_copy(update={"forms": forms}) for forms in (("10 ms",), ("-10 ms", "10 ms"))
     )
-    assert all_forms([first, second]) == ("-10 ms", "10 ms")
-    assert all_forms([first, own(1.0)]) == ()
-    assert all_forms([]) == ()
+    assert all_forms("lag", [{"lag": first}, {"lag": second}, {}]) == ("-10 ms", "10 ms")
+    assert all_forms("lag", [{"lag": first}, {"lag": own(1.0)}]) == ()
+    assert all_forms("lag", [{}]) == ()
