@@ -30,7 +30,7 @@ demo: $(VENV)/.server
 install: $(VENV)/.all
 	@echo "Installed. Try: $(BIN)/taxel --help, $(BIN)/bench --help"
 
-# What waits for the network or has one thread leaves a core to the others.
+# Installing waits for the network, and mypy has one thread: side by side they use both cores.
 test:
 	@$(MAKE) --no-print-directory -j3 $(VENV)/.all $(VENV)/.ros2 $(VENV)/.typescript
 	@$(MAKE) --no-print-directory -j2 check unit

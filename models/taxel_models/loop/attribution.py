@@ -1,5 +1,6 @@
 """What an attribution found: effects that were named, and those that were not."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Candidate
+from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.findings import ParameterCorrelation
 from taxel_models.loop.observations import Observations
 
@@ -72,6 +74,18 @@ class Named:
         return np.asarray(np.abs(self.contribution).max(axis=0) > 0)
 
 
+def faults_in_place(named: Sequence[Named]) -> tuple[Named, ...]:
+    """Named effects, a fault behind those that explain more; the others keep their order.
+
+    A fault of one channel beside a cause of all is often its consequence: a drift leads to a limit.
+    """
+    ordered = [one for one in named if one.name != Fault.name]
+    for fault in (one for one in named if one.name == Fault.name):
+        more = [place for place, other in enumerate(ordered, 1) if other.conditional > fault.conditional]
+        ordered.insert(max(more, default=0), fault)
+    return tuple(ordered)
+
+
 @dataclass(frozen=True)
 class Rejected:
     """The likeliest form of an effect that was not named in the end.
@@ -98,7 +112,7 @@ class Attribution:
 
     Attributes:
         observations: with the inputs put right, where an effect moves them.
-        named: in the order in which they were named.
+        named: in the order in which they were found, a fault behind those that explain more.
         rejected: the others.
         residual: (n, 21) what is left, counts.
         correlation: between the weights of the named effects; None where fewer than two are fitted.

@@ -14,11 +14,10 @@ from threadpoolctl import threadpool_limits
 
 from taxel.channels import CHANNELS
 from taxel.manifest import HeldOutResidual
-from taxel_models.loop.attribution import AS_MUCH_ANYWAY, Attribution, Named, Rejected
+from taxel_models.loop.attribution import AS_MUCH_ANYWAY, Attribution, Named, Rejected, faults_in_place
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect
-from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.forms import prepared
 from taxel_models.loop.inference.parameter_correlation import parameter_correlation
@@ -26,18 +25,6 @@ from taxel_models.loop.inference.proof import simplest, stands
 from taxel_models.loop.inference.score import Score, Taken, t_over_folds
 from taxel_models.loop.inference.scoring import REFITS, Progress, Scoring, silent
 from taxel_models.loop.observations import Observations
-
-
-def most_first(named: Sequence[Named]) -> tuple[Named, ...]:
-    """Named effects, a fault behind those that explain more.
-
-    A fault of one channel beside a cause of all is often its consequence: a drift leads to a limit.
-    """
-    ordered = [one for one in named if one.name != Fault.name]
-    for fault in (one for one in named if one.name == Fault.name):
-        more = [place for place, other in enumerate(ordered, 1) if other.conditional > fault.conditional]
-        ordered.insert(max(more, default=0), fault)
-    return tuple(ordered)
 
 
 class JointSelection:
@@ -240,7 +227,7 @@ class JointSelection:
             either[taken.name] = () if own is None else self._alike(own, scores)
             place += 1
         shares = self._fit_to_rows()
-        return most_first(
+        return faults_in_place(
             [
                 self._finished(taken, either.get(taken.name, ()), share)
                 for taken, share in zip(self._taken, shares, strict=True)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from taxel.channels import CHANNELS
 from taxel.windows import Relaxation, Warmth
-from taxel_models.loop.attribution import Attribution, Named
+from taxel_models.loop.attribution import Attribution, Named, faults_in_place
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.effect import Fitting
 from taxel_models.loop.effects.registry import candidates
@@ -20,7 +20,7 @@ from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.forms import prepared
 from taxel_models.loop.inference.proof import simplest
 from taxel_models.loop.inference.reference import held_out_residual
-from taxel_models.loop.inference.selection import JointSelection, most_first
+from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations, gather
 from taxel_models.loop.pipeline import LoopSettings, run_loop
@@ -410,8 +410,8 @@ def test_a_fault_comes_before_what_explains_less() -> None:
 
     named = [one("fault", 0.2), one("interference", 0.05), one("gain", 0.3), one("rate", 0.1)]
     # Others stay in their order: a line of the spectrum stands by itself.
-    assert [each.name for each in most_first(named)] == ["interference", "gain", "fault", "rate"]
-    assert [each.name for each in most_first(named[:2])] == ["fault", "interference"]
+    assert [each.name for each in faults_in_place(named)] == ["interference", "gain", "fault", "rate"]
+    assert [each.name for each in faults_in_place(named[:2])] == ["fault", "interference"]
 
 
 def test_a_form_whose_weights_contradict_its_cause_is_not_named(smooth: Any, make: Make) -> None:
