@@ -248,6 +248,15 @@ def test_a_click_chooses_an_electrode_for_the_charts(opened: Callable[..., Page]
     page = opened()
     page.locator('figure[data-view="predicted"] g[data-channel="e5"] .cell').click()
     page.wait_for_selector(".chart .name:text('electrode e5')")
+    assert page.evaluate("window.page.electrode") == 4
+
+
+def test_nothing_moves_once_a_moment_is_shown(opened: Callable[..., Page]) -> None:
+    page = opened()
+    first = page.locator('figure[data-view="predicted"]').bounding_box()
+    page.wait_for_selector("#status dd:text-is('playing')")
+    page.wait_for_function("() => window.page.later === null")
+    assert page.locator('figure[data-view="predicted"]').bounding_box() == first
 
 
 @pytest.mark.parametrize(("width", "height"), [(390, 844), (1440, 900)])

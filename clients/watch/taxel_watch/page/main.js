@@ -120,11 +120,13 @@ class Page {
   draw() {
     const { scene } = this;
     if (!scene) return;
+    const known = scene.fingers.filter(({ key }) => this.pasts.get(key).time.length);
+    if (!known.length) return;
+    // Asked for here only: the first moment has its numbers at once, and nothing moves under a hand afterwards.
     const words = this.words();
     const trace = Object.keys(scene.traces)[0];
-    for (const finger of scene.fingers) {
+    for (const finger of known) {
       const past = this.pasts.get(finger.key);
-      if (!past.time.length) continue;
       this.list.draw(finger.key, lessRest(past.newest(trace), finger.rest), past.push, scene.limit, theme(), words);
     }
     const finger = scene.fingers.find(({ key }) => key === this.finger);
