@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from taxel.manifest import HeldOutResidual
+from taxel.held_out_residual import HeldOutResidual
 
 ONES = [1.0] * 21
 GOOD = {

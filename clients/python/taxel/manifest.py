@@ -7,7 +7,8 @@ from pydantic import Field, FiniteFloat, StringConstraints, model_validator
 from taxel.channels import CHANNELS
 from taxel.corrections import AppliedEffect
 from taxel.errors import InvalidArgument
-from taxel.schema import NotNegativePerChannel, PerChannel, Positive, Schema
+from taxel.held_out_residual import HeldOutResidual
+from taxel.schema import Positive, Schema
 from taxel.trained_contacts import TrainedContacts
 from taxel.windows import PERIOD_NS, ExtraFeature, WindowSpec
 
@@ -191,85 +192,6 @@ class RoundedWeights(Schema):
     def rise(self) -> float:
         """The relative rise of the error through rounding."""
         return self.norm_mae / self.float32_norm_mae - 1
-
-
-class OwnStructure(Schema):
-    """What one effect explains of a model's own held-out residual.
-
-    Attributes:
-        log_evidence: logarithm of each channel's odds with the effect to those without it, for each bin of
-            rows.
-        gain: what it takes off each channel's squared error, counts².
-        forms: of an effect whose forms change every recording alike, those that may explain so much; none
-            where any may, and in a manifest of an earlier version.
-    """
-
-    log_evidence: NotNegativePerChannel
-    gain: NotNegativePerChannel
-    forms: tuple[str, ...] = ()
-
-    def has(self, form: str) -> bool:
-        """Whether a form may explain so much."""
-        return not self.forms or form in self.forms
-
-
-class KindResidual(Schema):
-    """A model's residual on one kind alone, such as one of several materials.
-
-    Attributes:
-        std: root of the mean square of each channel's residual, counts.
-        structure: what each effect explains of it: mean over the kinds, and two standard deviations more.
-        herfindahl: sum of the squared shares of the rows that each kind has in all recordings together.
-        correlated: likewise, what the channels show beside each other; none in a manifest of an earlier
-            version.
-    """
-
-    std: NotNegativePerChannel
-    structure: dict[str, OwnStructure]
-    herfindahl: Annotated[float, Field(gt=0, lt=1)]
-    correlated: dict[str, OwnStructure] = Field(default_factory=dict)
-
-
-class CorrelatedResidual(Schema):
-    """How the errors of the channels go along with each other.
-
-    Attributes:
-        precision: (21, 21) inverse of their covariance, counts⁻².
-        shared: the part of each whitened channel's variance that a whole contact shares.
-        fading: the part that fades within seconds.
-        structure: by effect, what a change of each channel alone explains, with its gain over the noise; of
-            effects that change many channels, the odds of each whitened channel.
-    """
-
-    precision: Annotated[tuple[PerChannel, ...], Field(min_length=len(CHANNELS), max_length=len(CHANNELS))]
-    shared: NotNegativePerChannel
-    fading: NotNegativePerChannel
-    structure: dict[str, OwnStructure] = Field(default_factory=dict)
-
-
-class HeldOutResidual(Schema):
-    """A model's residual on the recordings that its training held out: what it gets wrong anyway.
-
-    Attributes:
-        rows: how many rows it is from.
-        std: root of the mean square of each channel's residual, counts.
-        shared: the part of each channel's variance that a whole contact shares.
-        fading: the part that fades within seconds.
-        structure: what each effect explains of it.
-        one_kind: what a recording of one kind alone shows, by the column that names kinds.
-        sensitivity_change: the factor by which each channel's sensitivity seems to change in the course of
-            it; none in a manifest of an earlier version.
-        correlated: how the errors of its channels go along with each other; likewise.
-    """
-
-    rows: Annotated[int, Field(gt=0)]
-    std: NotNegativePerChannel
-    shared: NotNegativePerChannel
-    fading: NotNegativePerChannel
-    structure: dict[str, OwnStructure] = Field(default_factory=dict)
-    one_kind: dict[str, KindResidual] = Field(default_factory=dict)
-    sensitivity_change: NotNegativePerChannel | None = None
-    correlated: CorrelatedResidual | None = None
 
 
 class ModelFile(Schema):

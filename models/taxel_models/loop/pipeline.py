@@ -9,7 +9,7 @@ from scipy import stats
 
 from taxel.channels import CHANNELS
 from taxel.corrections import Parameter
-from taxel.manifest import HeldOutResidual
+from taxel.held_out_residual import HeldOutResidual
 from taxel_models.evaluation.metrics import ErrorMetrics
 from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats

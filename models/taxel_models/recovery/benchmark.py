@@ -8,7 +8,7 @@ from typing import Final, Self
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from taxel.manifest import HeldOutResidual
+from taxel.held_out_residual import HeldOutResidual
 from taxel_models.evaluation.metrics import ErrorMetrics
 from taxel_models.ground.ground import Clean, Ground, predicted
 from taxel_models.loop.inference.constants import DECLARED, Constants

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import COUNTS_MAX
-from taxel.manifest import HeldOutResidual
+from taxel.held_out_residual import HeldOutResidual
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED, Constants

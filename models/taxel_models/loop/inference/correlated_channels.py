@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from taxel.channels import CHANNELS
-from taxel.manifest import CorrelatedResidual
+from taxel.held_out_residual import CorrelatedResidual
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Remaining
 from taxel_models.loop.inference.constants import Constants

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from taxel.channels import CHANNELS
-from taxel.manifest import CorrelatedResidual, OwnStructure
+from taxel.held_out_residual import CorrelatedResidual, OwnStructure
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Candidate, Effect, Remaining

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from taxel.channels import CHANNELS
-from taxel.manifest import HeldOutResidual, OwnStructure
+from taxel.held_out_residual import HeldOutResidual, OwnStructure
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.covariate import NOT_COVARIATES, Covariate, are_kinds
 from taxel_models.loop.effects.gain import Gain

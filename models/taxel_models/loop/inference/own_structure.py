@@ -8,7 +8,7 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from taxel.channels import CHANNELS
-from taxel.manifest import OwnStructure
+from taxel.held_out_residual import OwnStructure
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.inference.evidence import Products, held_out, weigh
 from taxel_models.loop.inference.gain_limit import gain_limit

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 
 from taxel.errors import RecordingError
-from taxel.manifest import CorrelatedResidual, HeldOutResidual, KindResidual, OwnStructure
+from taxel.held_out_residual import CorrelatedResidual, HeldOutResidual, KindResidual, OwnStructure
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks, cut
 from taxel_models.loop.channel_history import usual_changes

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from taxel.channels import CHANNELS, COUNTS_MAX, ELECTRODE_COLUMNS
-from taxel.manifest import HeldOutResidual
+from taxel.held_out_residual import HeldOutResidual
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect, Remaining

@@ -13,7 +13,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from taxel.channels import CHANNELS
-from taxel.manifest import HeldOutResidual
+from taxel.held_out_residual import HeldOutResidual
 from taxel_models.loop.attribution import AS_MUCH_ANYWAY, Attribution, Named, Rejected, faults_in_place
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.manifest import HeldOutResidual
+from taxel.held_out_residual import HeldOutResidual
 from taxel_models.loop.attribution import Attribution
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect

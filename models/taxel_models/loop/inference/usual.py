@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.manifest import HeldOutResidual
+from taxel.held_out_residual import HeldOutResidual
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.inference.evidence import HeldOut
 from taxel_models.loop.inference.kinds import counted

@@ -7,7 +7,7 @@ import numpy as np
 
 from taxel.channels import CHANNELS
 from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, Term, Weighted
-from taxel.manifest import HeldOutResidual
+from taxel.held_out_residual import HeldOutResidual
 from taxel.windows import Elapsed, ExtraFeature
 from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from taxel.channels import COUNTS_MAX
-from taxel.manifest import HeldOutResidual
+from taxel.held_out_residual import HeldOutResidual
 from taxel.windows.history import TOUCH_N
 from taxel_models.loop.attribution import Attribution
 from taxel_models.loop.basis import Floats

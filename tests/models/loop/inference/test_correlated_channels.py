@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from taxel.channels import CHANNELS, COUNTS_MAX
-from taxel.manifest import CorrelatedResidual, HeldOutResidual, OwnStructure
+from taxel.held_out_residual import CorrelatedResidual, HeldOutResidual, OwnStructure
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.crosstalk import Crosstalk
 from taxel_models.loop.effects.drift import Drift

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taxel.manifest import CorrelatedResidual, HeldOutResidual, KindResidual, Manifest, OwnStructure
+from taxel.held_out_residual import CorrelatedResidual, HeldOutResidual, KindResidual, OwnStructure
+from taxel.manifest import Manifest
 from taxel_models.loop.effects.covariate import Covariate
 from taxel_models.loop.inference.kinds import all_forms, of_its_kinds
 from taxel_models.loop.inference.reference import held_out_residual

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from taxel.manifest import HeldOutResidual, Manifest
+from taxel.held_out_residual import HeldOutResidual
+from taxel.manifest import Manifest
 from taxel_models.loop.attribution import AS_MUCH_ANYWAY
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.gain import Gain
