@@ -1,6 +1,7 @@
 """The split holds out whole groups, and no window reaches from one part into another."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -83,6 +84,19 @@ def test_the_reference_has_all_rows_that_nothing_was_fitted_to(make_recording: M
         assert known.sum() == len(test) < len(reference) < len(whole)
     rest = [examples(recording, WindowSpec.of(1)) for recording in data.held_out.reference]
     assert sum(len(one.windows) for one in rest) == len(data.test) + len(data.validation)
+
+
+def test_the_kinds_of_the_training_set_are_kept(make_recording: Make) -> None:
+    rows = [100] * 40
+    first, second = make_recording(rows), make_recording(rows)
+    material = np.repeat(np.arange(40.0) % 3, 100)
+    columns = {"material": material, "trial": np.repeat(np.arange(40.0) % 5, 100), "speed": material / 3}
+    first = replace(first, covariates=columns)
+    second = replace(second, covariates={"material": material + 2})
+    data = Dataset.of([first, second], WindowSpec.of(1), SplitSettings())
+    assert data.contacts.kinds == {"material": (0.0, 1.0, 2.0, 3.0, 4.0)}
+    only = Dataset.of([second, make_recording(rows)], WindowSpec.of(1), SplitSettings())
+    assert only.contacts.kinds == {}
 
 
 def test_too_little_to_split_is_refused(make_recording: Make) -> None:

@@ -75,6 +75,7 @@ class HeldOutResidual(Schema):
         sensitivity_change: the factor by which each channel's sensitivity seems to change in the course of
             it; none in a manifest of an earlier version.
         correlated: how the errors of its channels go along with each other; likewise.
+        new_kinds: by column, what kinds would show that training never had; none where too few are known.
     """
 
     rows: Annotated[int, Field(gt=0)]
@@ -85,3 +86,4 @@ class HeldOutResidual(Schema):
     one_kind: dict[str, KindResidual] = Field(default_factory=dict)
     sensitivity_change: NotNegativePerChannel | None = None
     correlated: CorrelatedResidual | None = None
+    new_kinds: dict[str, "HeldOutResidual"] = Field(default_factory=dict)

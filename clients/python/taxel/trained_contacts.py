@@ -49,6 +49,8 @@ class TrainedContacts(Schema):
         x, y, z: of places that are touched with at least `TOUCHED_N`, sensor's frame, m.
         fx, fy, fz, force: the force's axes and its magnitude, N.
         extras: of further recorded columns that the model may take, such as `tdc`, counts.
+        kinds: values of the recorded columns that name kinds, such as `material`; none where an older Taxel
+            trained the model.
         skin_radius: of the skin that they were compared with, a cylinder along -x that a hemisphere closes
             (`taxel.skin`), m; None where an older Taxel trained the model.
         on_skin: the share of touched places that lie on this skin, within `OFF_SKIN_M`.
@@ -64,6 +66,7 @@ class TrainedContacts(Schema):
     fz: Range
     force: Range
     extras: dict[str, Range] = Field(default_factory=dict)
+    kinds: dict[str, tuple[FiniteFloat, ...]] = Field(default_factory=dict)
     skin_radius: Positive | None = None
     on_skin: Share
     pressing: Share
@@ -75,6 +78,7 @@ class TrainedContacts(Schema):
         force: NDArray[np.float64],
         extras: dict[str, NDArray[np.float64]],
         period_ms: float,
+        kinds: dict[str, tuple[float, ...]] | None = None,
     ) -> Self:
         """Of samples (n, 3), m, and (n, 3), N, n above 0. If no touch is firm, all count as touches."""
         magnitude = np.linalg.norm(force, axis=1)
@@ -90,6 +94,7 @@ class TrainedContacts(Schema):
             **ranges,
             force=Range.of(magnitude),
             extras={name: Range.of(column) for name, column in extras.items()},
+            kinds=kinds or {},
             skin_radius=skin.radius,
             on_skin=float((np.abs(skin.height(places)) <= OFF_SKIN_M).mean()),
             pressing=float((outward(places, pushes) < 0.0).mean()),

@@ -51,6 +51,9 @@ def loop_trial(
             help="Each round plays one value of a column, such as `material`; with --ground slide.",
         ),
     ] = None,
+    unseen: Annotated[
+        bool, typer.Option(help="The model was not trained on the values that are played; with --one-of.")
+    ] = False,
     only: Annotated[
         list[str] | None,
         typer.Option(
@@ -105,7 +108,7 @@ def loop_trial(
     moved: list[Sensitivity] = []
     with Progress(console=ERR, disable=not ERR.is_terminal) as progress:
         task = progress.add_task("preparing the ground", total=trials)
-        place = _ground(ground, injector, repository, model, data, rows, seed, jobs, one_of)
+        place = _ground(ground, injector, repository, model, data, rows, seed, jobs, one_of, unseen)
         benchmark = RecoveryBenchmark(place, ground, seed, draw)
         for finished in run_rounds_on(benchmark, trials, jobs, scheduler):
             rounds.append(finished)
@@ -152,11 +155,14 @@ def _ground(
     seed: int,
     jobs: int,
     one_of: str | None,
+    unseen: bool,
 ) -> "Ground":
     from taxel_models.shipped import shipped_repository
 
     if one_of is not None and name != "slide":
         raise SettingsError(f"--one-of {one_of}: only --ground slide has kinds; this is --ground {name}")
+    if unseen and one_of is None:
+        raise SettingsError("--unseen: expected --one-of COLUMN, such as --one-of material")
 
     if name != "twin":
         require(f"--ground {name}", "train", "xgboost")
@@ -167,7 +173,7 @@ def _ground(
         # TAXEL_DATA may name the folder or the one above.
         folder = data if not (data / "data").is_dir() else data / "data"
         if name == "slide":
-            return RealGround.slide(folder, seed, jobs, one_of)
+            return RealGround.slide(folder, seed, jobs, one_of, unseen=unseen)
         return RealGround.lasa(folder, seed, jobs)
     from taxel_models.ground.twins import StoredModel, TwinGround
     from taxel_models.recovery.own_ground import CleanTwins

@@ -40,6 +40,9 @@ LEAST_TRIALS: Final = 20
 LEAST_OF_ONE: Final = 5
 """The same where a round plays one kind, such as one of 16 materials."""
 
+UNSEEN: Final = 0.25
+"""The share of a column's values that a model is not trained on."""
+
 PAUSE_S: Final = 4 * 3600.0
 """A longer pause ends a session: the slide data are from three days."""
 
@@ -76,17 +79,23 @@ class RealGround:
     live: tuple[bool, ...]
 
     @classmethod
-    def slide(cls, folder: Path, seed: int, jobs: int = 1, one_of: str | None = None) -> Self:
+    def slide(
+        cls, folder: Path, seed: int, jobs: int = 1, one_of: str | None = None, *, unseen: bool = False
+    ) -> Self:
         """Of the slide data in `folder`/biotac_slide; one model for all days.
 
         Args:
             one_of: a column, such as `material`: a round plays trials of one of its values.
+            unseen: the model is trained on three quarters of these values, and rounds play the others.
 
         Raises:
             RecordingError: the data are not there, are damaged, or are too few, or have no such column.
         """
         recording = read_slide(_found(folder / SLIDE))
-        trained, held_out = _divided(recording, seed, HELD_OUT[SLIDE])
+        if one_of is not None and unseen:
+            trained, held_out = _without_some_kinds(recording, one_of, seed)
+        else:
+            trained, held_out = _divided(recording, seed, HELD_OUT[SLIDE])
         model, reference = BaseModel.fit(trained, seed, jobs, REFERENCE[SLIDE])
         parts = _days(held_out) if one_of is None else _kinds(held_out, one_of)
         least = LEAST_TRIALS if one_of is None else LEAST_OF_ONE
@@ -194,18 +203,34 @@ def _of_trials(recording: Recording, trials: Sequence[slice]) -> Recording:
     return replace(recording.rows(keep), sha256="")
 
 
+def _without_some_kinds(recording: Recording, column: str, seed: int) -> tuple[Recording, Recording]:
+    """The trials of most values of a column to train on, and those of the others to play, at ticks."""
+    ticks = recording.ticks()
+    kinds = _kinds_of_trials(ticks, column)
+    values = np.random.default_rng([seed, 3]).permutation(np.unique(kinds))
+    new = np.isin(kinds, values[: max(1, round(UNSEEN * len(values)))])
+    trained, played = (
+        _of_trials(ticks, [ticks.segments[place] for place in np.flatnonzero(some)]) for some in (~new, new)
+    )
+    return trained, played
+
+
 def _kinds(recording: Recording, column: str) -> list[Recording]:
     """The trials of each value of a column by themselves."""
+    trials, kinds = recording.segments, _kinds_of_trials(recording, column)
+    return [
+        _of_trials(recording, [trials[place] for place in np.flatnonzero(kinds == kind)])
+        for kind in np.unique(kinds)
+    ]
+
+
+def _kinds_of_trials(recording: Recording, column: str) -> Floats:
+    """(trials,) the value of a column in each."""
     if column not in recording.covariates:
         known = ", ".join(recording.covariates)
         raise RecordingError(f"no column {column!r} to play one value of; there are: {known}")
     values = recording.covariates[column]
-    trials = recording.segments
-    first = np.array([values[trial.start] for trial in trials])
-    return [
-        _of_trials(recording, [trials[place] for place in np.flatnonzero(first == kind)])
-        for kind in np.unique(first)
-    ]
+    return np.array([values[trial.start] for trial in recording.segments])
 
 
 def _days(recording: Recording) -> list[Recording]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel_models.loop.basis import Floats
@@ -67,15 +68,21 @@ class SensitivityChange:
 
 
 def sensitivity_changes(
-    observations: Observations, blocks: Blocks, explained: Floats, usual: Floats
+    observations: Observations,
+    blocks: Blocks,
+    explained: Floats,
+    usual: Floats,
+    known: NDArray[np.bool_] | None = None,
 ) -> Iterator[SensitivityChange]:
     """Each channel whose sensitivity changed clearly, and by more than is usual of it.
 
     Args:
         explained: (n, 21) what named effects other than gains add, counts.
         usual: (21,) as from `usual_changes`.
+        known: (n,) rows to look at, all of them by default. On a material that the model was not trained
+            on, a slope says nothing of the channel.
     """
-    for channel, found, follows in _largest_changes(observations, blocks, explained):
+    for channel, found, follows in _largest_changes(observations, blocks, explained, known):
         clear = found.part >= LEAST_CHANGE and found.t >= LEAST_T
         factor = max(found.kept, 1.0 / max(found.kept, 1e-9))
         quantile = WHILE_ALIVE if found.kept < 1 else 0.5
@@ -91,18 +98,19 @@ def usual_changes(observations: Observations, blocks: Blocks) -> Floats:
     Of recordings that nothing is known to be wrong with: a model errs in its own way on each material,
     and materials follow each other.
     """
-    usual = np.ones(len(CHANNELS))
-    for channel, found, _ in _largest_changes(observations, blocks, np.zeros_like(observations.residual)):
+    usual, nothing = np.ones(len(CHANNELS)), np.zeros_like(observations.residual)
+    for channel, found, _ in _largest_changes(observations, blocks, nothing, None):
         usual[channel] = np.clip(max(found.kept, 1.0 / max(found.kept, 1e-9)), 1.0, MOST_TOLD)
     return usual
 
 
 def _largest_changes(
-    observations: Observations, blocks: Blocks, explained: Floats
+    observations: Observations, blocks: Blocks, explained: Floats, known: NDArray[np.bool_] | None
 ) -> Iterator[tuple[int, "_Change", Floats]]:
     """The largest change of each channel that can be measured, and (blocks,) how well it follows."""
-    numbers = [number for number in range(len(blocks)) if (blocks.of_row == number).any()]
-    rows = [np.flatnonzero(blocks.of_row == number) for number in numbers]
+    of_row = blocks.of_row if known is None else np.where(known, blocks.of_row, -1)
+    of_blocks = [np.flatnonzero(of_row == number) for number in range(len(blocks))]
+    rows = [some for some in of_blocks if len(some)]
     if len(rows) < 2 * FEWEST:
         return
     time = np.array([observations.time_s[some].mean() for some in rows])

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from taxel.windows.history import TICK_S, TOUCH_N
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.effects.covariate import NOT_COVARIATES, are_kinds
 from taxel_models.loop.effects.temperature import TDC
 from taxel_models.loop.findings import RunsAlong
 from taxel_models.loop.observations import Observations
+from taxel_models.recordings.kinds import NOT_COVARIATES, are_kinds
 
 CELLS: Final = 10
 """A quantity is known by which tenth of its rows a row is in."""

@@ -233,6 +233,20 @@ class Stability(Schema):
     chosen: dict[str, float]
 
 
+class NewKinds(Schema):
+    """Values of a column, such as materials, that the model was not trained on.
+
+    Attributes:
+        column: its name.
+        values: in order.
+        share: of the rows that have one of them.
+    """
+
+    column: str
+    values: tuple[float, ...]
+    share: float
+
+
 class Findings(Schema):
     """Everything the loop found.
 
@@ -246,6 +260,7 @@ class Findings(Schema):
         after: errors of the corrected model there, by the forms that are served.
         changes: a sentence for each channel whose sensitivity changed over the session.
         one_kind: columns with one value here, of which the model's own held-out residual had several.
+        new_kinds: what the model was not trained on, as far as its manifest tells.
         residual_model: what predicts a part of what remains, if it was asked for and proved itself.
         confounding: what runs along with what in the recordings, the largest share first; empty for
             fewer than eight contacts.
@@ -270,6 +285,7 @@ class Findings(Schema):
     unexplained: Unexplained
     changes: tuple[str, ...] = ()
     one_kind: tuple[str, ...] = ()
+    new_kinds: tuple[NewKinds, ...] = ()
     residual_model: FoundResidualModel | None = None
     confounding: tuple[RunsAlong, ...] = ()
     next_recordings: tuple[NextRecording, ...] = ()

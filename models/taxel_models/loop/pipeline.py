@@ -23,11 +23,12 @@ from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.findings import (
     Findings,
     FoundEffect,
+    NewKinds,
     PairedTest,
     RejectedEffect,
 )
 from taxel_models.loop.inference.constants import DECLARED, Constants
-from taxel_models.loop.inference.kinds import of_its_kinds
+from taxel_models.loop.inference.kinds import new_kinds, of_its_kinds
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.inference.stability import on_halves
 from taxel_models.loop.intervals import parameters
@@ -161,7 +162,12 @@ def run_loop(
         observations, recordings, blocks, settings, attribution, figures, new, after, usual
     )
     findings = findings.model_copy(
-        update={"confounding": runs_along, "one_kind": narrow, "residual_model": told}
+        update={
+            "confounding": runs_along,
+            "one_kind": narrow,
+            "new_kinds": _new_kinds(observations),
+            "residual_model": told,
+        }
     )
     if settings.stability:
         stability = on_halves(
@@ -192,6 +198,15 @@ def _one_kind(observations: Observations, reference: HeldOutResidual | None) -> 
     )
 
 
+def _new_kinds(observations: Observations) -> tuple[NewKinds, ...]:
+    found = []
+    for column, values in observations.covariates.items():
+        if (new := new_kinds(observations, column)).any():
+            kinds = tuple(np.unique(values[new]).tolist())
+            found.append(NewKinds(column=column, values=kinds, share=float(new.mean())))
+    return tuple(found)
+
+
 def _findings(
     observations: Observations,
     recordings: Sequence[Recording],
@@ -208,7 +223,10 @@ def _findings(
         named.contribution for named in attribution.named if named.name not in (Gain.name, Fault.name)
     ]
     explained = np.sum(others, axis=0) if others else np.zeros_like(observations.residual)
-    changes = sensitivity_changes(observations, blocks, explained, usual_changes)
+    known = np.ones(len(observations), dtype=np.bool_)
+    for column in observations.covariates:
+        known &= ~new_kinds(observations, column)
+    changes = sensitivity_changes(observations, blocks, explained, usual_changes, known)
     rows, output_std = blocks.evaluation, np.array(manifest.normalisation.output_std)
     noise = NoiseFloor.of(observations)
     energy = (observations.residual[rows] ** 2).mean(axis=0)

@@ -22,11 +22,12 @@ from taxel_models.loop.attribution import Attribution
 from taxel_models.loop.basis import Floats, Rows
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.correction import NewEffects, feature_columns
-from taxel_models.loop.effects.covariate import NOT_COVARIATES, Covariate, are_kinds, kind_extra
+from taxel_models.loop.effects.covariate import Covariate, kind_extra
 from taxel_models.loop.effects.effect import given_extra
 from taxel_models.loop.effects.temperature import TDC, Temperature
 from taxel_models.loop.findings import ChannelGain, FoundResidualModel
 from taxel_models.loop.observations import Observations
+from taxel_models.recordings.kinds import NOT_COVARIATES, are_kinds
 
 NAME: Final = "residual_model"
 COSINES: Final = 512

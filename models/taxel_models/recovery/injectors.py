@@ -17,11 +17,11 @@ from taxel.errors import SettingsError
 from taxel.windows import Play, Relaxation
 from taxel.windows.history import TICK_S, TOUCH_N, Rate
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.effects.covariate import are_kinds
 from taxel_models.loop.effects.location import farthest_points
 from taxel_models.loop.effects.registry import effect_named
 from taxel_models.loop.resting import are_raw
 from taxel_models.recordings import Recording
+from taxel_models.recordings.kinds import are_kinds
 from taxel_models.recovery.injection import Injection
 
 MOST_LAG_TICKS: Final = 15

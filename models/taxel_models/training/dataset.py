@@ -11,6 +11,7 @@ from taxel.errors import SettingsError
 from taxel.trained_contacts import TrainedContacts
 from taxel.windows import WindowSpec, build_windows
 from taxel_models.recordings import Recording
+from taxel_models.recordings.kinds import kinds_of
 from taxel_models.training.split import SplitSettings, Subset, split, subset_of_windows
 
 EXTRAS: Final = ("tdc",)
@@ -151,4 +152,5 @@ def contacts_of(recordings: Sequence[Recording], period_ns: int) -> TrainedConta
         np.concatenate([recording.samples.force for recording in recordings]),
         {name: np.concatenate([recording.auxiliary[name] for recording in recordings]) for name in EXTRAS},
         period_ns / 1e6,
+        kinds_of(recordings),
     )

@@ -98,6 +98,17 @@ def test_a_round_may_play_one_material(few_materials: Path) -> None:
         RealGround.slide(few_materials, seed=1, jobs=2, one_of="colour")
 
 
+def test_a_model_may_not_have_seen_what_is_played(few_materials: Path) -> None:
+    ground = RealGround.slide(few_materials, seed=1, jobs=2, one_of="material", unseen=True)
+    played = {ground.clean(number).recording.covariates["material"][0] for number in range(4)}
+    assert len(played) == 1
+    training = ground.sessions[0].model.manifest.training
+    assert training is not None
+    assert training.contacts is not None
+    assert {*training.contacts.kinds["material"], *played} == {5.0, 6.0, 7.0}
+    assert len(training.contacts.kinds["material"]) == 2
+
+
 def test_lasa_is_cut_into_stretches_with_places_on_the_skin(data_folder: Path, lasa: RealGround) -> None:
     recording = read_lasa(data_folder / "lasa_contact", "F2", seed=0)
     lengths = [part.stop - part.start for part in recording.segments]

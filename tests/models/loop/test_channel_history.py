@@ -27,6 +27,7 @@ def changes(
     kept: NDArray[np.float64],
     added: float = 0.0,
     factor: float = 1.0,
+    known: NDArray[np.bool_] | None = None,
 ) -> list[SensitivityChange]:
     """Of a recording in which one channel keeps a share (n,) of its sensitivity; some counts are added.
 
@@ -41,7 +42,7 @@ def changes(
     explained[:, CHANNEL] = added
     usual = np.ones(len(CHANNELS))
     usual[CHANNEL] = factor
-    return list(sensitivity_changes(observations, cut(observations, seed=0), explained, usual))
+    return list(sensitivity_changes(observations, cut(observations, seed=0), explained, usual, known))
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +56,14 @@ def test_a_step_is_told_with_its_time(smooth: Any, long: Recording) -> None:
     assert found.kept == pytest.approx(0.4, abs=0.05)
     assert found.since_s == pytest.approx(180.0, abs=6.0)
     assert found.sentence().startswith("e11 lost 6")
+
+
+def test_rows_that_say_nothing_are_not_looked_at(smooth: Any, long: Recording) -> None:
+    late = np.arange(ROWS) >= 18_000
+    kept = np.where(late, 0.4, 1.0)
+    rows = gather(smooth, [long]).rows[0]
+    assert changes(smooth, long, kept, known=~late[rows]) == []
+    assert len(changes(smooth, long, kept, known=np.ones(len(rows), dtype=np.bool_))) == 1
 
 
 def test_a_change_all_the_time_has_none(smooth: Any, long: Recording) -> None:

@@ -10,17 +10,13 @@ from taxel.windows import ExtraFeature
 from taxel_models.loop.basis import Floats, Joined
 from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Online, Remaining, given, weighted
 from taxel_models.loop.observations import Observations
-
-MOST_KINDS: Final = 32
-"""A column of whole numbers with at most so many values names kinds; any other column is an amount."""
+from taxel_models.recordings.kinds import are_kinds
 
 MOST_PAIRED: Final = 16
 """The most kinds that may have a constant and a gain: with more, there are more weights than blocks."""
 
 FEWEST_CONTACTS_OF_A_KIND: Final = 2
 """A kind that has one contact cannot be told from an offset of this contact."""
-
-NOT_COVARIATES: Final = frozenset({"tdc", "tac", "pac1"})
 
 
 def _both(offsets: Candidate, gains: Candidate) -> Candidate:
@@ -48,11 +44,6 @@ def _both(offsets: Candidate, gains: Candidate) -> Candidate:
         online=online,
         again=again,
     )
-
-
-def are_kinds(values: Floats) -> bool:
-    """Whether a column's different values name kinds."""
-    return len(values) <= MOST_KINDS and bool((values == np.rint(values)).all())
 
 
 def kind_extra(column: str, values: Floats, kind: float) -> ExtraFeature:

@@ -6,7 +6,7 @@ To add an effect, write its file, add its class here, and its injector in `recov
 from typing import Final
 
 from taxel.errors import SettingsError
-from taxel_models.loop.effects.covariate import NOT_COVARIATES, Covariate
+from taxel_models.loop.effects.covariate import Covariate
 from taxel_models.loop.effects.creep import Creep
 from taxel_models.loop.effects.crosstalk import Crosstalk
 from taxel_models.loop.effects.drift import Drift
@@ -23,6 +23,7 @@ from taxel_models.loop.effects.rate import Rate
 from taxel_models.loop.effects.saturation import Saturation
 from taxel_models.loop.effects.temperature import Temperature
 from taxel_models.loop.observations import Observations
+from taxel_models.recordings.kinds import NOT_COVARIATES
 
 EFFECTS: Final[tuple[type[Effect], ...]] = (
     Offset,

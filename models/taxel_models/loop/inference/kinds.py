@@ -3,15 +3,17 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
 from taxel.held_out_residual import HeldOutResidual, OwnStructure
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.effects.covariate import NOT_COVARIATES, Covariate, are_kinds
+from taxel_models.loop.effects.covariate import Covariate
 from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.inference.contact_offset import ContactOffset
 from taxel_models.loop.observations import Observations
+from taxel_models.recordings.kinds import NOT_COVARIATES, are_kinds
 
 
 def kind_columns(observations: Observations) -> list[str]:
@@ -47,7 +49,62 @@ def herfindahl(values: Floats) -> float:
 
 
 def of_its_kinds(reference: HeldOutResidual, observations: Observations) -> HeldOutResidual:
-    """The reference, with what may be usual of the few kinds that a recording has.
+    """The reference, with what may be usual of the kinds that a recording has."""
+    found = _of_known_kinds(reference, observations)
+    for column, unseen in reference.new_kinds.items():
+        if column in observations.covariates and (new := new_kinds(observations, column)).any():
+            found = _with_new_kinds(found, unseen, observations, new)
+    return found.model_copy(update={"new_kinds": {}})
+
+
+def new_kinds(observations: Observations, column: str) -> NDArray[np.bool_]:
+    """(n,) rows of a kind that the model was not trained on; none where its kinds are not known."""
+    values = observations.covariates[column]
+    training = observations.manifest.training
+    known = {} if training is None or training.contacts is None else training.contacts.kinds
+    return ~np.isin(values, known[column]) if column in known else np.zeros(len(values), dtype=np.bool_)
+
+
+def _with_new_kinds(
+    known: HeldOutResidual,
+    unseen: HeldOutResidual,
+    observations: Observations,
+    new: NDArray[np.bool_],
+) -> HeldOutResidual:
+    """What may be usual where some rows (n,) are of kinds that the model was not trained on.
+
+    How wrong the model is on them, it does not know; stand-ins of it tell which part of the error each
+    effect explains. A weight of all rows explains of these rows' error the square of their share, and one
+    of each kind or contact their share. New kinds may be alike, so that their errors do not cancel out.
+    """
+    share = float(new.mean())
+    energy = (observations.residual[new] ** 2).mean(axis=0)
+    sources = [(unseen.structure, unseen.std)]
+    sources += [(one.structure, one.std) for one in unseen.one_kind.values()]
+    scale = np.maximum(observations.residual.std(axis=0), 1e-9)
+    structure = {name: _figures(own) for name, own in known.structure.items()}
+    for name in structure.keys() & unseen.structure.keys():
+        figures = [
+            _figures(source[name]) * [np.ones_like(energy), energy / np.maximum(std, 1e-9) ** 2]
+            for source, std in sources
+            if name in source
+        ]
+        own = np.max(figures, axis=0) / counted(name, np.array(known.std), scale)
+        of_each = name == ContactOffset.name or name.startswith(f"{Covariate.name}:")
+        structure[name] = _at_least(structure[name], own, share if of_each else share**2)
+    noise = np.array([(one.shared, one.fading) for one in (known, unseen)])
+    shared, fading = (1.0 - share) * noise[0] + share * noise[1]
+    return known.model_copy(
+        update={
+            "structure": _of_figures(structure, [known.structure, *(source for source, _ in sources)]),
+            "shared": tuple(shared.tolist()),
+            "fading": tuple(fading.tolist()),
+        }
+    )
+
+
+def _of_known_kinds(reference: HeldOutResidual, observations: Observations) -> HeldOutResidual:
+    """With what may be usual of few kinds.
 
     A weight of one kind is a common one plus one of its own. Where the own ones are independent of each
     other, a weight that is fitted to several kinds explains what the common one does, and of what the own

@@ -20,6 +20,7 @@ from taxel_models.loop.inference.correlated_reference import correlated_residual
 from taxel_models.loop.inference.kinds import all_forms, herfindahl, kind_columns
 from taxel_models.loop.inference.own_structure import OPEN, structure_of
 from taxel_models.loop.inference.scoring import Progress, Scoring, silent
+from taxel_models.loop.inference.unseen_kinds import without_their_kind
 from taxel_models.loop.inference.whitening import Bins, NoiseShape
 from taxel_models.loop.observations import Observations, gather
 from taxel_models.model import Model
@@ -64,26 +65,38 @@ def held_out_residual(
         observations = gather(model, recordings)
         if len(observations) < FEWEST_ROWS:
             return None
-        found = _residual_of(observations, constants, progress)
+        blocks = cut(observations, seed=0, held_out=KEPT)
+        correlated = correlated_residual(observations, blocks, constants, progress)
+        found = _by_kind(observations, kind_columns(observations), correlated, constants, progress)
+        new = {}
+        for column in found.one_kind:
+            unseen = without_their_kind(observations, column)
+            new[column] = _by_kind(unseen, [column], None, constants, lambda one: progress(f"new {one}"))
     except RecordingError:
         return None
+    usual = tuple(usual_changes(observations, blocks).tolist())
+    return found.model_copy(
+        update={"sensitivity_change": usual, "correlated": correlated, "new_kinds": new}
+    )
+
+
+def _by_kind(
+    observations: Observations,
+    columns: Sequence[str],
+    correlated: CorrelatedResidual | None,
+    constants: Constants,
+    progress: Progress,
+) -> HeldOutResidual:
+    """Of all rows together, and of one kind of each column that names enough of them."""
+    found = _residual_of(observations, constants, progress)
     if len(np.unique(observations.contact)) < FEWEST_FOR_SCATTER:
         known = {name: own for name, own in found.structure.items() if name != ContactOffset.name}
         found = found.model_copy(update={"structure": known})
-    blocks = cut(observations, seed=0, held_out=KEPT)
-    correlated = correlated_residual(observations, blocks, constants, progress)
     kinds = {
         column: _residual_of_one_kind(observations, column, correlated, constants, progress)
-        for column in kind_columns(observations)
+        for column in columns
     }
-    usual = usual_changes(observations, blocks)
-    return found.model_copy(
-        update={
-            "one_kind": {column: own for column, own in kinds.items() if own},
-            "sensitivity_change": tuple(usual.tolist()),
-            "correlated": correlated,
-        }
-    )
+    return found.model_copy(update={"one_kind": {column: own for column, own in kinds.items() if own}})
 
 
 def _residual_of(

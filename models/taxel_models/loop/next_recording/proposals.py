@@ -9,7 +9,6 @@ import numpy as np
 
 from taxel.windows.history import TOUCH_N
 from taxel_models.loop.attribution import Named
-from taxel_models.loop.effects.covariate import are_kinds
 from taxel_models.loop.effects.temperature import TDC
 from taxel_models.loop.findings import NextRecording
 from taxel_models.loop.inference.constants import DECLARED
@@ -17,6 +16,7 @@ from taxel_models.loop.next_recording.fitted import Fitted, fitted_in_place
 from taxel_models.loop.next_recording.rehearsal import Rehearsal, Stage, rehearse
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.pipeline import LoopResult
+from taxel_models.recordings.kinds import are_kinds
 from taxel_models.twin.protocol import RecordingProtocol
 from taxel_models.twin.protocol_menu import in_turn, menu
 from taxel_models.twin.temperature import on_for

@@ -121,8 +121,12 @@ def headline(findings: Findings) -> str:
 
 def opening(findings: Findings, extras: Sequence[ExtraFeature]) -> str:
     """One paragraph that a reader can act on."""
-    sentences = [_outcome(findings), *_named(findings, extras), *one_kind(findings), *confounded(findings)]
-    sentences += [
+    sentences = [
+        _outcome(findings),
+        *_named(findings, extras),
+        *one_kind(findings),
+        *new_kinds(findings),
+        *confounded(findings),
         *runs_along(findings),
         *next_recordings(findings),
         _rejected(findings),
@@ -181,6 +185,16 @@ def one_kind(findings: Findings) -> list[str]:
     return [
         f"All rows have the same {listed(findings.one_kind)}. The model's own error is known for several "
         "together: what is named here may be its error on this one."
+    ]
+
+
+def new_kinds(findings: Findings) -> list[str]:
+    """What the model was not trained on, a sentence for each column."""
+    return [
+        f"The model was not trained on {one.column} {listed([f'{value:g}' for value in one.values])} "
+        f"({percent(one.share)} of the rows): it is wrong there in ways of its own, and only what goes "
+        "clearly beyond is named."
+        for one in findings.new_kinds
     ]
 
 

@@ -12,12 +12,15 @@ from taxel.manifest import Manifest
 from taxel_models.loop.effects.covariate import Covariate
 from taxel_models.loop.inference.kinds import all_forms, of_its_kinds
 from taxel_models.loop.inference.reference import held_out_residual
+from taxel_models.loop.inference.unseen_kinds import without_their_kind
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.pipeline import LoopSettings, run_loop
+from taxel_models.loop.report.wording import opening
+from taxel_models.model import Model
 from taxel_models.recordings import Recording
 
 Make = Callable[..., Recording]
-SHARES = {1.0: 0.14, 2.0: -0.14, 3.0: 0.0}
+SHARES = {1.0: 0.14, 2.0: -0.14, 3.0: 0.0, 4.0: 0.25}
 """By which the signal of each kind is larger than the model says."""
 
 
@@ -122,6 +125,84 @@ def test_a_models_error_on_one_material_is_no_gain_of_the_sensor(smooth: Any, ma
     second = run_loop(smooth, [recording], LoopSettings(), reference=reference).findings
     assert second.effects == ()
     assert second.one_kind == ()
+
+
+def trained_on(observations: Observations, *kinds: float) -> Observations:
+    """The same rows, by a model that knows these materials."""
+    return replace(observations, model=Trained(observations.model, kinds))
+
+
+class Trained:
+    """A model whose manifest says which materials it was trained on."""
+
+    def __init__(self, model: Model, kinds: tuple[float, ...]) -> None:
+        training = model.manifest.training
+        assert training is not None
+        assert training.contacts is not None
+        contacts = training.contacts.model_copy(update={"kinds": {"material": kinds}})
+        training = training.model_copy(update={"contacts": contacts})
+        self.manifest = model.manifest.model_copy(update={"training": training})
+        self.predict, self.predict_base = model.predict, model.predict_base
+
+
+def test_new_kinds_show_as_large_a_part_as_those_that_stand_ins_did_not_see(
+    observations: Observations,
+) -> None:
+    unseen = known().model_copy(update={"structure": {"gain": own(20.0), "covariate:material": own(6.0)}})
+    structure = known().structure | {"covariate:material": own(5.0)}
+    reference = known().model_copy(update={"new_kinds": {"material": unseen}, "structure": structure})
+    energy = float((observations.residual[:, 0] ** 2).mean())
+    column = np.resize(np.array([1.0, 7.0]), len(observations))
+
+    def usual(*kinds: float) -> HeldOutResidual:
+        return of_its_kinds(
+            reference, trained_on(replace(observations, covariates={"material": column}), *kinds)
+        )
+
+    plain, half, all_new = usual(1.0, 7.0), usual(1.0), usual(2.0, 3.0)
+    assert plain.structure["covariate:material"].gain[0] == pytest.approx(5.0)
+    assert all_new.structure["covariate:material"].gain[0] == pytest.approx(6.0 * energy / 9.0, rel=1e-3)
+    # One kind of the stand-ins' has 8 of 4 squared counts, all together 20 of 9.
+    assert all_new.structure["gain"].gain[0] == pytest.approx(20.0 * energy / 9.0, rel=1e-3)
+    before = plain.structure["gain"].gain[0]
+    energy = float((observations.residual[column == 7.0, 0] ** 2).mean())
+    together = 0.75 * before + 0.25 * 20.0 * energy / 9.0
+    assert half.structure["gain"].gain[0] == pytest.approx(together, rel=1e-3)
+    assert half.new_kinds == {}
+
+
+def test_a_stand_in_never_saw_what_it_predicts(observations: Observations) -> None:
+    values = np.resize(np.repeat([1.0, 2.0, 3.0], 50), len(observations))
+    several = replace(observations, covariates={"material": values})
+    first = without_their_kind(several, "material").predicted
+    moved = several.measured + np.where(values == 2.0, 500.0, 0.0)[:, None]
+    second = without_their_kind(replace(several, measured=moved), "material").predicted
+    np.testing.assert_array_equal(second[values == 2.0], first[values == 2.0])
+    assert np.median(np.abs(second - first)[values != 2.0]) > 50.0
+
+
+def test_what_a_new_material_may_show_is_told_and_is_less_evidence(smooth: Any, make: Make) -> None:
+    model = Trained(smooth, (1.0, 2.0, 3.0))
+    reference = held_out_residual(model, [errs_by_kind(smooth, make, 8, [1.0, 2.0, 3.0])])
+    assert reference is not None
+    assert set(reference.new_kinds) == {"material"}
+
+    recording = errs_by_kind(smooth, make, 4, [4.0])
+    unaware = reference.model_copy(update={"new_kinds": {}})
+    first, second = (
+        run_loop(model, [recording], LoopSettings(), reference=one).findings for one in (unaware, reference)
+    )
+    evidence = [
+        next(one for one in findings.effects if one.name == "gain").log_evidence
+        for findings in (first, second)
+    ]
+    assert 0.0 < evidence[1] < evidence[0]
+    for findings in (first, second):
+        (new,) = findings.new_kinds
+        assert (new.column, new.values, new.share) == ("material", (4.0,), 1.0)
+        assert "not trained on material 4 (100 % of the rows)" in opening(findings, ())
+    seen = run_loop(model, [errs_by_kind(smooth, make, 4, [1.0])], LoopSettings(), reference=reference)
+    assert seen.findings.new_kinds == ()
 
 
 def test_numbers_of_contacts_are_no_covariate(observations: Observations) -> None:
