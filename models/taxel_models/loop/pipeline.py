@@ -135,13 +135,15 @@ def run_loop(
             reference = reference.model_copy(
                 update={"structure": {}, "sensitivity_change": None, "correlated": None}
             )
+    new = _new_kinds(observations)
     constants = replace(settings.constants, least_share=settings.least_share)
+    constants = constants.with_new_kinds(max((one.share for one in new), default=0.0))
     attribution = JointSelection(
         observations, blocks, effects, reference=reference, constants=constants, progress=progress
     ).run()
     figures = {named.name: parameters(named) for named in attribution.named}
-    new = NewEffects.of(attribution, figures)
-    after = corrected(observations, attribution, new)
+    added = NewEffects.of(attribution, figures)
+    after = corrected(observations, attribution, added)
     unnamed = None
     if settings.residual_model:
         if progress is not None:
@@ -152,20 +154,20 @@ def run_loop(
         )
     told = None
     if unnamed is not None:
-        before, new = after, unnamed.added_to(new)
-        after = corrected(observations, attribution, new)
+        before, added = after, unnamed.added_to(added)
+        after = corrected(observations, attribution, added)
         told = unnamed.found(observations, blocks, before, after)
     usual = np.ones(len(CHANNELS))
     if reference is not None and reference.sensitivity_change is not None:
         usual = np.array(reference.sensitivity_change)
     findings = _findings(
-        observations, recordings, blocks, settings, attribution, figures, new, after, usual
+        observations, recordings, blocks, settings, attribution, figures, added, after, usual
     )
     findings = findings.model_copy(
         update={
             "confounding": runs_along,
             "one_kind": narrow,
-            "new_kinds": _new_kinds(observations),
+            "new_kinds": new,
             "residual_model": told,
         }
     )
@@ -182,7 +184,7 @@ def run_loop(
             progress=progress or (lambda _: None),
         )
         findings = findings.model_copy(update={"stability": stability})
-    return LoopResult(findings, observations, blocks, attribution, new, after, reference)
+    return LoopResult(findings, observations, blocks, attribution, added, after, reference)
 
 
 def _one_kind(observations: Observations, reference: HeldOutResidual | None) -> tuple[str, ...]:

@@ -44,6 +44,19 @@ class Constants:
         value = factor * getattr(self, name)
         return replace(self, **{name: max(1, round(value)) if name == "most_effects" else value})
 
+    def with_new_kinds(self, share: float) -> Self:
+        """The same where a share of the rows is of kinds that the model was not trained on.
+
+        What the model lacks there repeats as well, so that only what removes much is told from it: a
+        `clear_share` of the whole error, or half of a channel's.
+        """
+        part = share**2
+        return replace(
+            self,
+            least_share=(1.0 - part) * self.least_share + part * self.clear_share,
+            least_channel_share=(1.0 - part) * self.least_channel_share + part * 0.5 / 3.0,
+        )
+
     @classmethod
     def names(cls) -> tuple[str, ...]:
         """Of all constants."""
