@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
 from taxel.held_out_residual import HeldOutResidual, OwnStructure
+from taxel.manifest import Manifest
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.covariate import Covariate
 from taxel_models.loop.effects.gain import Gain
@@ -57,11 +58,15 @@ def of_its_kinds(reference: HeldOutResidual, observations: Observations) -> Held
     return found.model_copy(update={"new_kinds": {}})
 
 
+def trained_kinds(manifest: Manifest) -> Mapping[str, Sequence[float]]:
+    """The kinds of each column that a model was trained on, as far as its manifest tells."""
+    training = manifest.training
+    return {} if training is None or training.contacts is None else training.contacts.kinds
+
+
 def new_kinds(observations: Observations, column: str) -> NDArray[np.bool_]:
     """(n,) rows of a kind that the model was not trained on; none where its kinds are not known."""
-    values = observations.covariates[column]
-    training = observations.manifest.training
-    known = {} if training is None or training.contacts is None else training.contacts.kinds
+    values, known = observations.covariates[column], trained_kinds(observations.manifest)
     return ~np.isin(values, known[column]) if column in known else np.zeros(len(values), dtype=np.bool_)
 
 

@@ -17,7 +17,7 @@ from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.contact_offset import FEWEST_FOR_SCATTER, ContactOffset
 from taxel_models.loop.inference.correlated_reference import correlated_residual, correlated_structure
-from taxel_models.loop.inference.kinds import all_forms, herfindahl, kind_columns
+from taxel_models.loop.inference.kinds import all_forms, herfindahl, kind_columns, trained_kinds
 from taxel_models.loop.inference.own_structure import OPEN, structure_of
 from taxel_models.loop.inference.scoring import Progress, Scoring, silent
 from taxel_models.loop.inference.unseen_kinds import without_their_kind
@@ -69,7 +69,7 @@ def held_out_residual(
         correlated = correlated_residual(observations, blocks, constants, progress)
         found = _by_kind(observations, kind_columns(observations), correlated, constants, progress)
         new = {}
-        for column in found.one_kind:
+        for column in found.one_kind.keys() & trained_kinds(model.manifest).keys():
             unseen = without_their_kind(observations, column)
             new[column] = _by_kind(unseen, [column], None, constants, lambda one: progress(f"new {one}"))
     except RecordingError:

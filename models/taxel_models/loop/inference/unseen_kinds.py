@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import xgboost
 
 from taxel.scaling import Scaler
 from taxel_models.loop.observations import Observations
@@ -36,6 +35,9 @@ def without_their_kind(observations: Observations, column: str) -> Observations:
     Args:
         column: that names at least two kinds.
     """
+    # `taxel[loop]` alone has no XGBoost, and needs it only where a model is exported.
+    import xgboost
+
     values, windows = observations.covariates[column], observations.windows
     kinds = np.random.default_rng(0).permutation(np.unique(values))
     predicted = np.zeros_like(observations.measured)
