@@ -90,9 +90,9 @@ def test_the_kinds_of_the_training_set_are_kept(make_recording: Make) -> None:
     rows = [100] * 40
     first, second = make_recording(rows), make_recording(rows)
     material = np.repeat(np.arange(40.0) % 3, 100)
-    columns = {"material": material, "trial": np.repeat(np.arange(40.0) % 5, 100), "speed": material / 3}
+    columns = {"material": material, "session": material // 2, "speed": material / 3}
     first = replace(first, covariates=columns)
-    second = replace(second, covariates={"material": material + 2})
+    second = replace(second, covariates={"material": material + 2, "session": material})
     data = Dataset.of([first, second], WindowSpec.of(1), SplitSettings())
     assert data.contacts.kinds == {"material": (0.0, 1.0, 2.0, 3.0, 4.0)}
     only = Dataset.of([second, make_recording(rows)], WindowSpec.of(1), SplitSettings())

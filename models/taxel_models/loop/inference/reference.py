@@ -69,7 +69,7 @@ def held_out_residual(
         correlated = correlated_residual(observations, blocks, constants, progress)
         found = _by_kind(observations, kind_columns(observations), correlated, constants, progress)
         new = {}
-        for column in found.one_kind.keys() & trained_kinds(model.manifest).keys():
+        for column in sorted(found.one_kind.keys() & trained_kinds(model.manifest).keys()):
             unseen = without_their_kind(observations, column)
             new[column] = _by_kind(unseen, [column], None, constants, lambda one: progress(f"new {one}"))
     except RecordingError:
