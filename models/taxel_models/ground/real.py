@@ -86,7 +86,8 @@ class RealGround:
 
         Args:
             one_of: a column, such as `material`: a round plays trials of one of its values.
-            unseen: the model is trained on three quarters of these values, and rounds play the others.
+            unseen: with `one_of`, the model is trained on three quarters of its values, and rounds play the
+                others.
 
         Raises:
             RecordingError: the data are not there, are damaged, or are too few, or have no such column.

@@ -135,9 +135,8 @@ def run_loop(
             reference = reference.model_copy(
                 update={"structure": {}, "sensitivity_change": None, "correlated": None}
             )
-    new = _new_kinds(observations)
-    constants = replace(settings.constants, least_share=settings.least_share)
-    constants = constants.with_new_kinds(max((one.share for one in new), default=0.0))
+    new = new_kinds(observations)
+    constants = _constants(settings, new)
     attribution = JointSelection(
         observations, blocks, effects, reference=reference, constants=constants, progress=progress
     ).run()
@@ -167,7 +166,7 @@ def run_loop(
         update={
             "confounding": runs_along,
             "one_kind": narrow,
-            "new_kinds": new,
+            "new_kinds": _told(new, observations),
             "residual_model": told,
         }
     )
@@ -200,13 +199,22 @@ def _one_kind(observations: Observations, reference: HeldOutResidual | None) -> 
     )
 
 
-def _new_kinds(observations: Observations) -> tuple[NewKinds, ...]:
-    found = []
-    for column, values in observations.covariates.items():
-        if (new := new_kinds(observations, column)).any():
-            kinds = tuple(np.unique(values[new]).tolist())
-            found.append(NewKinds(column=column, values=kinds, share=float(new.mean())))
-    return tuple(found)
+def _constants(settings: LoopSettings, new: Mapping[str, NDArray[np.bool_]]) -> Constants:
+    declared = replace(settings.constants, least_share=settings.least_share)
+    shares = [float(rows.mean()) for rows in new.values()]
+    return declared.with_new_kinds(max(shares)) if shares and settings.reference else declared
+
+
+def _told(new: Mapping[str, NDArray[np.bool_]], observations: Observations) -> tuple[NewKinds, ...]:
+    """Which kinds are new, by the rows (n,) of each column that has some."""
+    return tuple(
+        NewKinds(
+            column=column,
+            values=tuple(np.unique(observations.covariates[column][rows]).tolist()),
+            share=float(rows.mean()),
+        )
+        for column, rows in new.items()
+    )
 
 
 def _findings(
@@ -225,9 +233,8 @@ def _findings(
         named.contribution for named in attribution.named if named.name not in (Gain.name, Fault.name)
     ]
     explained = np.sum(others, axis=0) if others else np.zeros_like(observations.residual)
-    known = np.ones(len(observations), dtype=np.bool_)
-    for column in observations.covariates:
-        known &= ~new_kinds(observations, column)
+    unknown = list(new_kinds(observations).values())
+    known = ~np.any(unknown, axis=0) if unknown else None
     changes = sensitivity_changes(observations, blocks, explained, usual_changes, known)
     rows, output_std = blocks.evaluation, np.array(manifest.normalisation.output_std)
     noise = NoiseFloor.of(observations)

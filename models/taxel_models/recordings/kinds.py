@@ -15,8 +15,8 @@ NOT_COVARIATES: Final = frozenset({"tdc", "tac", "pac1", "trial"})
 """Columns that tell nothing of the circumstances: the sensor's own, and numbers of what was recorded."""
 
 
-NUMBERS: Final = frozenset({"trial", "session", "run", "episode", "day"})
-"""Columns that number what was recorded: that a number is new says nothing of the finger."""
+NUMBERS: Final = frozenset({"session", "run", "episode", "day"})
+"""Columns that may be covariates, but number what was recorded: that a number is new says nothing."""
 
 
 def are_kinds(values: NDArray[np.float64]) -> bool:

@@ -3,6 +3,12 @@
 from dataclasses import dataclass, fields, replace
 from typing import Final, Self
 
+CLEAR: Final = 3.0
+"""The share of one channel that is clear, over the least one."""
+
+MOST: Final = 0.5
+"""The share of one channel that is clear on kinds that the model was not trained on."""
+
 
 @dataclass(frozen=True)
 class Constants:
@@ -54,7 +60,7 @@ class Constants:
         return replace(
             self,
             least_share=(1.0 - part) * self.least_share + part * self.clear_share,
-            least_channel_share=(1.0 - part) * self.least_channel_share + part * 0.5 / 3.0,
+            least_channel_share=(1.0 - part) * self.least_channel_share + part * MOST / CLEAR,
         )
 
     @classmethod
@@ -70,7 +76,7 @@ class Constants:
         scatters from finger to finger, and a form that is not quite right leaves a little. Offsets of
         contacts, which no model predicts, need it in the mean over the channels.
         """
-        return 3.0 * self.least_channel_share
+        return CLEAR * self.least_channel_share
 
     @property
     def strengths(self) -> tuple[float, ...]:

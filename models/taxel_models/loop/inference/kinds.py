@@ -52,9 +52,9 @@ def herfindahl(values: Floats) -> float:
 def of_its_kinds(reference: HeldOutResidual, observations: Observations) -> HeldOutResidual:
     """The reference, with what may be usual of the kinds that a recording has."""
     found = _of_known_kinds(reference, observations)
-    for column, unseen in reference.new_kinds.items():
-        if column in observations.covariates and (new := new_kinds(observations, column)).any():
-            found = _with_new_kinds(found, unseen, observations, new)
+    for column, new in new_kinds(observations).items():
+        if column in reference.new_kinds:
+            found = _with_new_kinds(found, reference.new_kinds[column], observations, new)
     return found.model_copy(update={"new_kinds": {}})
 
 
@@ -64,15 +64,16 @@ def trained_kinds(manifest: Manifest) -> Mapping[str, Sequence[float]]:
     return {} if training is None or training.contacts is None else training.contacts.kinds
 
 
-def new_kinds(observations: Observations, column: str) -> NDArray[np.bool_]:
-    """(n,) rows of a kind that the model was not trained on; none where its kinds are not known."""
-    values, known = observations.covariates[column], trained_kinds(observations.manifest)
-    return ~np.isin(values, known[column]) if column in known else np.zeros(len(values), dtype=np.bool_)
+def new_kinds(observations: Observations) -> dict[str, NDArray[np.bool_]]:
+    """(n,) rows of kinds that the model was not trained on, by each column that has any."""
+    known, columns = trained_kinds(observations.manifest), observations.covariates
+    new = {name: ~np.isin(values, known[name]) for name, values in columns.items() if name in known}
+    return {name: rows for name, rows in new.items() if rows.any()}
 
 
 def _with_new_kinds(
     known: HeldOutResidual,
-    unseen: HeldOutResidual,
+    stand_ins: HeldOutResidual,
     observations: Observations,
     new: NDArray[np.bool_],
 ) -> HeldOutResidual:
@@ -84,11 +85,11 @@ def _with_new_kinds(
     """
     share = float(new.mean())
     energy = (observations.residual[new] ** 2).mean(axis=0)
-    sources = [(unseen.structure, unseen.std)]
-    sources += [(one.structure, one.std) for one in unseen.one_kind.values()]
+    sources = [(stand_ins.structure, stand_ins.std)]
+    sources += [(one.structure, one.std) for one in stand_ins.one_kind.values()]
     scale = np.maximum(observations.residual.std(axis=0), 1e-9)
     structure = {name: _figures(own) for name, own in known.structure.items()}
-    for name in structure.keys() & unseen.structure.keys():
+    for name in structure.keys() & stand_ins.structure.keys():
         figures = [
             _figures(source[name]) * [np.ones_like(energy), energy / np.maximum(std, 1e-9) ** 2]
             for source, std in sources
@@ -97,7 +98,7 @@ def _with_new_kinds(
         own = np.max(figures, axis=0) / counted(name, np.array(known.std), scale)
         of_each = name == ContactOffset.name or name.startswith(f"{Covariate.name}:")
         structure[name] = _at_least(structure[name], own, share if of_each else share**2)
-    noise = np.array([(one.shared, one.fading) for one in (known, unseen)])
+    noise = np.array([(one.shared, one.fading) for one in (known, stand_ins)])
     shared, fading = (1.0 - share) * noise[0] + share * noise[1]
     return known.model_copy(
         update={

@@ -20,7 +20,7 @@ from taxel_models.loop.inference.correlated_reference import correlated_residual
 from taxel_models.loop.inference.kinds import all_forms, herfindahl, kind_columns, trained_kinds
 from taxel_models.loop.inference.own_structure import OPEN, structure_of
 from taxel_models.loop.inference.scoring import Progress, Scoring, silent
-from taxel_models.loop.inference.unseen_kinds import without_their_kind
+from taxel_models.loop.inference.stand_ins import without_their_kind
 from taxel_models.loop.inference.whitening import Bins, NoiseShape
 from taxel_models.loop.observations import Observations, gather
 from taxel_models.model import Model
@@ -70,8 +70,8 @@ def held_out_residual(
         found = _by_kind(observations, kind_columns(observations), correlated, constants, progress)
         new = {}
         for column in sorted(found.one_kind.keys() & trained_kinds(model.manifest).keys()):
-            unseen = without_their_kind(observations, column)
-            new[column] = _by_kind(unseen, [column], None, constants, lambda one: progress(f"new {one}"))
+            stand_ins = without_their_kind(observations, column)
+            new[column] = _by_kind(stand_ins, [column], None, constants, lambda one: progress(f"new {one}"))
     except RecordingError:
         return None
     usual = tuple(usual_changes(observations, blocks).tolist())

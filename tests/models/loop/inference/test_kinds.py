@@ -12,7 +12,7 @@ from taxel.manifest import Manifest
 from taxel_models.loop.effects.covariate import Covariate
 from taxel_models.loop.inference.kinds import all_forms, of_its_kinds
 from taxel_models.loop.inference.reference import held_out_residual
-from taxel_models.loop.inference.unseen_kinds import without_their_kind
+from taxel_models.loop.inference.stand_ins import without_their_kind
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.pipeline import LoopSettings, run_loop
 from taxel_models.loop.report.wording import opening
