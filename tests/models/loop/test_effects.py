@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from taxel.channels import CHANNELS
 from taxel.corrections import Correction
 from taxel.windows import WindowSpec
+from taxel_models.loop.effects.crosstalk import Crosstalk
 from taxel_models.loop.effects.effect import Remaining
 from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.effects.registry import NAMES
@@ -252,3 +253,13 @@ def test_a_channel_that_an_offset_takes_to_the_end_of_its_counts_is_not_broken(
     ]
     assert forms[0] == []
     assert [form.form for form in forms[1]] == ["intermittent: e4"]
+
+
+def test_leaks_of_nothing_are_not_served(smooth: Any, recording: Recording) -> None:
+    """Means of rows may show leaks that single rows do not: then no weight is left."""
+    observations = gather(smooth, [recording])
+    fit = np.ones(len(observations), np.bool_)
+    remaining = Remaining(observations.residual, fit, np.ones(len(observations)))
+    (form,) = Crosstalk().forms(observations, remaining)
+    assert form.online(np.full((21, 1), 0.1)).changes_something
+    assert not form.online(np.zeros((21, 1))).changes_something

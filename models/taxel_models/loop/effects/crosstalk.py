@@ -44,6 +44,9 @@ class Crosstalk(Effect):
                 for to, source, weight in zip(CHANNELS, sources, weights[:, 0], strict=True)
                 if weight
             )
+            if not leaks:
+                # Single rows may show no leak where means of several do.
+                return Online()
             return Online((CrosstalkTerm(leaks=leaks, rest=tuple(observations.rest.tolist())),))
 
         return Candidate(

@@ -25,7 +25,8 @@ class Constants:
         least_t: t over held-out folds that an effect must reach (Nadeau and Bengio 2003).
         least_share: share of the held-out whitened squared error that an effect must remove.
         least_channel_share: likewise in one channel, where it changes few; that channel must pass the test
-            by itself; see also `clear_share`.
+            by itself; see also `clear_share`. Offsets of contacts, which no model predicts, must remove so
+            much of the whole error.
         carries: a simpler effect is named first if it explains this share of what the likeliest does.
         either: two effects are not told apart if one explains this share of what the other does.
         simpler: a simpler effect has at most this share of the other's parameters.
@@ -73,8 +74,7 @@ class Constants:
         """Three times `least_channel_share`: one channel with so much needs no price for being one of many.
 
         A constant, and what comes beside named effects, needs so much in one channel: a channel's mean
-        scatters from finger to finger, and a form that is not quite right leaves a little. Offsets of
-        contacts, which no model predicts, need it in the mean over the channels.
+        scatters from finger to finger, and a form that is not quite right leaves a little.
         """
         return CLEAR * self.least_channel_share
 

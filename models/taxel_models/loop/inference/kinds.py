@@ -38,9 +38,8 @@ def counted(effect: str, std: Floats, scale: Floats) -> Floats:
         scale: (21,) of the residual, counts.
     """
     odds = np.minimum(1.0, (std / scale) ** 2)
-    mean = effect in (Offset.name, ContactOffset.name)
-    gain = np.ones(len(CHANNELS)) if mean else np.minimum(1.0, (scale / np.maximum(std, 1e-9)) ** 2)
-    return np.array([odds, gain])
+    gain = np.minimum(1.0, (scale / np.maximum(std, 1e-9)) ** 2)
+    return np.array([odds, np.ones(len(CHANNELS)) if effect == Offset.name else gain])
 
 
 def herfindahl(values: Floats) -> float:

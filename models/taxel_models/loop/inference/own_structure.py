@@ -22,6 +22,9 @@ LIKELY: Final = 0.5
 OPEN: Final = 0.99
 """The confidence of the limit up to which few blocks leave open what an effect explains."""
 
+ONE_ERROR: Final = 0.84
+"""The confidence of one standard error, up to which offsets of contacts are usual."""
+
 
 def structure_of(scoring: Scoring, confidence: float = OPEN) -> dict[str, OwnStructure]:
     """For each effect alone, its log odds and its gain for each bin.
@@ -83,7 +86,7 @@ def own_gain(scoring: Scoring, score: Score, confidence: float = OPEN) -> Floats
         # Nothing is fitted to other folds, so that folds are independent of each other.
         total = score.gain.sum(axis=0)
         by_fold = score.gain * score.taken_off / np.where(total == 0, np.inf, total)
-        limit = float(stats.t.ppf(confidence, len(score.gain) - 1))
+        limit = float(stats.t.ppf(min(confidence, ONE_ERROR), len(score.gain) - 1))
         return np.asarray(by_fold.sum(axis=0) + limit * np.sqrt(len(by_fold)) * by_fold.std(axis=0, ddof=1))
     bases = scoring.bases([])
     products = Products.of(bases.beside, score.form.design)

@@ -19,7 +19,7 @@ def stands(score: Score, beside_others: bool, constants: Constants) -> bool:
     if score.t < constants.least_t:
         return False
     if not score.effect.is_predictable:
-        return bool(score.worth.mean() >= constants.clear_share)
+        return bool(score.worth.mean() >= constants.least_channel_share)
     if score.worth.mean() >= constants.least_share:
         return True
     if score.form.candidate.fitting.pooled:

@@ -214,14 +214,17 @@ class Scoring:
             if effect.follows is not None:
                 few = self._correlated.best(effect, self.observations, self._remaining(left))
             proven = stands(score, beside_others, self.constants)
-            if few is not None and stands(few, beside_others, self.constants):
+            repeats = few is not None and stands(few, beside_others, self.constants)
+            if few is not None and repeats:
                 stronger = proven and score.log_evidence > few.log_evidence
                 if few.log_evidence > rival(effect) and not stronger:
                     found.append(few)
                     continue
             if proven and self._correlated.knows(effect.label) and not score.form.candidate.certain:
                 least = rival(effect) if effect.follows == "measured" else 0.0
-                if beside_all(effect) <= least:
+                # What few channels show must show beside all others, too.
+                few_show = effect.follows is not None and score.worth.mean() < self.constants.least_share
+                if (few_show and not repeats) or beside_all(effect) <= least:
                     score = replace(score, log_evidence=0.0)
             found.append(score)
         return found

@@ -16,7 +16,7 @@ from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.hysteresis import Hysteresis
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.inference.constants import DECLARED
-from taxel_models.loop.inference.own_structure import OPEN, own_gain
+from taxel_models.loop.inference.own_structure import ONE_ERROR, own_gain
 from taxel_models.loop.inference.reference import KEPT, held_out_residual
 from taxel_models.loop.inference.scoring import Scoring
 from taxel_models.loop.observations import gather
@@ -153,9 +153,9 @@ def test_nothing_is_left_of_what_is_known_of_the_same_recording(smooth: Any, mak
         gains[name] = {score.name: score.taken_off for score in scoring.scores([])}
     assert set(gains["unknown"]) == {"offset", "gain", "hysteresis", "offset:contact"}
     assert gains["unknown"]["offset:contact"].min() > 100
-    # As any other effect, they count up to the 99 % limit of what so few contacts leave open.
+    # They count up to one standard error of what so few contacts tell.
     left, known_gain = gains["known"]["offset:contact"], gains["unknown"]["offset:contact"]
-    assert left.max() < 0.0
+    assert left.sum() < 0.0
     assert (left + known_gain).min() > 0.0
     # The form of another effect may be another one where its evidence is known.
     assert max(taken_off.sum() for taken_off in gains["known"].values()) < 1e-3
@@ -223,6 +223,6 @@ def test_a_calibration_that_makes_it_worse_leaves_open_how_much_is_usual(smooth:
     worse = replace(score, gain=gain, taken_off=gain.sum(axis=0) * unit)
     assert worse.taken_off.max() < 0
     scatter = gain.std(axis=0, ddof=1) * np.sqrt(len(gain))
-    limit = float(stats.t.ppf(OPEN, len(gain) - 1))
+    limit = float(stats.t.ppf(ONE_ERROR, len(gain) - 1))
     np.testing.assert_allclose(own_gain(scoring, worse), unit * (gain.sum(axis=0) + limit * scatter))
     assert own_gain(scoring, worse).min() > 0
