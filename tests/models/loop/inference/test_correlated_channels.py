@@ -188,6 +188,21 @@ def test_a_change_of_one_electrode_stands_out_from_errors_that_all_have(
     assert named(smooth, dying, alone) == []
 
 
+def test_what_one_electrode_shows_by_itself_alone_is_left(
+    smooth: Any, recording: Recording, reference: HeldOutResidual
+) -> None:
+    """Where it is usual beside all other channels, its own error is no proof."""
+    changed = weaker(recording, "e9", 0.5)
+    alone = reference.model_copy(update={"correlated": None})
+    assert [name for name, _ in named(smooth, changed, alone)] == ["gain"]
+    assert reference.correlated is not None
+    structure = reference.correlated.structure | {
+        "gain": OwnStructure(log_evidence=(0.0,) * 21, gain=(1e3,) * 21)
+    }
+    beside = reference.correlated.model_copy(update={"structure": structure})
+    assert named(smooth, changed, reference.model_copy(update={"correlated": beside})) == []
+
+
 def test_a_leak_is_told_from_the_measured_signal_of_its_source(
     smooth: Any, recording: Recording, reference: HeldOutResidual
 ) -> None:
