@@ -52,7 +52,11 @@ def loop_trial(
         ),
     ] = None,
     unseen: Annotated[
-        bool, typer.Option(help="The model was not trained on the values that are played; with --one-of.")
+        bool,
+        typer.Option(
+            help="The model was not trained on a quarter of the materials; with --one-of, "
+            "of that column's values, and each round plays one of these."
+        ),
     ] = False,
     only: Annotated[
         list[str] | None,
@@ -161,8 +165,8 @@ def _ground(
 
     if one_of is not None and name != "slide":
         raise SettingsError(f"--one-of {one_of}: only --ground slide has kinds; this is --ground {name}")
-    if unseen and one_of is None:
-        raise SettingsError("--unseen: expected --one-of COLUMN, such as --one-of material")
+    if unseen and name != "slide":
+        raise SettingsError(f"--unseen: only --ground slide has kinds; this is --ground {name}")
 
     if name != "twin":
         require(f"--ground {name}", "train", "xgboost")

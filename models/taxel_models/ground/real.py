@@ -40,6 +40,8 @@ LEAST_TRIALS: Final = 20
 LEAST_OF_ONE: Final = 5
 """The same where a round plays one kind, such as one of 16 materials."""
 
+MATERIAL: Final = "material"
+
 UNSEEN: Final = 0.25
 """The share of a column's values that a model is not trained on."""
 
@@ -86,8 +88,8 @@ class RealGround:
 
         Args:
             one_of: a column, such as `material`: a round plays trials of one of its values.
-            unseen: with `one_of`, the model is trained on three quarters of its values, and rounds play the
-                others.
+            unseen: the model is trained on three quarters of the values of `one_of`, and rounds play the
+                others; without `one_of`, on three quarters of the materials, and rounds play all of them.
 
         Raises:
             RecordingError: the data are not there, are damaged, or are too few, or have no such column.
@@ -97,6 +99,8 @@ class RealGround:
             trained, held_out = _without_some_kinds(recording, one_of, seed)
         else:
             trained, held_out = _divided(recording, seed, HELD_OUT[SLIDE])
+            if unseen:
+                trained, _ = _without_some_kinds(trained, MATERIAL, seed)
         model, reference = BaseModel.fit(trained, seed, jobs, REFERENCE[SLIDE])
         parts = _days(held_out) if one_of is None else _kinds(held_out, one_of)
         least = LEAST_TRIALS if one_of is None else LEAST_OF_ONE

@@ -109,6 +109,17 @@ def test_a_model_may_not_have_seen_what_is_played(few_materials: Path) -> None:
     assert len(training.contacts.kinds["material"]) == 2
 
 
+def test_a_round_may_play_some_materials_that_training_never_had(few_materials: Path) -> None:
+    ground = RealGround.slide(few_materials, seed=1, jobs=2, unseen=True)
+    training = ground.sessions[0].model.manifest.training
+    assert training is not None
+    assert training.contacts is not None
+    known = set(training.contacts.kinds["material"])
+    played = set(ground.clean(0).recording.covariates["material"].tolist())
+    assert len(known) == 2
+    assert known < played == {5.0, 6.0, 7.0}
+
+
 def test_lasa_is_cut_into_stretches_with_places_on_the_skin(data_folder: Path, lasa: RealGround) -> None:
     recording = read_lasa(data_folder / "lasa_contact", "F2", seed=0)
     lengths = [part.stop - part.start for part in recording.segments]

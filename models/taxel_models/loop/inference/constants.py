@@ -9,6 +9,9 @@ CLEAR: Final = 3.0
 MOST: Final = 0.5
 """The share of one channel that is clear on kinds that the model was not trained on."""
 
+FORETOLD: Final = 0.1
+"""The share of the evidence for a change of a few channels that the model's prediction alone must give."""
+
 
 @dataclass(frozen=True)
 class Constants:

@@ -16,7 +16,7 @@ from taxel.channels import CHANNELS
 from taxel.held_out_residual import CorrelatedResidual
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Remaining
-from taxel_models.loop.inference.constants import Constants
+from taxel_models.loop.inference.constants import FORETOLD, Constants
 from taxel_models.loop.inference.evidence import (
     Base,
     Bases,
@@ -45,9 +45,9 @@ class Signals(NamedTuple):
     Attributes:
         about_mean: of signals about their mean, which the model has absorbed.
         about_rest: of the same signals about rest.
-        predicted: of the model's prediction alone. What is measured of a source holds its own errors, which
-            a channel seems to follow where these are larger than they were. A true leak or gain follows
-            the predicted part of the signal as well.
+        predicted: of the model's prediction alone. What is measured of other channels holds their errors,
+            which a channel seems to follow where these are larger than they were, such as in a wave that
+            all of them have. A true leak or gain follows the predicted part of the signal as well.
     """
 
     about_mean: ChannelForms
@@ -137,7 +137,8 @@ class CorrelatedChannels:
                 break
             more = {**chosen, channel: place}
             score = self._scored(effect, signals, more, bases, price, best)
-            proven = odds(signals.predicted, channel, place) > 0 and self._repeats(score, best, channel)
+            foretold = odds(signals.predicted, channel, place) > FORETOLD * own_odds
+            proven = foretold and self._repeats(score, best, channel)
             if proven and self._is_possible(score, remaining.residual, channel):
                 chosen, best = more, score
             if not chosen or len(chosen) > MOST_CHANNELS:

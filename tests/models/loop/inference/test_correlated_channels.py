@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from pydantic import ValidationError
+from scipy.signal import lfilter
 
 from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel.held_out_residual import CorrelatedResidual, HeldOutResidual, OwnStructure
@@ -51,6 +52,16 @@ def errs_alike(recording: Recording, seed: int) -> Recording:
     degree = np.random.default_rng(77).uniform(0.5, 1.5, 19) * COMMON
     counts = recording.channels.copy()
     counts[:, 2:] += wander[:, None] * degree
+    return replace(recording, channels=np.clip(np.rint(counts), 0, COUNTS_MAX))
+
+
+def shaken(recording: Recording, seed: int) -> Recording:
+    """Discharges at random moments, of the electrodes together, each to its own degree and sign."""
+    random = np.random.default_rng(seed)
+    struck = (random.random(len(recording)) < 0.008) * random.standard_normal(len(recording))
+    decay = lfilter([1.0], [1.0, -0.97], struck)
+    counts = recording.channels.copy()
+    counts[:, 2:] += decay[:, None] * random.normal(size=19) * COMMON / decay.std()
     return replace(recording, channels=np.clip(np.rint(counts), 0, COUNTS_MAX))
 
 
@@ -247,6 +258,15 @@ def test_a_cause_that_all_channels_have_is_no_leak(
     wave = np.sin(2 * np.pi * hertz * np.arange(len(recording)) / 100.0)[:, None]
     counts = np.rint(recording.channels + wave * random.normal(size=21) * COMMON)
     assert named(smooth, replace(recording, channels=counts), reference) == []
+
+
+@pytest.mark.parametrize("seed", [3, 14, 22])
+def test_what_shakes_all_channels_is_no_change_of_a_few(
+    smooth: Any, recording: Recording, reference: HeldOutResidual, seed: int
+) -> None:
+    """Each channel follows the others, but not what the model gives of them."""
+    found = named(smooth, shaken(recording, seed), reference)
+    assert not [form for _, form in found if "beside all others" in form]
 
 
 def test_an_effect_of_many_channels_that_is_likelier_goes_first(
