@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
 from typing import Final
 
 import numpy as np
@@ -13,6 +12,7 @@ from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect, Remaining
 from taxel_models.loop.effects.offset import Offset
+from taxel_models.loop.inference.all_channels import AllChannels
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.contact_offset import (
     SCATTER_UNKNOWN,
@@ -33,7 +33,6 @@ from taxel_models.loop.inference.evidence import (
 )
 from taxel_models.loop.inference.few_channels_form import FewChannelsForm
 from taxel_models.loop.inference.forms import WhitenedForm, prepared
-from taxel_models.loop.inference.proof import stands
 from taxel_models.loop.inference.score import Score, Taken
 from taxel_models.loop.inference.usual import Usual
 from taxel_models.loop.inference.weighing import Weighing
@@ -179,55 +178,20 @@ class Scoring:
                 weak = score.log_evidence <= 0 or score.t < self.constants.least_t
                 if effect.is_costly and (weak or score.worth.mean() < self.constants.least_share):
                     self._hopeless[effect.label] = beside
-        found = self._beside_all_channels(found, names, left)
+        if self._correlated is not None:
+            together = AllChannels(
+                self._correlated,
+                [effect for effect in self._effects if effect.label not in names],
+                lambda effect: [form.candidate for form in self._forms_of(effect, left)],
+                self.observations,
+                self._remaining(left),
+                beside_others=bool(taken),
+                constants=self.constants,
+            )
+            found = [together.judged(score) for score in found]
         contact = None if ContactOffset.name in names else self._contact_offset(bases.plain, left)
         found += [] if contact is None else [contact]
         return sorted(found, key=lambda score: -score.log_evidence)
-
-    def _beside_all_channels(self, scores: list[Score], names: set[str], left: Floats) -> list[Score]:
-        """Scores, as what all channels show together tells them.
-
-        Changes of few channels take the place of their effect's other forms, where they prove themselves.
-        What explains only the error that channels have in common anyway is no evidence.
-        """
-        if self._correlated is None:
-            return scores
-        beside_others, bases = bool(names), self._correlated.bases(left)
-
-        @cache
-        def beside_all(effect: Effect) -> float:
-            assert self._correlated is not None
-            forms = [form.candidate for form in self._forms_of(effect, left)]
-            return self._correlated.of_many(effect.label, forms, bases)
-
-        @cache
-        def rival(but: Effect) -> float:
-            """The evidence of the likeliest other effect of many channels."""
-            others = [one for one in self._effects if one.follows != "measured" and one.label not in names]
-            return max(
-                (beside_all(one) for one in others if one is not but and not one.is_costly), default=0.0
-            )
-
-        found = []
-        for score in scores:
-            effect, few = score.effect, None
-            if effect.follows is not None:
-                few = self._correlated.best(effect, self.observations, self._remaining(left))
-            proven = stands(score, beside_others, self.constants)
-            repeats = few is not None and stands(few, beside_others, self.constants)
-            if few is not None and repeats:
-                stronger = proven and score.log_evidence > few.log_evidence
-                if few.log_evidence > rival(effect) and not stronger:
-                    found.append(few)
-                    continue
-            if proven and self._correlated.knows(effect.label) and not score.form.candidate.certain:
-                least = rival(effect) if effect.follows == "measured" else 0.0
-                # What few channels show must show beside all others, too.
-                few_show = effect.follows is not None and score.worth.mean() < self.constants.least_share
-                if (few_show and not repeats) or beside_all(effect) <= least:
-                    score = replace(score, log_evidence=0.0)
-            found.append(score)
-        return found
 
     def unknown_mean(self) -> Floats:
         """(21,) the size of a constant that the model's own held-out residual leaves open, counts."""

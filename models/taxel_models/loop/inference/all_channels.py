@@ -1,0 +1,87 @@
+"""All channels together: what they show of an effect, beside those that are named already."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cache
+
+from taxel_models.loop.effects.effect import Candidate, Effect, Remaining
+from taxel_models.loop.inference.constants import Constants
+from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
+from taxel_models.loop.inference.proof import stands
+from taxel_models.loop.inference.score import Score
+from taxel_models.loop.observations import Observations
+
+
+class AllChannels:
+    """Judges scores by all channels together, whose errors are correlated.
+
+    Args:
+        correlated: channels, which weigh.
+        effects: that compete, without those that are named.
+        forms: gives an effect's forms.
+        observations: the recordings with the model's predictions.
+        remaining: what no named effect explains.
+        beside_others: something is named already.
+        constants: of the inference.
+    """
+
+    def __init__(
+        self,
+        correlated: CorrelatedChannels,
+        effects: Sequence[Effect],
+        forms: Callable[[Effect], Sequence[Candidate]],
+        observations: Observations,
+        remaining: Remaining,
+        *,
+        beside_others: bool,
+        constants: Constants,
+    ) -> None:
+        self._correlated, self._effects = correlated, effects
+        self._observations, self._remaining = observations, remaining
+        self._beside_others, self._constants = beside_others, constants
+        bases = correlated.bases(remaining.residual)
+        self._evidence = cache(lambda effect: correlated.of_many(effect.label, forms(effect), bases))
+
+    def judged(self, score: Score) -> Score:
+        """The same score, or one of few channels in its place, or without evidence.
+
+        Changes of few channels take the place of their effect's other forms, where they prove themselves.
+        What explains only the error that channels have in common anyway is no evidence.
+        """
+        proven = stands(score, self._beside_others, self._constants)
+        few = self._few_channels(score.effect)
+        if few is not None and few.log_evidence > self._rival(score.effect):
+            stronger = proven and score.log_evidence > few.log_evidence
+            if not stronger:
+                return few
+        if proven and not self._shows(score, few_repeat=few is not None):
+            return replace(score, log_evidence=0.0)
+        return score
+
+    def _few_channels(self, effect: Effect) -> Score | None:
+        """The likeliest change of a few channels that proves itself."""
+        if effect.follows is None:
+            return None
+        few = self._correlated.best(effect, self._observations, self._remaining)
+        stand = few is not None and stands(few, self._beside_others, self._constants)
+        return few if stand else None
+
+    def _shows(self, score: Score, *, few_repeat: bool) -> bool:
+        """Whether a proven effect shows in all channels together, too."""
+        effect = score.effect
+        if score.form.candidate.certain or not self._correlated.knows(effect.label):
+            return True
+        if (
+            effect.follows is not None
+            and score.worth.mean() < self._constants.least_share
+            and not few_repeat
+        ):
+            # What few channels show must show beside all others.
+            return False
+        least = self._rival(effect) if effect.follows == "measured" else 0.0
+        return self._evidence(effect) > least
+
+    def _rival(self, but: Effect) -> float:
+        """The evidence of the likeliest other effect of many channels."""
+        others = (one for one in self._effects if one is not but and one.follows != "measured")
+        return max((self._evidence(one) for one in others if not one.is_costly), default=0.0)
