@@ -58,6 +58,10 @@ def loop_trial(
             "of that column's values, and each round plays one of these."
         ),
     ] = False,
+    all_days: Annotated[
+        bool,
+        typer.Option(help="Each round plays trials of all days, in place of one; with --ground slide."),
+    ] = False,
     only: Annotated[
         list[str] | None,
         typer.Option(
@@ -112,7 +116,9 @@ def loop_trial(
     moved: list[Sensitivity] = []
     with Progress(console=ERR, disable=not ERR.is_terminal) as progress:
         task = progress.add_task("preparing the ground", total=trials)
-        place = _ground(ground, injector, repository, model, data, rows, seed, jobs, one_of, unseen)
+        place = _ground(
+            ground, injector, repository, model, data, rows, seed, jobs, one_of, unseen, all_days
+        )
         benchmark = RecoveryBenchmark(place, ground, seed, draw)
         for finished in run_rounds_on(benchmark, trials, jobs, scheduler):
             rounds.append(finished)
@@ -160,6 +166,7 @@ def _ground(
     jobs: int,
     one_of: str | None,
     unseen: bool,
+    all_days: bool,
 ) -> "Ground":
     from taxel_models.shipped import shipped_repository
 
@@ -167,6 +174,8 @@ def _ground(
         raise SettingsError(f"--one-of {one_of}: only --ground slide has kinds; this is --ground {name}")
     if unseen and name != "slide":
         raise SettingsError(f"--unseen: only --ground slide has kinds; this is --ground {name}")
+    if all_days and (name != "slide" or one_of is not None):
+        raise SettingsError("--all-days: only --ground slide has days, and not with --one-of")
 
     if name != "twin":
         require(f"--ground {name}", "train", "xgboost")
@@ -177,7 +186,7 @@ def _ground(
         # TAXEL_DATA may name the folder or the one above.
         folder = data if not (data / "data").is_dir() else data / "data"
         if name == "slide":
-            return RealGround.slide(folder, seed, jobs, one_of, unseen=unseen)
+            return RealGround.slide(folder, seed, jobs, one_of, unseen=unseen, all_days=all_days)
         return RealGround.lasa(folder, seed, jobs)
     from taxel_models.ground.twins import StoredModel, TwinGround
     from taxel_models.recovery.own_ground import CleanTwins

@@ -82,7 +82,14 @@ class RealGround:
 
     @classmethod
     def slide(
-        cls, folder: Path, seed: int, jobs: int = 1, one_of: str | None = None, *, unseen: bool = False
+        cls,
+        folder: Path,
+        seed: int,
+        jobs: int = 1,
+        one_of: str | None = None,
+        *,
+        unseen: bool = False,
+        all_days: bool = False,
     ) -> Self:
         """Of the slide data in `folder`/biotac_slide; one model for all days.
 
@@ -90,6 +97,7 @@ class RealGround:
             one_of: a column, such as `material`: a round plays trials of one of its values.
             unseen: the model is trained on three quarters of the values of `one_of`, and rounds play the
                 others; without `one_of`, on three quarters of the materials, and rounds play all of them.
+            all_days: a round plays trials of all three days, in place of one; not with `one_of`.
 
         Raises:
             RecordingError: the data are not there, are damaged, or are too few, or have no such column.
@@ -102,7 +110,8 @@ class RealGround:
             if unseen:
                 trained, _ = _without_some_kinds(trained, MATERIAL, seed)
         model, reference = BaseModel.fit(trained, seed, jobs, REFERENCE[SLIDE])
-        parts = _days(held_out) if one_of is None else _kinds(held_out, one_of)
+        days = [held_out] if all_days else _days(held_out)
+        parts = days if one_of is None else _kinds(held_out, one_of)
         least = LEAST_TRIALS if one_of is None else LEAST_OF_ONE
         sessions = tuple(Session(model, part, reference) for part in parts if len(part.segments) >= least)
         if not sessions:

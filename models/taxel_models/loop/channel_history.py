@@ -86,9 +86,11 @@ def sensitivity_changes(
         clear = found.part >= LEAST_CHANGE and found.t >= LEAST_T
         factor = max(found.kept, 1.0 / max(found.kept, 1e-9))
         quantile = WHILE_ALIVE if found.kept < 1 else 0.5
+        # A sensitivity that grew was real before: a model that errs gives a small slope, too.
+        real = found.kept < 1 or found.followed >= FOLLOWS
         # What goes beyond the usual factor must be a change worth telling itself.
         beyond = factor * (1.0 - LEAST_CHANGE) >= usual[channel]
-        if clear and beyond and np.quantile(follows, quantile) >= FOLLOWS:
+        if clear and real and beyond and np.quantile(follows, quantile) >= FOLLOWS:
             yield SensitivityChange(CHANNELS[channel], found.kept, found.since_s)
 
 
@@ -128,7 +130,7 @@ def _largest_changes(
         if used.sum() < 2 * FEWEST or not weight.any():
             continue
         slopes = cross[used, channel] / weight[used]
-        yield channel, _change(time[order][used], slopes), follows[:, channel]
+        yield channel, _change(time[order][used], slopes, follows[used, channel]), follows[:, channel]
 
 
 def _products(first: Floats, second: Floats) -> Floats:
@@ -143,17 +145,19 @@ class _Change(NamedTuple):
     Attributes:
         kept: the last over the first.
         since_s: when it changed; None where it changed all the time.
+        followed: how well the channel followed its prediction before, or in the first half.
         part: the size of the change over the first.
         t: the change over its standard error.
     """
 
     kept: float
     since_s: float | None
+    followed: float
     part: float
     t: float
 
 
-def _change(time: Floats, slopes: Floats) -> _Change:
+def _change(time: Floats, slopes: Floats, follows: Floats) -> _Change:
     """The step, or the line in time, that leaves less of the slopes."""
     count = len(slopes)
     places = np.arange(FEWEST, count - FEWEST + 1)
@@ -173,6 +177,7 @@ def _change(time: Floats, slopes: Floats) -> _Change:
     return _Change(
         kept=max(last / max(first, 1e-9), 0.0),
         since_s=None if gradual else float(time[place]),
+        followed=float(np.median(follows[: count // 2 if gradual else place])),
         part=change / max(abs(first), 1e-9),
         t=float(change / max(standard_error, 1e-9)),
     )

@@ -109,6 +109,17 @@ def test_a_model_may_not_have_seen_what_is_played(few_materials: Path) -> None:
     assert len(training.contacts.kinds["material"]) == 2
 
 
+def test_a_round_may_play_all_days(data_folder: Path, tmp_path: Path) -> None:
+    """Materials 1 and 2 are from two days."""
+    folder = tmp_path / SLIDE
+    folder.mkdir()
+    for material in ("mat1", "mat2"):
+        (folder / material).symlink_to(data_folder / SLIDE / material)
+    ground = RealGround.slide(tmp_path, seed=1, jobs=2, all_days=True)
+    played = ground.clean(0).recording
+    assert set(played.covariates["material"].tolist()) == {1.0, 2.0}
+
+
 def test_a_round_may_play_some_materials_that_training_never_had(few_materials: Path) -> None:
     ground = RealGround.slide(few_materials, seed=1, jobs=2, unseen=True)
     training = ground.sessions[0].model.manifest.training

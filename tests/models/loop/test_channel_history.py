@@ -131,6 +131,15 @@ def test_a_channel_that_wakes_up_has_no_figure(smooth: Any, long: Recording) -> 
     assert "more than 10 times as sensitive at 1" in found.sentence()
 
 
+def test_a_channel_that_did_not_follow_has_not_become_more_sensitive(smooth: Any, long: Recording) -> None:
+    """A model that errs on what came first has small slopes there."""
+    early = np.arange(ROWS) < 9_000
+    error = np.where(early, np.random.default_rng(2).normal(size=ROWS) * 60.0, 0.0)
+    recording = replace(long, channels=np.clip(long.channels + error[:, None], 0, COUNTS_MAX))
+    assert changes(smooth, recording, np.where(early, 0.25, 1.0)) == []
+    assert changes(smooth, long, np.where(early, 0.25, 1.0)) != []
+
+
 def test_a_small_change_is_not_told(smooth: Any, long: Recording) -> None:
     assert changes(smooth, long, np.where(np.arange(ROWS) < 15_000, 1.0, 0.8)) == []
 

@@ -45,6 +45,7 @@ def test_rounds_are_kept_and_drawn(app: typer.Typer, tmp_path: Path) -> None:
             ["--one-of", "material"],
             "--one-of material: only --ground slide has kinds; this is --ground twin",
         ),
+        (["--all-days"], "--all-days: only --ground slide has days, and not with --one-of"),
         (["--unseen"], "--unseen: only --ground slide has kinds; this is --ground twin"),
         (["--ground", "lasa", "--data", "nowhere"], "nowhere/lasa_contact: no such folder"),
         (["--injector", "foreign", "--only", "wear"], "no cause wear: expected one of contact offset"),

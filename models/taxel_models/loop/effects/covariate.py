@@ -9,6 +9,8 @@ from typing_extensions import override
 from taxel.windows import ExtraFeature
 from taxel_models.loop.basis import Floats, Joined
 from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Online, Remaining, given, weighted
+from taxel_models.loop.effects.gain import Gain
+from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.observations import Observations
 from taxel_models.recordings.kinds import are_kinds
 
@@ -56,9 +58,10 @@ class Covariate(Effect):
     """A constant for each kind, or a line in an amount. The column NAME has the effect `covariate:NAME`."""
 
     name = "covariate"
-    equation = "delta_c = w_c,kind + g_c,kind (p_c - rest_c), about the mean of kinds; or w_c (x - mean)"
+    equation = "delta_c = w_c,kind (about the mean of kinds) + g_c,kind (p_c - rest_c); or w_c (x - mean)"
     source = "definition"
     signature = "the residual's mean differs between kinds, or follows the amount"
+    contains = (Gain.name, Offset.name)
 
     def __init__(self, column: str) -> None:
         self.column = column
@@ -83,14 +86,23 @@ class Covariate(Effect):
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
         name = self.label
         values = observations.covariates[self.column]
-        kinds = np.unique(values)
+        # Of a kind that nothing can be fitted to, nothing is known.
+        kinds = np.unique(values[remaining.fit])
         if len(kinds) < 2:
             return
         if are_kinds(kinds):
             drivers = [self._is(values, kind) for kind in kinds]
             yield weighted(observations, name, "by kind", "unit", drivers, weight_unit="counts")
-            # The mean over all kinds is taken out: a gain that all kinds share does not depend on the kind.
-            gains = weighted(observations, name, "gain by kind", "signal", drivers, weight_unit="relative")
+            # Less its mean, a kind that other folds lack would stand for a gain that all kinds share.
+            gains = weighted(
+                observations,
+                name,
+                "gain by kind",
+                "signal",
+                drivers,
+                centred=False,
+                weight_unit="relative",
+            )
             yield gains
             if len(kinds) <= MOST_PAIRED:
                 yield _both(weighted(observations, name, "by kind", "unit", drivers), gains)

@@ -157,6 +157,7 @@ class Effect(ABC):
     Attributes:
         name: one word, as in reports.
         looks_at_residual: whether its forms depend on the residual. Then each step makes them again.
+        contains: names of simpler effects that its weights can stand for. It is no rival of these.
         is_constant: whether it is a constant of each channel. All others are tested beside one.
         is_steady: whether it is nearly constant within a contact, whatever happens there.
         is_predictable: whether a model can predict it. Otherwise it is only reported.
@@ -179,6 +180,7 @@ class Effect(ABC):
     is_usual_by_form: ClassVar[bool] = False
     follows: ClassVar[Literal["expected", "measured"] | None] = None
     most_weight: ClassVar[float] = math.inf
+    contains: ClassVar[tuple[str, ...]] = ()
     is_constant: ClassVar[bool] = False
     is_steady: ClassVar[bool] = False
     is_predictable: ClassVar[bool] = True

@@ -82,6 +82,7 @@ class AllChannels:
         return self._evidence(effect) > least
 
     def _rival(self, but: Effect) -> float:
-        """The evidence of the likeliest other effect of many channels."""
-        others = (one for one in self._effects if one is not but and one.follows != "measured")
-        return max((self._evidence(one) for one in others if not one.is_costly), default=0.0)
+        """The evidence of the likeliest other effect of many channels that does not contain this one."""
+        others = (one for one in self._effects if one is not but and but.name not in one.contains)
+        many = (one for one in others if one.follows != "measured" and not one.is_costly)
+        return max((self._evidence(one) for one in many), default=0.0)

@@ -250,12 +250,41 @@ class Scoring:
             score = found
         return score
 
+    def within_limits(self, score: Score, taken: Sequence[Taken]) -> Score:
+        """The same score, tested by predictions that stay within the limits of counts.
+
+        A channel that is at its limit does not contradict an effect that leads beyond it, though no line
+        through its rows can tell.
+        """
+        measured = self.observations.measured
+        predicted = self._predicted(taken)
+        own = Taken(score, score.form, np.empty((0, 0)), np.empty((0, 0)))
+        counts = np.diff(self.bins.starts, append=len(self.bins.order))
+        fold, order = np.repeat(self.bins.fold, counts), self.bins.order
+        row_weights = self.whitening.row_weights(len(measured)) / self.bins.rows_each
+        noise = self.base(taken).noise * self.whitening.scale**2
+        error, gain = np.zeros(len(CHANNELS)), np.zeros_like(score.gain)
+        for number in range(len(gain)):
+            rows = order[fold == number]
+            contribution = score.form.candidate.basis.times(self.weights(own, taken, number))[rows]
+            before, after = (
+                row_weights[rows] * (measured[rows] - np.clip(counts, 0, COUNTS_MAX)) ** 2
+                for counts in (predicted[rows], predicted[rows] + contribution)
+            )
+            error += before.sum(axis=0)
+            gain[number] = (before - after).sum(axis=0)
+        gain = gain / noise - score.usual
+        taken_off = gain.sum(axis=0) * noise
+        return replace(score, gain=gain, worth=taken_off / np.maximum(error, 1e-9), taken_off=taken_off)
+
+    def _predicted(self, taken: Sequence[Taken]) -> Floats:
+        """(n, 21) counts with some named effects."""
+        added = sum(each.contribution for each in taken if not each.form.candidate.moves)
+        return np.asarray(self.observations.predicted + added)
+
     def settle_limits(self, taken: Sequence[Taken]) -> None:
         """A channel that is at a limit of the counts does not contradict effects that lead beyond it."""
-        predicted = self.observations.predicted + sum(
-            each.contribution for each in taken if not each.form.candidate.moves
-        )
-        measured = self.observations.measured
+        predicted, measured = self._predicted(taken), self.observations.measured
         below = np.where(measured <= 0, np.minimum(predicted, 0.0), 0.0)
         above = np.where(measured >= COUNTS_MAX, np.maximum(predicted - COUNTS_MAX, 0.0), 0.0)
         self._beyond = np.asarray(below + above)

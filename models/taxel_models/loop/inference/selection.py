@@ -66,7 +66,7 @@ class JointSelection:
         while True:
             scores = self._scoring.scores(self._taken)
             alone = alone or scores
-            chosen = self.choose(scores)
+            chosen = self.choose(scores) or self._within_limits(scores)
             if chosen is None or len(self._taken) == self._constants.most_effects:
                 break
             self._take(chosen)
@@ -143,6 +143,21 @@ class JointSelection:
             if score.evidence_within(score.freedom) > best.evidence_within(score.freedom)
         ]
         return simplest(best, simpler, self._constants)
+
+    def _within_limits(self, scores: Sequence[Score]) -> Score | None:
+        """The likeliest effect, if it proves itself by predictions within the limits of counts."""
+        score = scores[0] if scores else None
+        if (
+            score is None
+            or not score.effect.is_predictable
+            or score.t_with_usual >= self._constants.least_t
+        ):
+            return None
+        fitting = score.form.candidate.fitting
+        if fitting.fixed or fitting.few_channels:
+            return None
+        within = self._scoring.within_limits(score, self._taken)
+        return within if self.proves_itself(within) else None
 
     def _take(self, score: Score) -> None:
         score = self._scoring.refined(score, self._taken)

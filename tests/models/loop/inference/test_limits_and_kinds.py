@@ -1,0 +1,87 @@
+"""What a recording cannot show: counts beyond their limits, and kinds that nothing is fitted to."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from taxel.channels import COUNTS_MAX
+from taxel_models.loop.attribution import Attribution
+from taxel_models.loop.blocks import Blocks, cut
+from taxel_models.loop.effects.registry import candidates
+from taxel_models.loop.inference.selection import JointSelection
+from taxel_models.loop.observations import gather
+from taxel_models.recordings import Recording
+
+Make = Callable[..., Recording]
+Floats = NDArray[np.float64]
+ROWS = 12_000
+
+
+def with_counts(recording: Recording, counts: Floats) -> Recording:
+    return replace(recording, channels=np.clip(np.rint(counts), 0, COUNTS_MAX))
+
+
+def attributed(smooth: Any, recording: Recording, *names: str) -> tuple[Attribution, Blocks]:
+    """With only some effects that compete."""
+    observations = gather(smooth, [recording])
+    effects = [effect for effect in candidates(observations) if effect.label in names]
+    blocks = cut(observations, seed=0)
+    return JointSelection(observations, blocks, effects).run(), blocks
+
+
+class Tared:
+    """A model of a sensor that reads small counts, with none below 0, as slide recordings have."""
+
+    def __init__(self, smooth: Any) -> None:
+        self._smooth, self.manifest = smooth, smooth.manifest
+
+    def of_size(self, counts: Floats) -> Floats:
+        rest = self._smooth.counts(np.zeros((1, 3)), np.zeros((1, 3)))
+        return np.asarray(np.abs(counts - rest) / 5.0)
+
+    def predict(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
+        return self.of_size(self._smooth.predict(windows).astype(np.float64)).astype(np.float32)
+
+    predict_base = predict
+
+
+@pytest.mark.parametrize("slope", [-4.0, -8.0])
+def test_an_effect_that_leads_beyond_a_limit_is_still_found(smooth: Any, make: Make, slope: float) -> None:
+    """Counts that are cut off fit no line: the fold that holds the most of them speaks against it."""
+    model, recording = Tared(smooth), make(ROWS, seed=4)
+    amount = np.repeat(np.random.default_rng(5).normal(size=ROWS // 500), 500)
+    amount[3_000:3_500] = 12.0
+    recording = replace(recording, covariates={"load": amount + 0.001 * np.arange(ROWS) / ROWS})
+    counts = model.of_size(recording.channels)
+    effect = slope * (amount - amount.mean())[:, None]
+    cut_off = with_counts(recording, counts + effect)
+    found, _ = attributed(model, cut_off, "covariate:load", "offset", "gain", "drift")
+    assert [one.name for one in found.named][:1] == ["covariate:load"]
+
+
+def test_a_kind_that_nothing_was_fitted_to_gets_no_gain(smooth: Any, make: Make) -> None:
+    recording = make(ROWS, seed=6)
+    observations = gather(smooth, [recording])
+    held = cut(observations, seed=0).evaluation
+    kinds = recording.covariates["material"].copy()
+    (rows,) = observations.rows
+    kinds[rows[held]] = np.where(rows[held] < ROWS // 3, 9.0, kinds[rows[held]])
+    recording = replace(recording, covariates={"material": kinds})
+    gains = np.array([0.0, -0.3, -0.1, -0.2, -0.4, -0.15, 0.0, 0.0, 0.0, -0.25])[kinds.astype(int)]
+    rest = smooth.counts(np.zeros((1, 3)), np.zeros((1, 3)))
+    recording = with_counts(recording, recording.channels + gains[:, None] * (recording.channels - rest))
+    found, blocks = attributed(smooth, recording, "covariate:material", "gain", "offset")
+    assert "covariate:material" in [one.name for one in found.named]
+    names = [name for one in found.named for name in one.candidate.weight_names]
+    assert "material=9" not in names
+    observations = gather(smooth, [recording])
+    left = observations.residual - sum(one.contribution for one in found.named)
+    unknown = blocks.evaluation & (kinds[rows] == 9.0)
+    others = blocks.evaluation & ~unknown
+    assert unknown.any()
+    for some, most in ((unknown, 1.0), (others, 0.2)):
+        assert (left[some] ** 2).mean() <= most * (observations.residual[some] ** 2).mean()
