@@ -10,7 +10,6 @@ from taxel.windows import ExtraFeature
 from taxel_models.loop.basis import Floats, Joined
 from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Online, Remaining, given, weighted
 from taxel_models.loop.effects.gain import Gain
-from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.observations import Observations
 from taxel_models.recordings.kinds import are_kinds
 
@@ -43,6 +42,7 @@ def _both(offsets: Candidate, gains: Candidate) -> Candidate:
             *(f"gain, {name}" for name in gains.weight_names),
         ),
         weight_unit="counts; relative",
+        contains=gains.contains,
         online=online,
         again=again,
     )
@@ -61,7 +61,6 @@ class Covariate(Effect):
     equation = "delta_c = w_c,kind (about the mean of kinds) + g_c,kind (p_c - rest_c); or w_c (x - mean)"
     source = "definition"
     signature = "the residual's mean differs between kinds, or follows the amount"
-    contains = (Gain.name, Offset.name)
 
     def __init__(self, column: str) -> None:
         self.column = column
@@ -102,6 +101,7 @@ class Covariate(Effect):
                 drivers,
                 centred=False,
                 weight_unit="relative",
+                contains=Gain.name,
             )
             yield gains
             if len(kinds) <= MOST_PAIRED:

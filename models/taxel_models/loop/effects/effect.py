@@ -83,6 +83,7 @@ class Candidate:
         alike: the largest SD over mean of the electrodes' weights; None if they may differ freely.
         certain: whether chance cannot cause its signature. Then it needs no test.
         mean_absorbed: whether a trained model may have absorbed its mean.
+        contains: a simpler effect that its weights can stand for. It is no rival of that one.
         moved: gives the observations with corrected inputs and new predictions; None for forms that add to
             the prediction.
         again: gives the same form for other predictions; None for forms that move inputs.
@@ -99,6 +100,7 @@ class Candidate:
     alike: float | None = None
     certain: bool = False
     mean_absorbed: bool = True
+    contains: str = ""
     moved: Callable[[Observations], Observations] | None = None
     again: "Callable[[Observations], Candidate] | None" = None
 
@@ -157,7 +159,6 @@ class Effect(ABC):
     Attributes:
         name: one word, as in reports.
         looks_at_residual: whether its forms depend on the residual. Then each step makes them again.
-        contains: names of simpler effects that its weights can stand for. It is no rival of these.
         is_constant: whether it is a constant of each channel. All others are tested beside one.
         is_steady: whether it is nearly constant within a contact, whatever happens there.
         is_predictable: whether a model can predict it. Otherwise it is only reported.
@@ -180,7 +181,6 @@ class Effect(ABC):
     is_usual_by_form: ClassVar[bool] = False
     follows: ClassVar[Literal["expected", "measured"] | None] = None
     most_weight: ClassVar[float] = math.inf
-    contains: ClassVar[tuple[str, ...]] = ()
     is_constant: ClassVar[bool] = False
     is_steady: ClassVar[bool] = False
     is_predictable: ClassVar[bool] = True

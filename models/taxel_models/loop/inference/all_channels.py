@@ -39,8 +39,8 @@ class AllChannels:
         self._correlated, self._effects = correlated, effects
         self._observations, self._remaining = observations, remaining
         self._beside_others, self._constants = beside_others, constants
-        bases = correlated.bases(remaining.residual)
-        self._evidence = cache(lambda effect: correlated.of_many(effect.label, forms(effect), bases))
+        self._forms, self._bases = forms, correlated.bases(remaining.residual)
+        self._weighed = cache(self._weigh)
 
     def judged(self, score: Score) -> Score:
         """The same score, or one of few channels in its place, or without evidence.
@@ -81,8 +81,16 @@ class AllChannels:
         least = self._rival(effect) if effect.follows == "measured" else 0.0
         return self._evidence(effect) > least
 
-    def _rival(self, but: Effect) -> float:
+    def _evidence(self, effect: Effect, but: str = "") -> float:
+        """The evidence of an effect of many channels, in forms that do not contain another one."""
+        contains_it = any(form.contains == but for form in self._forms(effect))
+        return self._weighed(effect, but if contains_it else "")
+
+    def _weigh(self, effect: Effect, but: str) -> float:
+        forms = [form for form in self._forms(effect) if not but or form.contains != but]
+        return self._correlated.of_many(effect.label, forms, self._bases)
+
+    def _rival(self, effect: Effect) -> float:
         """The evidence of the likeliest other effect of many channels that does not contain this one."""
-        others = (one for one in self._effects if one is not but and but.name not in one.contains)
-        many = (one for one in others if one.follows != "measured" and not one.is_costly)
-        return max((self._evidence(one) for one in many), default=0.0)
+        others = (one for one in self._effects if one is not effect and one.follows != "measured")
+        return max((self._evidence(one, effect.name) for one in others if not one.is_costly), default=0.0)

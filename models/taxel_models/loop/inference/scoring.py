@@ -259,8 +259,8 @@ class Scoring:
         measured = self.observations.measured
         predicted = self._predicted(taken)
         own = Taken(score, score.form, np.empty((0, 0)), np.empty((0, 0)))
-        counts = np.diff(self.bins.starts, append=len(self.bins.order))
-        fold, order = np.repeat(self.bins.fold, counts), self.bins.order
+        order = self.bins.order
+        fold = np.repeat(self.bins.fold, np.diff(self.bins.starts, append=len(order)))
         row_weights = self.whitening.row_weights(len(measured)) / self.bins.rows_each
         noise = self.base(taken).noise * self.whitening.scale**2
         error, gain = np.zeros(len(CHANNELS)), np.zeros_like(score.gain)

@@ -199,6 +199,19 @@ def test_a_change_of_one_electrode_stands_out_from_errors_that_all_have(
     assert named(smooth, dying, alone) == []
 
 
+@pytest.mark.parametrize("spread", [0.04, 0.08])
+def test_gains_of_kinds_are_no_rival_of_a_gain_that_they_contain(
+    smooth: Any, recording: Recording, reference: HeldOutResidual, spread: float
+) -> None:
+    """Each material has a little gain of its own, and one electrode a larger one on all of them."""
+    gains = np.random.default_rng(6).normal(size=(6, 21)) * spread
+    kinds = recording.covariates["material"].astype(int)
+    about = recording.channels - recording.channels.mean(axis=0)
+    other = replace(recording, channels=np.rint(recording.channels + gains[kinds] * about))
+    found = named(smooth, weaker(other, "e9", 0.2), reference, "covariate:material")
+    assert any(name == "gain" and "e9" in form and "beside all others" in form for name, form in found)
+
+
 def test_what_one_electrode_shows_by_itself_alone_is_left(
     smooth: Any, recording: Recording, reference: HeldOutResidual
 ) -> None:
