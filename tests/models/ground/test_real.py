@@ -110,14 +110,14 @@ def test_a_model_may_not_have_seen_what_is_played(few_materials: Path) -> None:
 
 
 def test_a_round_may_play_all_days(data_folder: Path, tmp_path: Path) -> None:
-    """Materials 1 and 2 are from two days."""
+    """Material 1 is from another day than materials 2 and 3."""
     folder = tmp_path / SLIDE
     folder.mkdir()
-    for material in ("mat1", "mat2"):
+    for material in ("mat1", "mat2", "mat3"):
         (folder / material).symlink_to(data_folder / SLIDE / material)
     ground = RealGround.slide(tmp_path, seed=1, jobs=2, all_days=True)
     played = ground.clean(0).recording
-    assert set(played.covariates["material"].tolist()) == {1.0, 2.0}
+    assert set(played.covariates["material"].tolist()) == {1.0, 2.0, 3.0}
 
 
 def test_a_round_may_play_some_materials_that_training_never_had(few_materials: Path) -> None:
