@@ -250,32 +250,35 @@ class Scoring:
             score = found
         return score
 
-    def within_limits(self, score: Score, taken: Sequence[Taken]) -> Score:
-        """The same score, tested by predictions that stay within the limits of counts.
+    def within_limits(self, score: Score, taken: Sequence[Taken]) -> tuple[Score, Score]:
+        """The same score by predictions on held-out folds: as they are, and within the limits of counts.
 
         A channel that is at its limit does not contradict an effect that leads beyond it, though no line
-        through its rows can tell.
+        through its rows can tell. Rows of a block count as if they were independent.
         """
-        measured = self.observations.measured
-        predicted = self._predicted(taken)
+        measured, predicted = self.observations.measured, self._predicted(taken)
         own = Taken(score, score.form, np.empty((0, 0)), np.empty((0, 0)))
+        added = np.zeros_like(predicted)
         order = self.bins.order
         fold = np.repeat(self.bins.fold, np.diff(self.bins.starts, append=len(order)))
+        for number in range(len(score.gain)):
+            rows = order[fold == number]
+            added[rows] = score.form.candidate.basis.times(self.weights(own, taken, number))[rows]
         row_weights = self.whitening.row_weights(len(measured)) / self.bins.rows_each
         noise = self.base(taken).noise * self.whitening.scale**2
-        error, gain = np.zeros(len(CHANNELS)), np.zeros_like(score.gain)
-        for number in range(len(gain)):
-            rows = order[fold == number]
-            contribution = score.form.candidate.basis.times(self.weights(own, taken, number))[rows]
+
+        def tested(limited: Callable[[Floats], Floats]) -> Score:
             before, after = (
-                row_weights[rows] * (measured[rows] - np.clip(counts, 0, COUNTS_MAX)) ** 2
-                for counts in (predicted[rows], predicted[rows] + contribution)
+                row_weights * (measured - limited(counts)) ** 2 for counts in (predicted, predicted + added)
             )
-            error += before.sum(axis=0)
-            gain[number] = (before - after).sum(axis=0)
-        gain = gain / noise - score.usual
-        taken_off = gain.sum(axis=0) * noise
-        return replace(score, gain=gain, worth=taken_off / np.maximum(error, 1e-9), taken_off=taken_off)
+            falls = (before - after)[order]
+            gain = np.array([falls[fold == number].sum(axis=0) for number in range(len(score.gain))])
+            gain = gain / noise - score.usual
+            taken_off = gain.sum(axis=0) * noise
+            worth = taken_off / np.maximum(before[order].sum(axis=0), 1e-9)
+            return replace(score, gain=gain, worth=worth, taken_off=taken_off)
+
+        return tested(lambda counts: counts), tested(lambda counts: np.clip(counts, 0, COUNTS_MAX))
 
     def _predicted(self, taken: Sequence[Taken]) -> Floats:
         """(n, 21) counts with some named effects."""

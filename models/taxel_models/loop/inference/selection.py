@@ -145,7 +145,7 @@ class JointSelection:
         return simplest(best, simpler, self._constants)
 
     def _within_limits(self, scores: Sequence[Score]) -> Score | None:
-        """The likeliest effect, if it proves itself by predictions within the limits of counts."""
+        """The likeliest effect, if only predictions within the limits of counts prove it."""
         score = scores[0] if scores else None
         if (
             score is None
@@ -156,8 +156,8 @@ class JointSelection:
         fitting = score.form.candidate.fitting
         if fitting.fixed or fitting.few_channels:
             return None
-        within = self._scoring.within_limits(score, self._taken)
-        return within if self.proves_itself(within) else None
+        free, within = self._scoring.within_limits(score, self._taken)
+        return within if self.proves_itself(within) and free.t < self._constants.least_t else None
 
     def _take(self, score: Score) -> None:
         score = self._scoring.refined(score, self._taken)

@@ -12,6 +12,8 @@ from taxel.channels import COUNTS_MAX
 from taxel_models.loop.attribution import Attribution
 from taxel_models.loop.blocks import Blocks, cut
 from taxel_models.loop.effects.registry import candidates
+from taxel_models.loop.inference.constants import DECLARED
+from taxel_models.loop.inference.scoring import Scoring, silent
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.observations import gather
 from taxel_models.recordings import Recording
@@ -61,6 +63,17 @@ def test_an_effect_that_leads_beyond_a_limit_is_still_found(smooth: Any, make: M
     cut_off = with_counts(recording, counts + effect)
     found, _ = attributed(model, cut_off, "covariate:load", "offset", "gain", "drift")
     assert [one.name for one in found.named][:1] == ["covariate:load"]
+
+
+def test_where_nothing_is_cut_off_limits_prove_nothing(smooth: Any, make: Make) -> None:
+    observations = gather(smooth, [make(ROWS, seed=4)])
+    blocks, effects = cut(observations, seed=0), candidates(observations)
+    gain = [effect for effect in effects if effect.label == "gain"]
+    scoring = Scoring(observations, blocks, gain, None, DECLARED, silent)
+    (score,) = scoring.scores([])
+    free, within = scoring.within_limits(score, [])
+    np.testing.assert_array_equal(free.gain, within.gain)
+    np.testing.assert_array_equal(free.worth, within.worth)
 
 
 def test_a_kind_that_nothing_was_fitted_to_gets_no_gain(smooth: Any, make: Make) -> None:
