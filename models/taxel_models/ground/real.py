@@ -41,6 +41,7 @@ LEAST_OF_ONE: Final = 5
 """The same where a round plays one kind, such as one of 16 materials."""
 
 MATERIAL: Final = "material"
+"""The column of kinds that the slide data have."""
 
 UNSEEN: Final = 0.25
 """The share of a column's values that a model is not trained on."""

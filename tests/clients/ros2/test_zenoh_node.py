@@ -95,13 +95,17 @@ def diagnosed(diagnostics: "SimpleQueue[zenoh.Sample]", name: str, text: str) ->
     pytest.fail(f"{name} never said {text!r}: the last was {status.message!r}")
 
 
-def tokens(session: zenoh.Session, at_least: int = 9) -> list[str]:
+TOKENS = 9
+"""Of a node with two fingers: its own, four publishers and four subscribers."""
+
+
+def tokens(session: zenoh.Session) -> list[str]:
     """All tokens of the domain, once a node's have come: a router passes them on one after another."""
     came: SimpleQueue[zenoh.Sample] = SimpleQueue()
     every = session.liveliness()
     watched = every.declare_subscriber("@ros2_lv/3/**", Callback(came.put, indirect=False), history=True)
     keys: set[str] = set()
-    while len(keys) < at_least:
+    while len(keys) < TOKENS:
         keys.add(str(came.get(timeout=60).key_expr))
     watched.undeclare()  # type: ignore[no-untyped-call]
     replies = every.get("@ros2_lv/3/**")

@@ -20,11 +20,14 @@ pytestmark = pytest.mark.measured
 @pytest.fixture(scope="module")
 def few_materials(data_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three materials of the slide data, by links."""
-    folder = tmp_path_factory.mktemp("data") / SLIDE
-    folder.mkdir()
-    for material in ("mat5", "mat6", "mat7"):
-        (folder / material).symlink_to(data_folder / SLIDE / material)
-    return folder.parent
+    return linked(data_folder, tmp_path_factory.mktemp("data"), "mat5", "mat6", "mat7")
+
+
+def linked(data_folder: Path, folder: Path, *materials: str) -> Path:
+    (folder / SLIDE).mkdir()
+    for material in materials:
+        (folder / SLIDE / material).symlink_to(data_folder / SLIDE / material)
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -111,11 +114,8 @@ def test_a_model_may_not_have_seen_what_is_played(few_materials: Path) -> None:
 
 def test_a_round_may_play_all_days(data_folder: Path, tmp_path: Path) -> None:
     """Material 1 is from another day than materials 2 and 3."""
-    folder = tmp_path / SLIDE
-    folder.mkdir()
-    for material in ("mat1", "mat2", "mat3"):
-        (folder / material).symlink_to(data_folder / SLIDE / material)
-    ground = RealGround.slide(tmp_path, seed=1, jobs=2, all_days=True)
+    folder = linked(data_folder, tmp_path, "mat1", "mat2", "mat3")
+    ground = RealGround.slide(folder, seed=1, jobs=2, all_days=True)
     played = ground.clean(0).recording
     assert set(played.covariates["material"].tolist()) == {1.0, 2.0, 3.0}
 

@@ -91,8 +91,12 @@ class Covariate(Effect):
             return
         if are_kinds(kinds):
             drivers = [self._is(values, kind) for kind in kinds]
-            yield weighted(observations, name, "by kind", "unit", drivers, weight_unit="counts")
-            # Less its mean, a kind that other folds lack would stand for a gain that all kinds share.
+            # About the mean of the fit part, constants sum to 0 there: no kind stands for what all share.
+            constants = weighted(
+                observations, name, "by kind", "unit", drivers, rows=remaining.fit, weight_unit="counts"
+            )
+            yield constants
+            # About their mean, a kind that other folds lack would stand for a gain that all share.
             gains = weighted(
                 observations,
                 name,
@@ -105,7 +109,7 @@ class Covariate(Effect):
             )
             yield gains
             if len(kinds) <= MOST_PAIRED:
-                yield _both(weighted(observations, name, "by kind", "unit", drivers), gains)
+                yield _both(constants, gains)
         else:
             driver = given(observations, self.column, "")
             yield weighted(observations, name, "line", "unit", [driver], weight_unit="counts per unit")

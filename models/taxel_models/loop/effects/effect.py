@@ -83,7 +83,7 @@ class Candidate:
         alike: the largest SD over mean of the electrodes' weights; None if they may differ freely.
         certain: whether chance cannot cause its signature. Then it needs no test.
         mean_absorbed: whether a trained model may have absorbed its mean.
-        contains: a simpler effect that its weights can stand for. It is no rival of that one.
+        contains: a simpler effect that its weights can stand for: it is no rival of that one. None without.
         moved: gives the observations with corrected inputs and new predictions; None for forms that add to
             the prediction.
         again: gives the same form for other predictions; None for forms that move inputs.
@@ -100,7 +100,7 @@ class Candidate:
     alike: float | None = None
     certain: bool = False
     mean_absorbed: bool = True
-    contains: str = ""
+    contains: str | None = None
     moved: Callable[[Observations], Observations] | None = None
     again: "Callable[[Observations], Candidate] | None" = None
 
@@ -278,15 +278,19 @@ def weighted(
     drivers: Sequence[Driver],
     *,
     centred: bool = True,
+    rows: NDArray[np.bool_] | slice = slice(None),
     **others: Any,
 ) -> Candidate:
     """A form whose regressors are a shape times drivers, less the drivers' means.
 
     The mean of a history feature that settles is not taken out: at rest it must add nothing.
+
+    Args:
+        rows: (n,) those that the means are of; all by default.
     """
     values = np.column_stack([driver.values for driver in drivers])
     about = [centred and not _settles(driver) for driver in drivers]
-    references = np.where(about, values.mean(axis=0), 0.0)
+    references = np.where(about, values[rows].mean(axis=0), 0.0)
     names = tuple(driver.name for driver in drivers)
 
     def online(weights: Floats) -> Online:
@@ -305,6 +309,8 @@ def weighted(
         form,
         Shared(values - references, shape_of(observations, shape)),
         online=online,
-        again=lambda other: weighted(other, effect, form, shape, drivers, centred=centred, **others),
+        again=lambda other: weighted(
+            other, effect, form, shape, drivers, centred=centred, rows=rows, **others
+        ),
         **others,
     )

@@ -81,13 +81,13 @@ class AllChannels:
         least = self._rival(effect) if effect.follows == "measured" else 0.0
         return self._evidence(effect) > least
 
-    def _evidence(self, effect: Effect, but: str = "") -> float:
+    def _evidence(self, effect: Effect, but: str | None = None) -> float:
         """The evidence of an effect of many channels, in forms that do not contain another one."""
-        contains_it = any(form.contains == but for form in self._forms(effect))
-        return self._weighed(effect, but if contains_it else "")
+        contained = any(form.contains == but for form in self._forms(effect))
+        return self._weighed(effect, but if contained else None)
 
-    def _weigh(self, effect: Effect, but: str) -> float:
-        forms = [form for form in self._forms(effect) if not but or form.contains != but]
+    def _weigh(self, effect: Effect, but: str | None) -> float:
+        forms = [form for form in self._forms(effect) if but is None or form.contains != but]
         return self._correlated.of_many(effect.label, forms, self._bases)
 
     def _rival(self, effect: Effect) -> float:

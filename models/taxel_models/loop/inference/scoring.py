@@ -250,8 +250,8 @@ class Scoring:
             score = found
         return score
 
-    def within_limits(self, score: Score, taken: Sequence[Taken]) -> tuple[Score, Score]:
-        """The same score by predictions on held-out folds: as they are, and within the limits of counts.
+    def by_predictions(self, score: Score, taken: Sequence[Taken]) -> tuple[Score, Score]:
+        """The same score by predictions of held-out folds: as they are, and within the limits of counts.
 
         A channel that is at its limit does not contradict an effect that leads beyond it, though no line
         through its rows can tell. Rows of a block count as if they were independent.

@@ -66,7 +66,7 @@ class JointSelection:
         while True:
             scores = self._scoring.scores(self._taken)
             alone = alone or scores
-            chosen = self.choose(scores) or self._within_limits(scores)
+            chosen = self.choose(scores) or self.proven_by_limits(scores)
             if chosen is None or len(self._taken) == self._constants.most_effects:
                 break
             self._take(chosen)
@@ -144,20 +144,15 @@ class JointSelection:
         ]
         return simplest(best, simpler, self._constants)
 
-    def _within_limits(self, scores: Sequence[Score]) -> Score | None:
-        """The likeliest effect, if only predictions within the limits of counts prove it."""
-        score = scores[0] if scores else None
-        if (
-            score is None
-            or not score.effect.is_predictable
-            or score.t_with_usual >= self._constants.least_t
-        ):
+    def proven_by_limits(self, scores: Sequence[Score]) -> Score | None:
+        """The likeliest effect, if predictions prove it only within the limits of counts."""
+        score, least = scores[0] if scores else None, self._constants.least_t
+        if score is None or not score.effect.is_predictable or score.t_with_usual >= least:
             return None
-        fitting = score.form.candidate.fitting
-        if fitting.fixed or fitting.few_channels:
+        if score.form.candidate.fitting.fixed or score.form.candidate.fitting.few_channels:
             return None
-        free, within = self._scoring.within_limits(score, self._taken)
-        return within if self.proves_itself(within) and free.t < self._constants.least_t else None
+        free, within = self._scoring.by_predictions(score, self._taken)
+        return within if free.t < least and self.proves_itself(within) else None
 
     def _take(self, score: Score) -> None:
         score = self._scoring.refined(score, self._taken)
