@@ -13,14 +13,11 @@ from taxel.atomic import check_file_place, whole_file
 from taxel.commands.cli import ERR, OUT, Json, needs, print_json
 from taxel.commands.models import Repository
 from taxel.dependencies import SERVING, require
-from taxel.errors import SettingsError
+from taxel_models.ground import GroundName
 
 if TYPE_CHECKING:
-    from taxel_models.ground.ground import Ground
     from taxel_models.recovery.rounds import Rate, Round, Summary
     from taxel_models.recovery.sensitivity import Sensitivity
-
-GroundName = Literal["twin", "slide", "lasa"]
 
 
 @needs("loop", *SERVING, "scipy", "threadpoolctl")
@@ -103,23 +100,25 @@ def loop_trial(
     half to twice the residual that was there before. Prints the confusion matrix, false alarms with 95 %
     intervals, parameter errors, and the share of the removable error that was removed.
     """
+    from taxel_models.ground.twins import StoredModel
     from taxel_models.loop.inference.constants import DECLARED
     from taxel_models.recovery.benchmark import RecoveryBenchmark
+    from taxel_models.recovery.chosen_ground import ChosenGround
     from taxel_models.recovery.injected import Draw
     from taxel_models.recovery.rounds import summarise
     from taxel_models.recovery.sensitivity import sensitivities
     from taxel_models.recovery.workers import run_rounds_on, run_rounds_with
+    from taxel_models.shipped import shipped_repository
 
+    stored = StoredModel(repository or shipped_repository(), model)
+    chosen = ChosenGround(ground, seed, stored, injector, rows, data, jobs, one_of, unseen, all_days)
     _prepare(scheduler, plots, output)
     draw = Draw(injector, tuple(only or ()), strength, pairs, clean, unknown)
     rounds: list[Round] = []
     moved: list[Sensitivity] = []
     with Progress(console=ERR, disable=not ERR.is_terminal) as progress:
         task = progress.add_task("preparing the ground", total=trials)
-        place = _ground(
-            ground, injector, repository, model, data, rows, seed, jobs, one_of, unseen, all_days
-        )
-        benchmark = RecoveryBenchmark(place, ground, seed, draw)
+        benchmark = RecoveryBenchmark(chosen.prepare(), ground, seed, draw)
         for finished in run_rounds_on(benchmark, trials, jobs, scheduler):
             rounds.append(finished)
             progress.update(task, advance=1, description=f"{finished.truth} found as {finished.found}")
@@ -153,48 +152,6 @@ def _prepare(scheduler: str | None, plots: Path | None, output: Path | None) -> 
         plots.mkdir(parents=True, exist_ok=True)
     if output is not None:
         check_file_place(output)
-
-
-def _ground(
-    name: GroundName,
-    injector: str,
-    repository: Path | None,
-    model: str,
-    data: Path | None,
-    rows: int,
-    seed: int,
-    jobs: int,
-    one_of: str | None,
-    unseen: bool,
-    all_days: bool,
-) -> "Ground":
-    from taxel_models.shipped import shipped_repository
-
-    if one_of is not None and name != "slide":
-        raise SettingsError(f"--one-of {one_of}: only --ground slide has kinds; this is --ground {name}")
-    if unseen and name != "slide":
-        raise SettingsError(f"--unseen: only --ground slide has kinds; this is --ground {name}")
-    if all_days and (name != "slide" or one_of is not None):
-        raise SettingsError("--all-days: only --ground slide has days, and not with --one-of")
-
-    if name != "twin":
-        require(f"--ground {name}", "train", "xgboost")
-        from taxel_models.ground.real import RealGround
-
-        if data is None:
-            raise SettingsError(f"--ground {name}: expected --data, the folder of the real recordings")
-        # TAXEL_DATA may name the folder or the one above.
-        folder = data if not (data / "data").is_dir() else data / "data"
-        if name == "slide":
-            return RealGround.slide(folder, seed, jobs, one_of, unseen=unseen, all_days=all_days)
-        return RealGround.lasa(folder, seed, jobs)
-    from taxel_models.ground.twins import StoredModel, TwinGround
-    from taxel_models.recovery.own_ground import CleanTwins
-
-    stored = StoredModel(repository or shipped_repository(), model)
-    if injector == "own":
-        return CleanTwins(stored, seed, rows)
-    return TwinGround(stored, seed, rows)
 
 
 def _content(
