@@ -214,15 +214,25 @@ def test_an_excluded_effect_is_neither_named_nor_rejected(smooth: Any, make: Mak
     assert "offset" not in named
 
 
-def test_a_finger_that_warms_up_drifts_along_an_exponential(smooth: Any, make: Make) -> None:
+@pytest.mark.parametrize(("pause_s", "unit"), [(0, "s"), (10_000, "s recorded")])
+def test_a_finger_that_warms_up_drifts_along_an_exponential(
+    smooth: Any, make: Make, pause_s: int, unit: str
+) -> None:
+    """With a long pause, one that changes while it is used follows what was recorded, not the clock."""
     recording = make(12_000)
-    time = np.arange(len(recording)) * 0.01
-    course = -np.expm1(-time / 20.0)
+    recorded_s = np.arange(len(recording)) * 0.01
+    time_ns = recording.samples.time_ns.copy()
+    time_ns[len(time_ns) // 2 :] += pause_s * 10**9
+    course = -np.expm1(-recorded_s / 20.0)
     weights = np.random.default_rng(2).normal(size=21) * 3 * STRENGTH
     counts = np.rint(recording.channels + (course - course.mean())[:, None] * weights)
-    case = Case(run_loop(smooth, [replace(recording, channels=counts)], LoopSettings()), {}, np.empty(0))
+    drifting = replace(recording, samples=replace(recording.samples, time_ns=time_ns), channels=counts)
+    case = Case(run_loop(smooth, [drifting], LoopSettings()), {}, np.empty(0))
     first = case.result.findings.effects[0]
-    assert (first.name, first.form.partition(" of ")[0]) == ("drift", "an exponential")
+    assert first.name == "drift"
+    figure = next(one for one in first.parameters if one.name == "time_constant")
+    assert figure.unit == unit
+    assert figure.value == pytest.approx(20.0, rel=0.25)
     np.testing.assert_allclose(served(smooth, case), case.result.after, atol=0.02)
 
 
