@@ -10,13 +10,14 @@ MODEL ?= xgb
 # start compiles all that it imports: `bench run` took 18 s instead of 7.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo install test check unit coverage docs matrix arm release format artifacts clean
+.PHONY: help demo install test check unit long coverage docs matrix arm release format artifacts clean
 
 help:
 	@echo "make demo      serve a shipped model and replay a recording through it (MODEL=xgb)"
 	@echo "make test      install everything; format, lint, types, import contract, tests"
 	@echo "make install   install everything into $(VENV): $(BIN)/taxel and $(BIN)/bench"
 	@echo "make arm       the compiled runtimes' tests on an emulated ARM processor (needs qemu-user-static)"
+	@echo "make long      the tests that make test leaves out: pages of measurements are followed"
 	@echo "make coverage  the tests again, and which lines they run"
 	@echo "make docs      build the documentation site into site/; a link that leads nowhere stops it"
 	@echo "make matrix    the wheel on every Python here, and every extra by itself (ARGS=--help)"
@@ -45,6 +46,10 @@ check:
 # A test file stays on one worker, so that its fixtures are made once.
 unit:
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
+
+# Apart from `make test`: what a page measures takes minutes, even made small.
+long: $(VENV)/.all $(VENV)/.ros2 $(VENV)/.typescript
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 -m long
 
 # ARGS: pytest's arguments, instead of all tests and the shipped models' predictions.
 arm: $(VENV)/.all

@@ -1,8 +1,10 @@
-"""Pages of measurements are followed, in a file of their own: it shares the time with test_pages.py."""
+"""Pages of measurements are followed."""
 
 import pytest
 
 from .following import MEASURING, Follower
+
+pytestmark = pytest.mark.long
 
 
 @pytest.mark.parametrize("page", MEASURING)

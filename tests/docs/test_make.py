@@ -43,6 +43,7 @@ DRY: Final = {
     ],
     "make arm": [".venv/bin/python tests/arm/emulate.py"],
     "make coverage": [".venv/bin/python -m pytest --cov "],
+    "make long": [".venv/bin/python -m pytest -n auto --maxprocesses 4 -m long"],
     "make matrix": ["python3 tests/matrix"],
 }
 

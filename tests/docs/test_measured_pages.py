@@ -9,7 +9,7 @@ from .blocks import ALL, joined_lines
 from .following import Follower
 from .given import ELSEWHERE, FEW, MEASURED
 
-pytestmark = pytest.mark.measured
+pytestmark = [pytest.mark.measured, pytest.mark.long]
 
 LINES: Final = [
     (block.page, line)

@@ -28,6 +28,20 @@ class OwnStructure(Schema):
         return not self.forms or form in self.forms
 
 
+class KnownKind(Schema):
+    """What a recording of one kind may show, of which training held some out.
+
+    Attributes:
+        std: root of the mean square of each channel's residual on it, counts.
+        structure: what each effect explains of it.
+        correlated: likewise, what the channels show beside each other.
+    """
+
+    std: NotNegativePerChannel
+    structure: dict[str, OwnStructure] = Field(default_factory=dict)
+    correlated: dict[str, OwnStructure] = Field(default_factory=dict)
+
+
 class KindResidual(Schema):
     """A model's residual on one kind alone, such as one of several materials.
 
@@ -37,12 +51,14 @@ class KindResidual(Schema):
         herfindahl: sum of the squared shares of the rows that each kind has in all recordings together.
         correlated: likewise, what the channels show beside each other; none in a manifest of an earlier
             version.
+        kinds: those that are known by themselves, by their values such as `7`; likewise.
     """
 
     std: NotNegativePerChannel
     structure: dict[str, OwnStructure]
     herfindahl: Annotated[float, Field(gt=0, lt=1)]
     correlated: dict[str, OwnStructure] = Field(default_factory=dict)
+    kinds: dict[str, KnownKind] = Field(default_factory=dict)
 
 
 class CorrelatedResidual(Schema):

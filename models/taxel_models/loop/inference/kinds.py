@@ -1,6 +1,7 @@
 """Kinds: a model errs in its own way on each material, and a recording may have few of them."""
 
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,9 @@ from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.inference.contact_offset import ContactOffset
 from taxel_models.loop.observations import Observations
 from taxel_models.recordings.kinds import NOT_COVARIATES, are_kinds
+
+MORE: Final = 2.0
+"""A recording of one kind may show so many times what was held out of the kind."""
 
 
 def kind_columns(observations: Observations) -> list[str]:
@@ -46,6 +50,11 @@ def herfindahl(values: Floats) -> float:
     """Sum of the squared shares of the rows that each value has; 1 where there is one value only."""
     _, rows = np.unique(values, return_counts=True)
     return float(((rows / len(values)) ** 2).sum())
+
+
+def kind_name(value: float) -> str:
+    """What a manifest calls a kind."""
+    return f"{value:g}"
 
 
 def of_its_kinds(reference: HeldOutResidual, observations: Observations) -> HeldOutResidual:
@@ -87,21 +96,21 @@ def _with_new_kinds(
     sources = [(stand_ins.structure, stand_ins.std)]
     sources += [(one.structure, one.std) for one in stand_ins.one_kind.values()]
     scale = np.maximum(observations.residual.std(axis=0), 1e-9)
-    structure = {name: _figures(own) for name, own in known.structure.items()}
+    structure = {name: figures(own) for name, own in known.structure.items()}
     for name in structure.keys() & stand_ins.structure.keys():
-        figures = [
-            _figures(source[name]) * [np.ones_like(energy), energy / np.maximum(std, 1e-9) ** 2]
+        found = [
+            figures(source[name]) * [np.ones_like(energy), energy / np.maximum(std, 1e-9) ** 2]
             for source, std in sources
             if name in source
         ]
-        own = np.max(figures, axis=0) / counted(name, np.array(known.std), scale)
+        own = np.max(found, axis=0) / counted(name, np.array(known.std), scale)
         of_each = name == ContactOffset.name or name.startswith(f"{Covariate.name}:")
         structure[name] = _at_least(structure[name], own, share if of_each else share**2)
     noise = np.array([(one.shared, one.fading) for one in (known, stand_ins)])
     shared, fading = (1.0 - share) * noise[0] + share * noise[1]
     return known.model_copy(
         update={
-            "structure": _of_figures(structure, [known.structure, *(source for source, _ in sources)]),
+            "structure": of_figures(structure, [known.structure, *(source for source, _ in sources)]),
             "shared": tuple(shared.tolist()),
             "fading": tuple(fading.tolist()),
         }
@@ -117,34 +126,61 @@ def _of_known_kinds(reference: HeldOutResidual, observations: Observations) -> H
     such, and one of as many kinds as the reference has as all of them together.
     """
     scale = np.maximum(observations.residual.std(axis=0), 1e-9)
-    structure = {name: _figures(own) for name, own in reference.structure.items()}
+    structure = {name: figures(own) for name, own in reference.structure.items()}
     beside = {} if reference.correlated is None else reference.correlated.structure
-    correlated = {name: _figures(own) for name, own in beside.items()}
+    correlated = {name: figures(own) for name, own in beside.items()}
     here = {column: one for column, one in reference.one_kind.items() if column in observations.covariates}
     for column, one in here.items():
         covariate = Covariate(column).label
         if covariate not in structure:
             # Too few were held out to compare kinds: each kind may have what one kind alone shows.
             alike = [
-                _figures(one.structure[name]) for name in (Gain.name, Offset.name) if name in one.structure
+                figures(one.structure[name]) for name in (Gain.name, Offset.name) if name in one.structure
             ]
             structure[covariate] = np.sum(alike, axis=0) if alike else np.zeros((2, len(CHANNELS)))
-        few = herfindahl(observations.covariates[column]) - one.herfindahl
+        values = observations.covariates[column]
+        few = herfindahl(values) - one.herfindahl
         alone = max(few, 0.0) / (1.0 - one.herfindahl)
         for name in one.structure.keys() & structure.keys():
             unit = counted(name, np.array(reference.std), scale)
-            own = _figures(one.structure[name]) * counted(name, np.array(one.std), scale) / unit
-            structure[name] = _at_least(structure[name], own, alone)
+            nearly_all = figures(one.structure[name]) * counted(name, np.array(one.std), scale)
+            known = {
+                kind: figures(its.structure[name]) * counted(name, np.array(its.std), scale)
+                for kind, its in one.kinds.items()
+                if name in its.structure
+            }
+            structure[name] = _at_least(structure[name], _of_rows(values, nearly_all, known) / unit, alone)
+        if ContactOffset.name in structure.keys() - one.structure.keys():
+            # Of one kind, few contacts are held out; on some kinds, contacts scatter more.
+            size = _of_rows(
+                values, np.square(one.std), {kind: np.square(its.std) for kind, its in one.kinds.items()}
+            )
+            more = np.array([np.ones_like(size), MORE * size / np.maximum(np.square(reference.std), 1e-9)])
+            own = structure[ContactOffset.name] * more
+            structure[ContactOffset.name] = _at_least(structure[ContactOffset.name], own, alone)
         for name in one.correlated.keys() & correlated.keys():
-            correlated[name] = _at_least(correlated[name], _figures(one.correlated[name]), alone)
+            known = {
+                kind: figures(its.correlated[name])
+                for kind, its in one.kinds.items()
+                if name in its.correlated
+            }
+            own = _of_rows(values, figures(one.correlated[name]), known)
+            correlated[name] = _at_least(correlated[name], own, alone)
     sources = [reference.structure, *(one.structure for one in here.values())]
-    update: dict[str, object] = {"structure": _of_figures(structure, sources), "one_kind": {}}
+    update: dict[str, object] = {"structure": of_figures(structure, sources), "one_kind": {}}
     if reference.correlated is not None:
         sources = [beside, *(one.correlated for one in here.values())]
         update["correlated"] = reference.correlated.model_copy(
-            update={"structure": _of_figures(correlated, sources)}
+            update={"structure": of_figures(correlated, sources)}
         )
     return reference.model_copy(update=update)
+
+
+def _of_rows(values: Floats, nearly_all: Floats, known: Mapping[str, Floats]) -> Floats:
+    """Figures (…, 21) of the kinds of all rows (n,): those known of a kind, or else of nearly all."""
+    kinds, rows = np.unique(values, return_counts=True)
+    own = [known.get(kind_name(kind), nearly_all) for kind in kinds]
+    return np.asarray(np.average(own, axis=0, weights=rows))
 
 
 def _at_least(several: Floats, one: Floats, alone: float) -> Floats:
@@ -158,10 +194,10 @@ def all_forms(effect: str, sources: Sequence[Mapping[str, OwnStructure]]) -> tup
     return tuple(sorted({name for own in forms for name in own})) if all(forms) else ()
 
 
-def _of_figures(
+def of_figures(
     structure: Mapping[str, Floats], sources: Sequence[Mapping[str, OwnStructure]]
 ) -> dict[str, OwnStructure]:
-    """Figures, with the forms that the structures name from which they are."""
+    """Figures (2, 21) of each effect, with the forms that the structures name from which they are."""
     return {
         name: OwnStructure(
             log_evidence=tuple(odds.tolist()), gain=tuple(gain.tolist()), forms=all_forms(name, sources)
@@ -170,5 +206,6 @@ def _of_figures(
     }
 
 
-def _figures(own: OwnStructure) -> Floats:
+def figures(own: OwnStructure) -> Floats:
+    """(2, 21) log odds and gain."""
     return np.array([own.log_evidence, own.gain])

@@ -8,16 +8,30 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from taxel.channels import CHANNELS
-from taxel.held_out_residual import OwnStructure
+from taxel.held_out_residual import HeldOutResidual, OwnStructure
 from taxel_models.loop.basis import Floats
+from taxel_models.loop.blocks import Blocks, cut
+from taxel_models.loop.effects.offset import Offset
+from taxel_models.loop.effects.registry import candidates
+from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.evidence import Products, held_out, weigh
 from taxel_models.loop.inference.gain_limit import gain_limit
 from taxel_models.loop.inference.score import Score, t_of_folds
-from taxel_models.loop.inference.scoring import Scoring
+from taxel_models.loop.inference.scoring import Progress, Scoring
+from taxel_models.loop.inference.whitening import Bins, NoiseShape
+from taxel_models.loop.observations import Observations
 
 LIKELY: Final = 0.5
 """Forms with this share of the log evidence of an effect's likeliest one count, too."""
 
+KEPT: Final = 0.05
+"""Blocks that the reference leaves out; the inference wants an evaluation part."""
+
+FEWEST_FOR_MEAN: Final = 4
+"""With fewer, blocks of a few seconds tell how far the mean error may lie."""
+
+MEAN: Final = 0.5
+"""The confidence of a limit that is the mean."""
 
 OPEN: Final = 0.99
 """The confidence of the limit up to which few blocks leave open what an effect explains."""
@@ -98,3 +112,51 @@ def own_gain(scoring: Scoring, score: Score, confidence: float = OPEN) -> Floats
     folds = [held_out(products, fitting, every, seen=seen) for seen in (True, False)]
     seen, unseen = (tested.gain * tested.noise for tested in folds)
     return np.asarray(gain_limit(seen, unseen, confidence) * scoring.whitening.scale**2)
+
+
+def own_residual(
+    observations: Observations,
+    constants: Constants,
+    progress: Progress,
+    confidence: float = OPEN,
+) -> HeldOutResidual:
+    """What recordings show of what their model gets wrong.
+
+    Args:
+        progress: is told what is looked at.
+        confidence: as in `structure_of`.
+
+    Raises:
+        RecordingError: there are too few rows.
+    """
+    blocks = cut(observations, seed=0, held_out=KEPT)
+    residual = observations.residual
+    shape = NoiseShape.of(Bins.of(blocks, constants.bin_s), residual, constants.fading_s)
+    found = HeldOutResidual(
+        rows=len(observations),
+        std=tuple(np.sqrt((residual**2).mean(axis=0)).tolist()),
+        shared=tuple(shape.shared.tolist()),
+        fading=tuple(shape.fading.tolist()),
+    )
+    effects = candidates(observations)
+    scoring = Scoring(observations, blocks, effects, found, constants, progress)
+    structure = structure_of(scoring, confidence)
+    if Offset.name in structure:
+        own = structure[Offset.name]
+        gain = np.array(own.gain) + scoring.whitened_constant(_unknown_mean(observations, blocks))
+        structure[Offset.name] = own.model_copy(update={"gain": tuple(gain.tolist())})
+    return found.model_copy(update={"structure": structure})
+
+
+def _unknown_mean(observations: Observations, blocks: Blocks) -> Floats:
+    """(21,) half of the 95 % interval of the mean, counts: what a few contacts leave open.
+
+    A model's mean error is known no better than its held-out contacts tell it, so a smaller offset of
+    another recording is no news.
+    """
+    unit = observations.segment
+    if len(np.unique(unit)) < FEWEST_FOR_MEAN:
+        unit = blocks.of_row
+    means = np.array([observations.residual[unit == one].mean(axis=0) for one in np.unique(unit)])
+    count = len(means)
+    return np.asarray(stats.t.ppf(0.975, count - 1) * means.std(axis=0, ddof=1) / np.sqrt(count))

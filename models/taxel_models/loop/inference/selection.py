@@ -237,6 +237,14 @@ class JointSelection:
             either[taken.name] = () if own is None else self._alike(own, scores)
             place += 1
         shares = self._fit_to_rows()
+        shown = [
+            taken for taken in self._taken if taken.contribution.any() or not taken.effect.is_predictable
+        ]
+        if len(shown) < len(self._taken):
+            # Means of several rows show it, or a channel beside all others, and single rows do not.
+            self._taken = shown
+            self._refit()
+            shares = self._fit_to_rows()
         return faults_in_place(
             [
                 self._finished(taken, either.get(taken.name, ()), share)

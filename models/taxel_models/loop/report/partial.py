@@ -46,7 +46,7 @@ class Partial:
         most = [
             int(channel)
             for channel in np.argsort(-energy)[:_MOST_SHOWN]
-            if energy[channel] > _LEAST_TO_SHOW * energy.max()
+            if energy[channel] >= _LEAST_TO_SHOW * energy.max()
         ]
         return cls(named, rows, before, after, contribution, tuple(most))
 

@@ -7,7 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taxel.held_out_residual import CorrelatedResidual, HeldOutResidual, KindResidual, OwnStructure
+from taxel.held_out_residual import (
+    CorrelatedResidual,
+    HeldOutResidual,
+    KindResidual,
+    KnownKind,
+    OwnStructure,
+)
 from taxel.manifest import Manifest
 from taxel_models.loop.effects.covariate import Covariate
 from taxel_models.loop.inference.kinds import all_forms, of_its_kinds
@@ -50,6 +56,38 @@ def test_one_kind_is_judged_as_such(observations: Observations) -> None:
     # A residual of 4 counts: 2 squared of 16 are the kind's own, 3 squared of 16 are usual of the model.
     assert one.structure["gain"].log_evidence[0] == pytest.approx(0.8 * 4.0 / 9.0, rel=1e-3)
     assert one.one_kind == {}
+
+
+def test_a_kind_that_is_known_by_itself_may_show_what_it_showed(observations: Observations) -> None:
+    kinds = {
+        "7": KnownKind(std=(2.0,) * 21, structure={"gain": own(2.0)}),
+        "9": KnownKind(std=(4.0,) * 21, structure={"gain": own(40.0)}, correlated={"drift": own(9.0)}),
+    }
+    whole = known()
+    material = whole.one_kind["material"].model_copy(
+        update={"kinds": kinds, "correlated": {"drift": own(3.0)}}
+    )
+    beside = CorrelatedResidual(
+        precision=tuple(map(tuple, np.eye(21).tolist())),
+        shared=whole.shared,
+        fading=whole.fading,
+        structure={"drift": own(2.0)},
+    )
+    whole = whole.model_copy(update={"one_kind": {"material": material}, "correlated": beside})
+
+    def judged(*values: float) -> HeldOutResidual:
+        column = {"material": np.resize(np.array(values), len(observations))}
+        return of_its_kinds(whole, replace(observations, covariates=column))
+
+    gains = [judged(kind).structure["gain"].gain[0] for kind in (7.0, 9.0, 5.0)]
+    assert gains == pytest.approx([2.0, 40.0, 8.0], rel=0.01)
+    assert judged(7.0, 9.0).structure["gain"].gain[0] == pytest.approx(1.0 + 20.0 * 0.4 / 0.9, rel=0.01)
+    # Of few contacts of a kind, nobody knows how their offsets scatter: more, the larger its error is.
+    assert judged(9.0).structure["offset:contact"].gain[0] == pytest.approx(
+        2.0 * 3.0 * 16.0 / 9.0, rel=0.01
+    )
+    found = [judged(kind).correlated for kind in (7.0, 9.0)]
+    assert [one.structure["drift"].gain[0] for one in found if one] == pytest.approx([3.0, 9.0])
 
 
 def test_what_one_kind_does_not_show_all_together_do(observations: Observations) -> None:
@@ -114,6 +152,11 @@ def test_a_models_error_on_one_material_is_no_gain_of_the_sensor(smooth: Any, ma
     reference = held_out_residual(smooth, [errs_by_kind(smooth, make, 8, [1.0, 2.0, 3.0])])
     assert reference is not None
     assert set(reference.one_kind) == {"material"}
+    kinds = reference.one_kind["material"].kinds
+    gains = {kind: sum(own.structure["gain"].gain) for kind, own in kinds.items()}
+    assert set(gains) == {"1", "2", "3"}
+    # The model is right on the third.
+    assert gains["3"] < 0.1 * min(gains["1"], gains["2"])
     manifest = smooth.manifest.model_copy(update={"held_out_residual": reference})
     assert Manifest.model_validate_json(manifest.model_dump_json()) == manifest
 

@@ -1,0 +1,150 @@
+"""What a model gets wrong on one kind alone, such as one of several materials."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Final, Self
+
+import numpy as np
+
+from taxel.errors import RecordingError
+from taxel.held_out_residual import CorrelatedResidual, KindResidual, KnownKind, OwnStructure
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.blocks import cut
+from taxel_models.loop.inference.constants import Constants
+from taxel_models.loop.inference.correlated_reference import correlated_structure
+from taxel_models.loop.inference.kinds import MORE, figures, herfindahl, kind_name, of_figures
+from taxel_models.loop.inference.own_structure import KEPT, MEAN, own_residual
+from taxel_models.loop.inference.scoring import Progress, silent
+from taxel_models.loop.observations import Observations
+
+FEWEST_ROWS: Final = 500
+"""5 s, to tell how large the error on a kind is."""
+
+FEWEST_ROWS_OF_STRUCTURE: Final = 1000
+"""10 s, to tell what effects explain of it."""
+
+FEWEST_KINDS: Final = 3
+"""To tell how far kinds differ."""
+
+DEVIATIONS: Final = 2.0
+"""Standard deviations above the mean over kinds: what nearly all kinds stay below."""
+
+DIGITS: Final = 3
+"""Significant ones that a manifest keeps of each kind."""
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """What one kind shows: each effect by itself, and beside what all channels have in common."""
+
+    structure: Mapping[str, OwnStructure]
+    correlated: Mapping[str, OwnStructure]
+
+    @classmethod
+    def by(
+        cls,
+        observations: Observations,
+        correlated: CorrelatedResidual | None,
+        constants: Constants,
+    ) -> Self:
+        """The rows of a kind.
+
+        Raises:
+            RecordingError: they are too few.
+        """
+        structure = own_residual(observations, constants, silent, MEAN).structure
+        if correlated is None:
+            return cls(structure, {})
+        blocks = cut(observations, seed=0, held_out=KEPT)
+        return cls(structure, correlated_structure(observations, blocks, correlated, constants, MEAN))
+
+
+def residual_of_one_kind(
+    observations: Observations,
+    column: str,
+    correlated: CorrelatedResidual | None,
+    constants: Constants,
+    progress: Progress,
+) -> KindResidual | None:
+    """Of a recording of one value of a column; None where fewer than three values have enough rows.
+
+    Of a value that has none, all values together say how much it may show.
+    """
+    values = observations.covariates[column]
+    std: dict[str, Floats] = {}
+    mean: dict[str, _Shown] = {}
+    kinds, rows = np.unique(values, return_counts=True)
+    for kind in kinds[rows >= FEWEST_ROWS]:
+        name = kind_name(kind)
+        progress(f"{column} {name}")
+        part = observations.kept(values == kind)
+        std[name] = np.sqrt((part.residual**2).mean(axis=0))
+        if len(part) >= FEWEST_ROWS_OF_STRUCTURE:
+            with suppress(RecordingError):
+                mean[name] = _Shown.by(part, correlated, constants)
+    if len(mean) < FEWEST_KINDS:
+        return None
+    structures = [one.structure for one in mean.values()]
+    beside = [one.correlated for one in mean.values()]
+    parts = [_figures_of(one.structure, std[name]) for name, one in mean.items()]
+    known = {}
+    for name, own_std in std.items():
+        own = mean.get(name, _Shown({}, {}))
+        may = _may_show(parts, _figures_of(own.structure, own_std))
+        counts = {effect: found * _squared_counts(own_std) for effect, found in may.items()}
+        correlated_may = _may_show([_figures_of(one) for one in beside], _figures_of(own.correlated))
+        known[name] = KnownKind(
+            std=tuple(own_std.tolist()),
+            structure=of_figures(_rounded(counts), structures),
+            correlated=of_figures(_rounded(correlated_may), beside),
+        )
+    return KindResidual(
+        std=tuple(np.sqrt(np.mean([std[name] ** 2 for name in mean], axis=0)).tolist()),
+        structure=of_figures(_may_show([_figures_of(one) for one in structures]), structures),
+        herfindahl=herfindahl(values),
+        correlated=of_figures(_may_show([_figures_of(one) for one in beside]), beside),
+        kinds=known,
+    )
+
+
+def _figures_of(structure: Mapping[str, OwnStructure], std: Floats | None = None) -> dict[str, Floats]:
+    """(2, 21) log odds and gain of each effect; with a residual's size, gains as parts of its square."""
+    unit = 1.0 if std is None else _squared_counts(std)
+    return {name: figures(own) / unit for name, own in structure.items()}
+
+
+def _squared_counts(std: Floats) -> Floats:
+    """(2, 21) what parts of a squared error are multiplied by; log odds stay."""
+    return np.array([np.ones_like(std), np.maximum(std**2, 1e-9)])
+
+
+def _may_show(
+    kinds: Sequence[Mapping[str, Floats]], own: Mapping[str, Floats] | None = None
+) -> dict[str, Floats]:
+    """What a kind may show: twice its own figures, at least the mean; without them, what nearly all may.
+
+    Args:
+        kinds: figures of each kind.
+        own: those that the kind has.
+    """
+    may = {}
+    for name in sorted({name for one in kinds for name in one}):
+        found = np.array([one[name] for one in kinds if name in one])
+        if len(found) < FEWEST_KINDS:
+            continue
+        mean = found.mean(axis=0)
+        may[name] = (
+            np.maximum(MORE * own[name], mean)
+            if own and name in own
+            else mean + DEVIATIONS * found.std(axis=0, ddof=1)
+        )
+    return may
+
+
+def _rounded(structure: Mapping[str, Floats]) -> dict[str, Floats]:
+    """With so many digits as a manifest keeps."""
+    return {
+        name: np.array([[float(f"{value:.{DIGITS}g}") for value in row] for row in found])
+        for name, found in structure.items()
+    }
