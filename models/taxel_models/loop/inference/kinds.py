@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
-from taxel.held_out_residual import HeldOutResidual, OwnStructure
+from taxel.held_out_residual import HeldOutResidual, KindResidual, OwnStructure
 from taxel.manifest import Manifest
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.covariate import Covariate
@@ -143,28 +143,19 @@ def _of_known_kinds(reference: HeldOutResidual, observations: Observations) -> H
         alone = max(few, 0.0) / (1.0 - one.herfindahl)
         for name in one.structure.keys() & structure.keys():
             unit = counted(name, np.array(reference.std), scale)
-            nearly_all = figures(one.structure[name]) * counted(name, np.array(one.std), scale)
-            known = {
-                kind: figures(its.structure[name]) * counted(name, np.array(its.std), scale)
-                for kind, its in one.kinds.items()
-                if name in its.structure
-            }
-            structure[name] = _at_least(structure[name], _of_rows(values, nearly_all, known) / unit, alone)
+            own = _of_rows(one, values, name, scale) / unit
+            structure[name] = _at_least(structure[name], own, alone)
         if ContactOffset.name in structure.keys() - one.structure.keys():
             # Of one kind, few contacts are held out; on some kinds, contacts scatter more.
-            size = _of_rows(
-                values, np.square(one.std), {kind: np.square(its.std) for kind, its in one.kinds.items()}
+            kinds, rows = np.unique(values, return_counts=True)
+            size = np.average(
+                [np.square(one.kinds.get(kind_name(kind), one).std) for kind in kinds], axis=0, weights=rows
             )
             more = np.array([np.ones_like(size), MORE * size / np.maximum(np.square(reference.std), 1e-9)])
             own = structure[ContactOffset.name] * more
             structure[ContactOffset.name] = _at_least(structure[ContactOffset.name], own, alone)
         for name in one.correlated.keys() & correlated.keys():
-            known = {
-                kind: figures(its.correlated[name])
-                for kind, its in one.kinds.items()
-                if name in its.correlated
-            }
-            own = _of_rows(values, figures(one.correlated[name]), known)
+            own = _of_rows(one, values, name)
             correlated[name] = _at_least(correlated[name], own, alone)
     sources = [reference.structure, *(one.structure for one in here.values())]
     update: dict[str, object] = {"structure": of_figures(structure, sources), "one_kind": {}}
@@ -176,10 +167,22 @@ def _of_known_kinds(reference: HeldOutResidual, observations: Observations) -> H
     return reference.model_copy(update=update)
 
 
-def _of_rows(values: Floats, nearly_all: Floats, known: Mapping[str, Floats]) -> Floats:
-    """Figures (…, 21) of the kinds of all rows (n,): those known of a kind, or else of nearly all."""
+def _of_rows(one: KindResidual, values: Floats, name: str, scale: Floats | None = None) -> Floats:
+    """(2, 21) figures of an effect for the kinds of all rows (n,): those known of each, or of nearly all.
+
+    Args:
+        scale: (21,) of the residual, counts; without it, the figures are those beside all channels.
+    """
     kinds, rows = np.unique(values, return_counts=True)
-    own = [known.get(kind_name(kind), nearly_all) for kind in kinds]
+    own = []
+    for kind in kinds:
+        known = one.kinds.get(kind_name(kind))
+        beside = scale is None
+        its = (
+            one if known is None or name not in (known.correlated if beside else known.structure) else known
+        )
+        found = figures((its.correlated if beside else its.structure)[name])
+        own.append(found if scale is None else found * counted(name, np.array(its.std), scale))
     return np.asarray(np.average(own, axis=0, weights=rows))
 
 
