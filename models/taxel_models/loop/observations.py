@@ -22,9 +22,6 @@ from taxel_models.recordings import Recording
 FEWEST_CONTACTS: Final = 8
 """To tell how far offsets of contacts scatter."""
 
-LASTING: Final = 0.25
-"""Of a session: one contact of this length shows by itself what changes with time."""
-
 AIR_TICKS: Final = 10
 """Air between two touches, 0.1 s."""
 
@@ -179,14 +176,6 @@ class Observations:
         # A touch after less air than this goes on: a force near the threshold begins no contact.
         calm = ~pressed[self.rows_before(AIR_TICKS)] & ~pressed[self.rows_before(1)]
         return np.asarray(np.cumsum(begins | (pressed & calm)) - 1)
-
-    @cached_property
-    def tells_time(self) -> bool:
-        """Whether a change with time can be told from contacts that differ: by many, or by a long one."""
-        contacts, first = np.unique(self.contact, return_index=True)
-        last = np.append(first[1:], len(self)) - 1
-        longest_s = (self.time_s[last] - self.time_s[first]).max()
-        return len(contacts) >= FEWEST_CONTACTS or bool(longest_s > LASTING * np.ptp(self.time_s))
 
     @cached_property
     def usual_segment_s(self) -> float:

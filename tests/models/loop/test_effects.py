@@ -12,7 +12,6 @@ from taxel.channels import CHANNELS
 from taxel.corrections import Correction
 from taxel.windows import WindowSpec
 from taxel_models.loop.effects.crosstalk import Crosstalk
-from taxel_models.loop.effects.drift import Drift
 from taxel_models.loop.effects.effect import Remaining
 from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.effects.registry import NAMES
@@ -235,20 +234,6 @@ def test_a_finger_that_warms_up_drifts_along_an_exponential(
     assert figure.unit == unit
     assert figure.value == pytest.approx(20.0, rel=0.25)
     np.testing.assert_allclose(served(smooth, case), case.result.after, atol=0.02)
-
-
-def test_a_few_short_contacts_tell_no_drift_from_offsets(smooth: Any, make: Make) -> None:
-    recording = make(8_000)
-    time_ns = recording.samples.time_ns.copy()
-    # Presses of 10 s, a minute apart.
-    time_ns += (np.arange(len(time_ns)) // 1_000) * 60 * 10**9
-    pressed = np.tile([0.0, 0.0, -3.0], (len(time_ns), 1))
-    samples = replace(recording.samples, time_ns=time_ns, force=pressed)
-    apart = gather(smooth, [replace(recording, samples=samples)])
-    assert Drift().out_of_scope(apart) is None
-    few = apart.kept(apart.segment < 4)
-    assert "4 short contacts do not tell a drift from offsets" in str(Drift().out_of_scope(few))
-    assert Drift().out_of_scope(apart.kept(apart.segment == 0)) is None
 
 
 def test_a_delay_of_half_a_tick_is_named_and_not_served(smooth: Any, make: Make) -> None:

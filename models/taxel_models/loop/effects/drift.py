@@ -11,7 +11,7 @@ from taxel.channels import CHANNELS
 from taxel.windows import PERIOD_NS
 from taxel_models.loop.basis import Floats, Shared
 from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, elapsed, evenly_filled, weighted
-from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
+from taxel_models.loop.observations import Observations
 
 PIECES: Final = 6
 """The straight pieces of a drift that is not a line: enough for one rise or one swing over a session."""
@@ -47,15 +47,6 @@ class Drift(Effect):
     equation = "delta_c = sum_k w_ck clip(t, t_k, t_k+1)"
     source = "warm-up of an idle finger: one exponential of 220 to 270 s (LASA recordings)"
     signature = "the residual moves with the clock, in free air as in contact, and follows no temperature"
-
-    @override
-    def out_of_scope(self, observations: Observations) -> str | None:
-        if observations.tells_time:
-            return None
-        return (
-            f"{len(np.unique(observations.contact))} short contacts do not tell a drift from offsets that "
-            f"differ between them: expected {FEWEST_CONTACTS}"
-        )
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:

@@ -51,7 +51,7 @@ class Gain(Effect):
                 weight_unit="relative",
             )
         span = float(observations.time_s.max())
-        if span > AGEING_S and observations.tells_time:
+        if span > AGEING_S:
             for pieces in (1, PIECES):
                 ageing = elapsed(observations, evenly_filled(observations, pieces))
                 for alike in (True, False):

@@ -1,8 +1,8 @@
 """What a model gets wrong on one kind alone, such as one of several materials."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Self
 
 import numpy as np
@@ -11,12 +11,13 @@ from taxel.errors import RecordingError
 from taxel.held_out_residual import CorrelatedResidual, KindResidual, KnownKind, OwnStructure
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import cut
+from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.correlated_reference import correlated_structure
 from taxel_models.loop.inference.kinds import MORE, figures, herfindahl, kind_name, of_figures
 from taxel_models.loop.inference.own_structure import KEPT, MEAN, own_residual
 from taxel_models.loop.inference.scoring import Progress, silent
-from taxel_models.loop.observations import Observations
+from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
 
 FEWEST_ROWS: Final = 500
 """5 s, to tell how large the error on a kind is."""
@@ -59,6 +60,14 @@ class _Shown:
         blocks = cut(observations, seed=0, held_out=KEPT)
         return cls(structure, correlated_structure(observations, blocks, correlated, constants, MEAN))
 
+    def without(self, effects: Collection[str]) -> Self:
+        """The same without some effects."""
+        structure, correlated = (
+            {name: own for name, own in found.items() if name not in effects}
+            for found in (self.structure, self.correlated)
+        )
+        return replace(self, structure=structure, correlated=correlated)
+
 
 def residual_of_one_kind(
     observations: Observations,
@@ -74,6 +83,7 @@ def residual_of_one_kind(
     values = observations.covariates[column]
     std: dict[str, Floats] = {}
     mean: dict[str, _Shown] = {}
+    few: set[str] = set()
     kinds, rows = np.unique(values, return_counts=True)
     for kind in kinds[rows >= FEWEST_ROWS]:
         name = kind_name(kind)
@@ -83,14 +93,18 @@ def residual_of_one_kind(
         if len(part) >= FEWEST_ROWS_OF_STRUCTURE:
             with suppress(RecordingError):
                 mean[name] = _Shown.by(part, correlated, constants)
+                if len(np.unique(part.contact)) < FEWEST_CONTACTS:
+                    few.add(name)
     if len(mean) < FEWEST_KINDS:
         return None
     structures = [one.structure for one in mean.values()]
     beside = [one.correlated for one in mean.values()]
     parts = [_figures_of(one.structure, std[name]) for name, one in mean.items()]
+    # What differs from contact to contact, a few contacts do not tell.
+    steady = [effect.label for effect in candidates(observations) if effect.is_steady]
     known = {}
     for name, own_std in std.items():
-        own = mean.get(name, _Shown({}, {}))
+        own = mean.get(name, _Shown({}, {})).without(steady if name in few else ())
         may = _may_show(parts, _figures_of(own.structure, own_std))
         counts = {effect: found * _squared_counts(own_std) for effect, found in may.items()}
         correlated_may = _may_show([_figures_of(one) for one in beside], _figures_of(own.correlated))
