@@ -243,6 +243,13 @@ def test_partial_residuals_differ_by_the_contribution(result: LoopResult) -> Non
     assert shrunk[list(offset.channels)].all()
 
 
+def test_an_effect_that_changes_nothing_here_has_a_picture(result: LoopResult, tmp_path: Path) -> None:
+    named = next(one for one in result.attribution.named if one.name == "drift")
+    partial = Partial.of(result, replace(named, contribution=np.zeros_like(named.contribution)))
+    assert len(partial.channels) == 4
+    assert draw_effect(result, partial, tmp_path / "drift.png")
+
+
 @pytest.mark.parametrize(
     "name", [*(name for name in NAMES if name != "interference"), "covariate:material"]
 )

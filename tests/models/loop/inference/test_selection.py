@@ -176,6 +176,29 @@ def test_a_drift_inside_kinds_of_a_covariate_is_no_covariate(smooth: Any, make: 
     assert names(attributed(smooth, injection.recording, exclude=("temperature",)))[0] == "drift"
 
 
+def test_what_single_rows_show_nothing_of_is_not_named(
+    smooth: Any, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    injection = into(make)
+    for effect in ("offset", "gain"):
+        inject(injection, effect, 1.0)
+    assert {"offset", "gain"} <= set(names(attributed(smooth, injection.recording)))
+    fit_to_rows = JointSelection._fit_to_rows
+
+    def of_no_gain(selection: JointSelection) -> list[np.ndarray]:
+        shares = fit_to_rows(selection)
+        selection._taken = [
+            replace(one, contribution=0.0 * one.contribution) if one.name == "gain" else one
+            for one in selection._taken
+        ]
+        return shares
+
+    monkeypatch.setattr(JointSelection, "_fit_to_rows", of_no_gain)
+    found = names(attributed(smooth, injection.recording))
+    assert "offset" in found
+    assert "gain" not in found
+
+
 def test_kinds_are_told_from_time(smooth: Any, make: Make) -> None:
     injection = into(make, 9_000)
     kinds = injection.recording.covariates["material"].astype(int)
