@@ -28,10 +28,10 @@ STRAIGHT: Final = 8
 """The straight pieces that an exponential is served as."""
 
 RECORDED: Final = 16
-"""Likewise, of a drift while recording: so many, each with as many rows, and one for each long pause."""
+"""The straight pieces of a course in recorded time, with as many rows in each; pauses have their own."""
 
 LONG_PAUSE: Final = 0.05
-"""Of a session: a pause in which a drift would go so far, if it did not wait for recording."""
+"""The least share of a session that counts as a pause: a drift by the clock goes on in it."""
 
 
 class Drift(Effect):
