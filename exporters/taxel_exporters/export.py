@@ -15,7 +15,7 @@ from taxel_exporters.parity import check_parity
 from taxel_exporters.publish import free_version, publish
 from taxel_exporters.rounding import check_rounding
 from taxel_exporters.weights import Weights
-from taxel_models.loop.inference.reference import held_out_residual
+from taxel_models.loop.reference.held_out import held_out_residual
 from taxel_models.training import trained as trained_models
 from taxel_models.training.dataset import Examples, concatenate, examples
 from taxel_models.training.trained import TrainedModel

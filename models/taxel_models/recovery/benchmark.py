@@ -12,7 +12,7 @@ from taxel.held_out_residual import HeldOutResidual
 from taxel_models.evaluation.metrics import ErrorMetrics
 from taxel_models.ground.ground import Clean, Ground, predicted
 from taxel_models.loop.inference.constants import DECLARED, Constants
-from taxel_models.loop.inference.reference import held_out_residual
+from taxel_models.loop.reference.held_out import held_out_residual
 from taxel_models.recovery.injected import Draw, Injected, inject_drawn
 from taxel_models.recovery.naming import Naming, name_causes
 from taxel_models.recovery.rounds import NONE, UNEXPLAINED, Round

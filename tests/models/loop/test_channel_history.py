@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.channel_history import SensitivityChange, sensitivity_changes, usual_changes
-from taxel_models.loop.inference.reference import held_out_residual
 from taxel_models.loop.observations import gather
 from taxel_models.loop.pipeline import LoopSettings, run_loop
+from taxel_models.loop.reference.held_out import held_out_residual
 from taxel_models.recordings import Recording
 
 Make = Callable[..., Recording]

@@ -29,7 +29,6 @@ from taxel_models.loop.inference.evidence import (
     weigh,
 )
 from taxel_models.loop.inference.few_channels_form import TOGETHER, ChannelForms, FewChannelsForm
-from taxel_models.loop.inference.precision import root_of
 from taxel_models.loop.inference.score import Score
 from taxel_models.loop.inference.whitening import ROUNDING, Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations
@@ -280,6 +279,13 @@ class CorrelatedChannels:
         known = self._known.structure.get(label)
         gain = np.zeros(len(CHANNELS)) if known is None else np.array(known.gain)
         return Price(np.log(max(choices, 1)) + self._usual_odds(label), gain)
+
+
+def root_of(precision: Floats) -> Floats:
+    """(21, 21) symmetric root of a precision, in units of each channel's size (Kessy et al. 2018)."""
+    size = 1.0 / np.sqrt(np.diag(precision))
+    values, vectors = np.linalg.eigh(precision * np.outer(size, size))
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T / size)
 
 
 def _of_each_channel(effect: Effect, seen: Observations, remaining: Remaining) -> list[Candidate]:

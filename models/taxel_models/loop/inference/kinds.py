@@ -1,7 +1,8 @@
 """Kinds: a model errs in its own way on each material, and a recording may have few of them."""
 
 from collections.abc import Mapping, Sequence
-from typing import Final
+from dataclasses import dataclass
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,24 +140,21 @@ def _of_known_kinds(reference: HeldOutResidual, observations: Observations) -> H
             ]
             structure[covariate] = np.sum(alike, axis=0) if alike else np.zeros((2, len(CHANNELS)))
         values = observations.covariates[column]
+        rows = _Rows.of(one, values)
         few = herfindahl(values) - one.herfindahl
         alone = max(few, 0.0) / (1.0 - one.herfindahl)
         for name in one.structure.keys() & structure.keys():
             unit = counted(name, np.array(reference.std), scale)
-            own = _of_rows(one, values, name, scale) / unit
+            own = rows.figures_of(name, scale) / unit
             structure[name] = _at_least(structure[name], own, alone)
         if ContactOffset.name in structure.keys() - one.structure.keys():
             # Of one kind, few contacts are held out; on some kinds, contacts scatter more.
-            kinds, rows = np.unique(values, return_counts=True)
-            size = np.average(
-                [np.square(one.kinds.get(kind_name(kind), one).std) for kind in kinds], axis=0, weights=rows
-            )
+            size = rows.energy()
             more = np.array([np.ones_like(size), MORE * size / np.maximum(np.square(reference.std), 1e-9)])
             own = structure[ContactOffset.name] * more
             structure[ContactOffset.name] = _at_least(structure[ContactOffset.name], own, alone)
         for name in one.correlated.keys() & correlated.keys():
-            own = _of_rows(one, values, name)
-            correlated[name] = _at_least(correlated[name], own, alone)
+            correlated[name] = _at_least(correlated[name], rows.correlated_figures_of(name), alone)
     sources = [reference.structure, *(one.structure for one in here.values())]
     update: dict[str, object] = {"structure": of_figures(structure, sources), "one_kind": {}}
     if reference.correlated is not None:
@@ -167,23 +165,48 @@ def _of_known_kinds(reference: HeldOutResidual, observations: Observations) -> H
     return reference.model_copy(update=update)
 
 
-def _of_rows(one: KindResidual, values: Floats, name: str, scale: Floats | None = None) -> Floats:
-    """(2, 21) figures of an effect for the kinds of all rows (n,): those known of each, or of nearly all.
+@dataclass(frozen=True)
+class _Rows:
+    """The kinds of a recording's rows.
 
-    Args:
-        scale: (21,) of the residual, counts; without it, the figures are those beside all channels.
+    Attributes:
+        one: what is known of one kind, and of each.
+        kinds: their names.
+        rows: (kinds,) how many each has.
     """
-    kinds, rows = np.unique(values, return_counts=True)
-    own = []
-    for kind in kinds:
-        known = one.kinds.get(kind_name(kind))
-        beside = scale is None
-        its = (
-            one if known is None or name not in (known.correlated if beside else known.structure) else known
-        )
-        found = figures((its.correlated if beside else its.structure)[name])
-        own.append(found if scale is None else found * counted(name, np.array(its.std), scale))
-    return np.asarray(np.average(own, axis=0, weights=rows))
+
+    one: KindResidual
+    kinds: tuple[str, ...]
+    rows: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, one: KindResidual, values: Floats) -> Self:
+        """Of a column (n,)."""
+        kinds, rows = np.unique(values, return_counts=True)
+        return cls(one, tuple(kind_name(kind) for kind in kinds), rows)
+
+    def energy(self) -> Floats:
+        """(21,) mean square of the model's error on these kinds, counts²."""
+        own = [np.square(self.one.kinds.get(kind, self.one).std) for kind in self.kinds]
+        return np.asarray(np.average(own, axis=0, weights=self.rows))
+
+    def figures_of(self, name: str, scale: Floats) -> Floats:
+        """(2, 21) of an effect, as far as they count where the residual has a scale (21,), counts."""
+        own = []
+        for kind in self.kinds:
+            known = self.one.kinds.get(kind)
+            its = self.one if known is None or name not in known.structure else known
+            own.append(figures(its.structure[name]) * counted(name, np.array(its.std), scale))
+        return np.asarray(np.average(own, axis=0, weights=self.rows))
+
+    def correlated_figures_of(self, name: str) -> Floats:
+        """(2, 21) of an effect, beside all channels."""
+        own = []
+        for kind in self.kinds:
+            known = self.one.kinds.get(kind)
+            its = self.one if known is None or name not in known.correlated else known
+            own.append(figures(its.correlated[name]))
+        return np.asarray(np.average(own, axis=0, weights=self.rows))
 
 
 def _at_least(several: Floats, one: Floats, alone: float) -> Floats:

@@ -10,9 +10,9 @@ from scipy import stats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.inference import contact_offset
 from taxel_models.loop.inference.constants import DECLARED
-from taxel_models.loop.inference.reference import held_out_residual
 from taxel_models.loop.observations import Observations, gather
 from taxel_models.loop.pipeline import LoopSettings, run_loop
+from taxel_models.loop.reference.held_out import held_out_residual
 
 CONTACTS, LENGTH = 24, 300
 ROWS = CONTACTS * LENGTH

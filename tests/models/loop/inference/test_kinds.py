@@ -17,10 +17,10 @@ from taxel.held_out_residual import (
 from taxel.manifest import Manifest
 from taxel_models.loop.effects.covariate import Covariate
 from taxel_models.loop.inference.kinds import all_forms, of_its_kinds
-from taxel_models.loop.inference.reference import held_out_residual
-from taxel_models.loop.inference.stand_ins import without_their_kind
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.pipeline import LoopSettings, run_loop
+from taxel_models.loop.reference.held_out import held_out_residual
+from taxel_models.loop.reference.stand_ins import without_their_kind
 from taxel_models.loop.report.wording import opening
 from taxel_models.model import Model
 from taxel_models.recordings import Recording

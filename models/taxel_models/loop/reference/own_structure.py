@@ -15,11 +15,11 @@ from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.evidence import Products, held_out, weigh
-from taxel_models.loop.inference.gain_limit import gain_limit
 from taxel_models.loop.inference.score import Score, t_of_folds
 from taxel_models.loop.inference.scoring import Progress, Scoring
 from taxel_models.loop.inference.whitening import Bins, NoiseShape
 from taxel_models.loop.observations import Observations
+from taxel_models.loop.reference.gain_limit import gain_limit
 
 LIKELY: Final = 0.5
 """Forms with this share of the log evidence of an effect's likeliest one count, too."""

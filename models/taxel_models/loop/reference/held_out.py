@@ -11,13 +11,13 @@ from taxel_models.loop.blocks import cut
 from taxel_models.loop.channel_history import usual_changes
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.contact_offset import FEWEST_FOR_SCATTER, ContactOffset
-from taxel_models.loop.inference.correlated_reference import correlated_residual
-from taxel_models.loop.inference.kind_reference import residual_of_one_kind
 from taxel_models.loop.inference.kinds import kind_columns, trained_kinds
-from taxel_models.loop.inference.own_structure import KEPT, own_residual
 from taxel_models.loop.inference.scoring import Progress, silent
-from taxel_models.loop.inference.stand_ins import without_their_kind
 from taxel_models.loop.observations import Observations, gather
+from taxel_models.loop.reference.correlated import correlated_residual
+from taxel_models.loop.reference.one_kind import residual_of_one_kind
+from taxel_models.loop.reference.own_structure import KEPT, own_residual
+from taxel_models.loop.reference.stand_ins import without_their_kind
 from taxel_models.model import Model
 from taxel_models.recordings import Recording
 

@@ -14,17 +14,17 @@ from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
 from taxel_models.loop.inference.evidence import Products, held_out, weigh
 from taxel_models.loop.inference.few_channels_form import TOGETHER
-from taxel_models.loop.inference.gain_limit import gain_limit
-from taxel_models.loop.inference.own_structure import OPEN
-from taxel_models.loop.inference.precision import (
+from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
+from taxel_models.loop.observations import Observations
+from taxel_models.loop.reference.gain_limit import gain_limit
+from taxel_models.loop.reference.own_structure import OPEN
+from taxel_models.loop.reference.precision import (
     FEWEST_PARTS,
     likeliest_own_noise,
     parts_of,
     precision_of,
     without_itself,
 )
-from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
-from taxel_models.loop.observations import Observations
 
 
 def correlated_residual(

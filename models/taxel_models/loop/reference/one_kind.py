@@ -13,11 +13,11 @@ from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import Constants
-from taxel_models.loop.inference.correlated_reference import correlated_structure
 from taxel_models.loop.inference.kinds import MORE, figures, herfindahl, kind_name, of_figures
-from taxel_models.loop.inference.own_structure import KEPT, MEAN, own_residual
 from taxel_models.loop.inference.scoring import Progress, silent
 from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
+from taxel_models.loop.reference.correlated import correlated_structure
+from taxel_models.loop.reference.own_structure import KEPT, MEAN, own_residual
 
 FEWEST_ROWS: Final = 500
 """5 s, to tell how large the error on a kind is."""

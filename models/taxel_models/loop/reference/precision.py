@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel_models.loop.basis import Floats
+from taxel_models.loop.inference.correlated_channels import root_of
 
 OWN_NOISE: Final = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
 """Shares of its variance that are added to each channel's, so that a covariance of few contacts is not
@@ -55,13 +56,6 @@ def parts_of(unit: NDArray[np.int64], seed: int = 0) -> list[NDArray[np.bool_]]:
     own = np.unique(unit)
     order = np.random.default_rng(seed).permutation(own)
     return [np.isin(unit, part) for part in np.array_split(order, min(PARTS, len(own)))]
-
-
-def root_of(precision: Floats) -> Floats:
-    """(21, 21) symmetric root of a precision, in units of each channel's size (Kessy et al. 2018)."""
-    size = 1.0 / np.sqrt(np.diag(precision))
-    values, vectors = np.linalg.eigh(precision * np.outer(size, size))
-    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T / size)
 
 
 def without_itself(

@@ -16,11 +16,11 @@ from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.hysteresis import Hysteresis
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.inference.constants import DECLARED
-from taxel_models.loop.inference.own_structure import ONE_ERROR, own_gain
-from taxel_models.loop.inference.reference import KEPT, held_out_residual
 from taxel_models.loop.inference.scoring import Scoring
 from taxel_models.loop.observations import gather
 from taxel_models.loop.pipeline import LoopSettings, run_loop
+from taxel_models.loop.reference.held_out import KEPT, held_out_residual
+from taxel_models.loop.reference.own_structure import ONE_ERROR, own_gain
 from taxel_models.loop.report.wording import anyway
 from taxel_models.recordings import Recording
 from taxel_models.recovery.injection import Injection

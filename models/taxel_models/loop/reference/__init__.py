@@ -1,0 +1,1 @@
+"""The reference: a model's own held-out residual, which says what the model gets wrong anyway."""
