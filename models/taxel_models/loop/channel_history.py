@@ -1,8 +1,11 @@
-"""The history of each channel: whether its sensitivity changed over the session, and when.
+"""The history of each channel: whether its sensitivity or its reading changed over the session, and when.
 
 A block's sensitivity is the slope of the measured counts over the predicted ones, both about their means:
 what is added to a channel for longer than a block, such as by a drift, is no sensitivity. The block at
 which it changed is the one that leaves the least squares (Page 1955); a line in time is the other choice.
+
+Where all contacts press alike, counts hardly move inside a block, and no slope can be had. What the channel
+reads there, less its prediction, still tells that it changed.
 """
 
 from collections.abc import Iterator
@@ -13,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS, COUNTS_MAX
+from taxel.held_out_residual import HeldOutResidual
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.observations import Observations
@@ -42,6 +46,15 @@ its range, not its sensitivity."""
 FEWEST: Final = 5
 """Blocks on each side of a change."""
 
+LEAST_READING: Final = 2.0
+"""The least change of a reading, over the error that is usual of the channel."""
+
+PRESSED: Final = 0.3
+"""A block with a smaller share of the usual signal tells nothing of the reading under load."""
+
+MOST_CHANNELS: Final = 5
+"""If the readings of more channels changed, a cause that all have did it."""
+
 
 @dataclass(frozen=True)
 class SensitivityChange:
@@ -67,6 +80,59 @@ class SensitivityChange:
         return f"{self.channel} {change} {when}."
 
 
+@dataclass(frozen=True)
+class ReadingChange:
+    """A channel that reads something else than at first in the same contacts, whatever changed in it.
+
+    Attributes:
+        channel: its name.
+        counts: the last difference from the prediction less the first.
+        since_s: when it changed, s of the session; None where it changed all the time.
+    """
+
+    channel: str
+    counts: float
+    since_s: float | None
+
+    def sentence(self) -> str:
+        """For people."""
+        much = f"{abs(self.counts):.0f} counts {'less' if self.counts < 0 else 'more'}"
+        if self.since_s is None:
+            much = f"{much} at the end of this session than at its start"
+            return f"{self.channel} reads {much}, in the same contacts."
+        return f"{self.channel} reads {much} from {self.since_s:.0f} s on, in the same contacts."
+
+
+def changed_channels(
+    observations: Observations,
+    blocks: Blocks,
+    explained: Floats,
+    reference: HeldOutResidual | None,
+    known: NDArray[np.bool_] | None = None,
+) -> tuple[str, ...]:
+    """A sentence for each channel whose sensitivity changed, or else whose reading did.
+
+    Args:
+        explained: (n, 21) what named effects other than gains add, counts.
+        reference: the model's own held-out residual; None if it is not known.
+        known: (n,) rows to look at, all of them by default. On a material that the model was not trained
+            on, neither says anything of the channel.
+    """
+    usual, error = np.ones(len(CHANNELS)), observations.residual.std(axis=0)
+    if reference is not None:
+        error = np.array(reference.std)
+        if reference.sensitivity_change is not None:
+            usual = np.array(reference.sensitivity_change)
+    sensitivities = list(sensitivity_changes(observations, blocks, explained, usual, known))
+    told = {change.channel for change in sensitivities}
+    readings = [
+        change
+        for change in reading_changes(observations, blocks, explained, error, known)
+        if change.channel not in told
+    ]
+    return (*(change.sentence() for change in sensitivities), *(change.sentence() for change in readings))
+
+
 def sensitivity_changes(
     observations: Observations,
     blocks: Blocks,
@@ -79,8 +145,7 @@ def sensitivity_changes(
     Args:
         explained: (n, 21) what named effects other than gains add, counts.
         usual: (21,) as from `usual_changes`.
-        known: (n,) rows to look at, all of them by default. On a material that the model was not trained
-            on, a slope says nothing of the channel.
+        known: as in `changed_channels`.
     """
     for channel, found, follows in _largest_changes(observations, blocks, explained, known):
         clear = found.part >= LEAST_CHANGE and found.t >= LEAST_T
@@ -92,6 +157,40 @@ def sensitivity_changes(
         beyond = factor * (1.0 - LEAST_CHANGE) >= usual[channel]
         if clear and real and beyond and np.quantile(follows, quantile) >= FOLLOWS:
             yield SensitivityChange(CHANNELS[channel], found.kept, found.since_s)
+
+
+def reading_changes(
+    observations: Observations,
+    blocks: Blocks,
+    explained: Floats,
+    usual_error: Floats,
+    known: NDArray[np.bool_] | None = None,
+) -> list[ReadingChange]:
+    """A few channels that read clearly something else than at first; none where it is many.
+
+    Args:
+        explained: (n, 21) what named effects other than gains add, counts.
+        usual_error: (21,) standard deviation of what the model gets wrong anyway, counts.
+        known: as in `changed_channels`.
+    """
+    rows = _rows_of_blocks(blocks, known)
+    if len(rows) < 2 * FEWEST:
+        return []
+    time = np.array([observations.time_s[some].mean() for some in rows])
+    order = np.argsort(time)
+    left = observations.residual - explained
+    level = np.abs([observations.signal[some].mean(axis=0) for some in rows])[order]
+    errors = np.array([left[some].mean(axis=0) for some in rows])[order]
+    found = []
+    for channel, usual in enumerate(level.T):
+        used = usual > PRESSED * np.median(usual)
+        if used.sum() < 2 * FEWEST:
+            continue
+        course = _course(time[order][used], errors[used, channel])
+        least = max(LEAST_CHANGE * float(np.median(usual[used])), LEAST_READING * usual_error[channel])
+        if abs(course.change) >= least and course.t >= LEAST_T:
+            found.append(ReadingChange(CHANNELS[channel], course.change, course.since_s))
+    return found if len(found) <= MOST_CHANNELS else []
 
 
 def usual_changes(observations: Observations, blocks: Blocks) -> Floats:
@@ -110,9 +209,7 @@ def _largest_changes(
     observations: Observations, blocks: Blocks, explained: Floats, known: NDArray[np.bool_] | None
 ) -> Iterator[tuple[int, "_Change", Floats]]:
     """The largest change of each channel that can be measured, and (blocks,) how well it follows."""
-    of_row = blocks.of_row if known is None else np.where(known, blocks.of_row, -1)
-    of_blocks = [np.flatnonzero(of_row == number) for number in range(len(blocks))]
-    rows = [some for some in of_blocks if len(some)]
+    rows = _rows_of_blocks(blocks, known)
     if len(rows) < 2 * FEWEST:
         return
     time = np.array([observations.time_s[some].mean() for some in rows])
@@ -131,6 +228,13 @@ def _largest_changes(
             continue
         slopes = cross[used, channel] / weight[used]
         yield channel, _change(time[order][used], slopes, follows[used, channel]), follows[:, channel]
+
+
+def _rows_of_blocks(blocks: Blocks, known: NDArray[np.bool_] | None) -> list[NDArray[np.int64]]:
+    """The known rows of each block that has any."""
+    of_row = blocks.of_row if known is None else np.where(known, blocks.of_row, -1)
+    of_blocks = [np.flatnonzero(of_row == number) for number in range(len(blocks))]
+    return [some for some in of_blocks if len(some)]
 
 
 def _products(first: Floats, second: Floats) -> Floats:
@@ -158,26 +262,59 @@ class _Change(NamedTuple):
 
 
 def _change(time: Floats, slopes: Floats, follows: Floats) -> _Change:
-    """The step, or the line in time, that leaves less of the slopes."""
-    count = len(slopes)
+    course = _course(time, slopes)
+    return _Change(
+        kept=max(course.last / max(course.first, 1e-9), 0.0),
+        since_s=course.since_s,
+        followed=float(np.median(follows[: course.before])),
+        part=abs(course.change) / max(abs(course.first), 1e-9),
+        t=course.t,
+    )
+
+
+class _Course(NamedTuple):
+    """Of a figure of each block.
+
+    Attributes:
+        first: before the step, or the line's first.
+        last: after the step, or the line's last.
+        since_s: when it changed; None for a line.
+        before: blocks before the step, or in the line's first half.
+        t: the change over its standard error.
+    """
+
+    first: float
+    last: float
+    since_s: float | None
+    before: int
+    t: float
+
+    @property
+    def change(self) -> float:
+        """The last less the first."""
+        return self.last - self.first
+
+
+def _course(time: Floats, values: Floats) -> _Course:
+    """The step, or the line in time, that leaves less of the values."""
+    count = len(values)
     places = np.arange(FEWEST, count - FEWEST + 1)
-    errors = [slopes[:place].var() * place + slopes[place:].var() * (count - place) for place in places]
+    errors = [values[:place].var() * place + values[place:].var() * (count - place) for place in places]
     place = int(places[int(np.argmin(errors))])
-    before, after = slopes[:place], slopes[place:]
+    before, after = values[:place], values[place:]
     standard_error = np.sqrt(before.var(ddof=1) / len(before) + after.var(ddof=1) / len(after))
-    line = np.polyfit(time, slopes, 1)
+    line = np.polyfit(time, values, 1)
     first, last = (float(np.polyval(line, moment)) for moment in (time[0], time[-1]))
-    gradual = ((slopes - np.polyval(line, time)) ** 2).sum() < min(errors)
+    gradual = ((values - np.polyval(line, time)) ** 2).sum() < min(errors)
     if gradual:
-        scatter = np.sqrt(((slopes - np.polyval(line, time)) ** 2).sum() / (count - 2))
+        scatter = np.sqrt(((values - np.polyval(line, time)) ** 2).sum() / (count - 2))
         standard_error = scatter / (time.std() * np.sqrt(count)) * (time[-1] - time[0])
     else:
         first, last = float(before.mean()), float(after.mean())
-    change = abs(last - first)
-    return _Change(
-        kept=max(last / max(first, 1e-9), 0.0),
-        since_s=None if gradual else float(time[place]),
-        followed=float(np.median(follows[: count // 2 if gradual else place])),
-        part=change / max(abs(first), 1e-9),
-        t=float(change / max(standard_error, 1e-9)),
+    return _Course(
+        first,
+        last,
+        None if gradual else float(time[place]),
+        count // 2 if gradual else place,
+        float(abs(last - first) / max(standard_error, 1e-9)),
     )

@@ -258,7 +258,7 @@ class Findings(Schema):
         effects: the likeliest first; a fault behind those that explain more.
         before: errors of the model on the evaluation part, as `taxel predict` reports them.
         after: errors of the corrected model there, by the forms that are served.
-        changes: a sentence for each channel whose sensitivity changed over the session.
+        changes: a sentence for each channel whose sensitivity, or else whose reading, changed.
         one_kind: columns with one value here, of which the model's own held-out residual had several.
         new_kinds: what the model was not trained on, as far as its manifest tells.
         residual_model: what predicts a part of what remains, if it was asked for and proved itself.

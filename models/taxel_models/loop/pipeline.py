@@ -7,14 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from taxel.channels import CHANNELS
 from taxel.corrections import Parameter
 from taxel.held_out_residual import HeldOutResidual
 from taxel_models.evaluation.metrics import ErrorMetrics
 from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import FOLDS, Blocks, cut
-from taxel_models.loop.channel_history import sensitivity_changes
+from taxel_models.loop.channel_history import changed_channels
 from taxel_models.loop.confounding import confounding
 from taxel_models.loop.correction import NewEffects, corrected, served_windows
 from taxel_models.loop.effects.fault import Fault
@@ -156,11 +155,8 @@ def run_loop(
         before, added = after, unnamed.added_to(added)
         after = corrected(observations, attribution, added)
         told = unnamed.found(observations, blocks, before, after)
-    usual = np.ones(len(CHANNELS))
-    if reference is not None and reference.sensitivity_change is not None:
-        usual = np.array(reference.sensitivity_change)
     findings = _findings(
-        observations, recordings, blocks, settings, attribution, figures, added, after, usual
+        observations, recordings, blocks, settings, attribution, figures, added, after, reference
     )
     findings = findings.model_copy(
         update={
@@ -226,7 +222,7 @@ def _findings(
     figures: Mapping[str, list[Parameter]],
     new: NewEffects,
     after: Floats,
-    usual_changes: Floats,
+    reference: HeldOutResidual | None,
 ) -> Findings:
     manifest = observations.manifest
     others = [
@@ -235,7 +231,6 @@ def _findings(
     explained = np.sum(others, axis=0) if others else np.zeros_like(observations.residual)
     unknown = list(new_kinds(observations).values())
     known = ~np.any(unknown, axis=0) if unknown else None
-    changes = sensitivity_changes(observations, blocks, explained, usual_changes, known)
     rows, output_std = blocks.evaluation, np.array(manifest.normalisation.output_std)
     noise = NoiseFloor.of(observations)
     energy = (observations.residual[rows] ** 2).mean(axis=0)
@@ -286,7 +281,7 @@ def _findings(
         before=ErrorMetrics.of(measured, observations.predicted[rows], output_std).report(),
         after=ErrorMetrics.of(measured, after[rows], output_std).report(),
         test=_paired(observations, blocks, after, output_std),
-        changes=tuple(change.sentence() for change in changes),
+        changes=changed_channels(observations, blocks, explained, reference, known),
         unexplained=diagnose_residual(observations, left, noise, rows),
         autocorrelation=autocorrelations(observations, observations.residual, left, rows),
         cross_correlation=cross_correlations(observations, blocks, observations.residual, left),

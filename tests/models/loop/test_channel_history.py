@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel_models.loop.blocks import cut
-from taxel_models.loop.channel_history import SensitivityChange, sensitivity_changes, usual_changes
+from taxel_models.loop.channel_history import (
+    LEAST_READING,
+    MOST_CHANNELS,
+    ReadingChange,
+    SensitivityChange,
+    changed_channels,
+    reading_changes,
+    sensitivity_changes,
+    usual_changes,
+)
 from taxel_models.loop.observations import gather
 from taxel_models.loop.pipeline import LoopSettings, run_loop
 from taxel_models.loop.reference.held_out import held_out_residual
@@ -168,3 +177,77 @@ def test_a_channel_that_is_cut_off_lost_no_sensitivity(smooth: Any, make: Make) 
     blocks = cut(observations, seed=0)
     explained, usual = np.zeros_like(observations.residual), np.ones(len(CHANNELS))
     assert list(sensitivity_changes(observations, blocks, explained, usual)) == []
+
+
+def readings(
+    smooth: Any,
+    recording: Recording,
+    added: NDArray[np.float64],
+    channels: int = 1,
+    explained: bool = False,
+    known: NDArray[np.bool_] | None = None,
+) -> list[ReadingChange]:
+    """Of a recording in which some channels from `CHANNEL` on read more by counts (n,).
+
+    Args:
+        explained: a named effect says so.
+    """
+    counts = recording.channels.copy()
+    counts[:, CHANNEL : CHANNEL + channels] += added[:, None]
+    observations = gather(smooth, [replace(recording, channels=np.rint(counts))])
+    told = np.zeros_like(observations.residual)
+    if explained:
+        told[:, CHANNEL] = added[observations.rows[0]]
+    blocks = cut(observations, seed=0)
+    return reading_changes(observations, blocks, told, np.full(len(CHANNELS), 10.0), known)
+
+
+@pytest.mark.parametrize(
+    ("counts", "words"), [(-60.0, "60 counts less from"), (60.0, "60 counts more from")]
+)
+def test_a_reading_that_changed_is_told_with_its_time(
+    smooth: Any, long: Recording, counts: float, words: str
+) -> None:
+    (found,) = readings(smooth, long, np.where(np.arange(ROWS) < 18_000, 0.0, counts))
+    assert found.channel == CHANNELS[CHANNEL]
+    assert found.counts == pytest.approx(counts, abs=3.0)
+    assert found.since_s == pytest.approx(180.0, abs=6.0)
+    assert f"{found.channel} reads {words}" in found.sentence()
+
+
+def test_a_reading_that_changes_all_the_time_has_no_time(smooth: Any, long: Recording) -> None:
+    (found,) = readings(smooth, long, np.linspace(0.0, -80.0, ROWS))
+    assert found.counts == pytest.approx(-80.0, abs=5.0)
+    assert found.since_s is None
+    assert "at the end of this session than at its start" in found.sentence()
+
+
+def test_readings_that_are_explained_or_small_or_unknown_are_not_told(smooth: Any, long: Recording) -> None:
+    late = np.arange(ROWS) >= 18_000
+    added = np.where(late, 60.0, 0.0)
+    rows = gather(smooth, [long]).rows[0]
+    assert readings(smooth, long, added, explained=True) == []
+    assert readings(smooth, long, added, known=~late[rows]) == []
+    assert readings(smooth, long, added * (LEAST_READING * 10.0 - 5.0) / 60.0) == []
+    assert readings(smooth, long, 0.0 * added) == []
+
+
+def test_what_many_channels_read_has_a_cause_that_they_share(smooth: Any, long: Recording) -> None:
+    added = np.where(np.arange(ROWS) < 18_000, 0.0, 60.0)
+    assert len(readings(smooth, long, added, channels=MOST_CHANNELS)) == MOST_CHANNELS
+    assert readings(smooth, long, added, channels=MOST_CHANNELS + 1) == []
+
+
+def test_a_channel_has_one_sentence(smooth: Any, long: Recording) -> None:
+    """A sensitivity that changed changes the reading, too."""
+    channels = long.channels.copy()
+    rest = smooth.counts(np.zeros((1, 3)), np.zeros((1, 3)))[0, CHANNEL]
+    channels[18_000:, CHANNEL] = rest + 0.3 * (channels[18_000:, CHANNEL] - rest)
+    channels[18_000:, CHANNEL - 1] -= 60.0
+    observations = gather(smooth, [replace(long, channels=np.rint(channels))])
+    told = changed_channels(
+        observations, cut(observations, seed=0), np.zeros_like(observations.residual), None
+    )
+    assert [line.split()[0] for line in told] == [CHANNELS[CHANNEL], CHANNELS[CHANNEL - 1]]
+    assert "sensitivity" in told[0]
+    assert "reads" in told[1]
