@@ -6,12 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 import xgboost
+from typer.testing import CliRunner
 
 import taxel
 from taxel import artifacts
 from taxel.errors import ArtifactError, SettingsError
 from taxel_exporters import formats
+from taxel_exporters.commands import export as command
 from taxel_exporters.export import export
 from taxel_models.training import trained as trained_models
 from taxel_models.training.dataset import examples
@@ -43,6 +46,17 @@ def test_the_folder_holds_what_the_design_says(trained_folder: Path, tmp_path: P
     booster = xgboost.Booster(model_file=folder / "model.json")
     assert booster.inplace_predict(np.zeros((2, 12), np.float32)).shape == (2, 21)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["xgb"]
+
+
+def test_too_little_to_know_what_the_model_gets_wrong_anyway_is_told(
+    trained_folder: Path, tmp_path: Path
+) -> None:
+    app = typer.Typer()
+    app.command()(command)
+    said = CliRunner().invoke(app, [str(trained_folder), "--repository", str(tmp_path)])
+    assert said.exit_code == 0, said.output
+    assert artifacts.read(tmp_path / "xgb" / "1").manifest.held_out_residual is None
+    assert "held out less than 20 s" in said.output
 
 
 def test_the_same_training_gives_the_same_artifact(trained_folder: Path, tmp_path: Path) -> None:

@@ -263,6 +263,7 @@ def _findings(
             "calibration_s": settings.calibration_s,
             "least_share": settings.least_share,
             "reference": settings.reference,
+            "reference_rows": 0 if reference is None else reference.rows,
         },
         noise_floor=noise.report(energy, output_std),
         effects=_found(observations, attribution, figures, new, rows),

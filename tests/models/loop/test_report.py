@@ -106,7 +106,8 @@ def test_markdown_shows_every_picture_and_effect(folder: Path, result: LoopResul
 
 def test_the_first_screen_is_a_sentence_what_changed_a_picture_and_a_table(result: LoopResult) -> None:
     changed = ("e7 lost 70 % of its sensitivity over this session.",)
-    findings = result.findings.model_copy(update={"changes": changed})
+    known = {**result.findings.split, "reference_rows": 9_000}
+    findings = result.findings.model_copy(update={"changes": changed, "split": known})
     text = markdown(contents(Told(findings, result.new.extras, {"waterfall": WATERFALL})))
     first = [part for part in text.split("\n## ")[0].split("\n\n") if part]
     title, sentence, note, picture, _, table = first

@@ -29,6 +29,7 @@ from taxel_models.loop.report.wording import (
     listed,
     minutes,
     needs,
+    no_reference,
     number,
     opening,
     percent,
@@ -71,9 +72,10 @@ def contents(told: Told) -> Document:
 
 
 def _first_screen(told: Told) -> list[Block]:
-    """One sentence, the channels that changed, one picture, one table."""
+    """One sentence, what to heed and the channels that changed, one picture, one table."""
     findings = told.findings
-    changed: list[Block] = [Note(findings.changes)] if findings.changes else []
+    lines = (*no_reference(findings), *findings.changes)
+    changed: list[Block] = [Note(lines)] if lines else []
     table = _effects_table(findings) if findings.effects else _nearest_table(findings)
     return [Paragraph(headline(findings)), *changed, *told.picture("waterfall"), *table]
 

@@ -12,6 +12,7 @@ from taxel_models.loop.report.wording import (
     left,
     new_kinds,
     next_recordings,
+    no_reference,
     one_kind,
     paired,
     percent,
@@ -24,6 +25,7 @@ def findings_table(findings: Findings) -> RenderableType:
     """The named effects, then lines on the error before and after and on what is left."""
     lines = [
         *anyway(findings),
+        *no_reference(findings),
         _errors(findings),
         *one_kind(findings),
         *new_kinds(findings),

@@ -209,6 +209,16 @@ def anyway(findings: Findings) -> list[str]:
     ]
 
 
+def no_reference(findings: Findings) -> list[str]:
+    """That the named effects may be the model's own, as a sentence; none where its own error is known."""
+    if not findings.effects or findings.split.get("reference_rows") != 0:
+        return []
+    return [
+        f"What {findings.model} gets wrong anyway is not known: its training held out less than 20 s, or "
+        "it was exported without that. What is named may be its own misfit, and not the sensor's."
+    ]
+
+
 def _named(findings: Findings, extras: Sequence[ExtraFeature]) -> list[str]:
     if not findings.effects:
         return ["No effect was named: none proves itself on held-out blocks.", *anyway(findings)]

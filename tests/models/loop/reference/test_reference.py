@@ -21,7 +21,7 @@ from taxel_models.loop.observations import gather
 from taxel_models.loop.pipeline import LoopSettings, run_loop
 from taxel_models.loop.reference.held_out import KEPT, held_out_residual
 from taxel_models.loop.reference.own_structure import ONE_ERROR, own_gain
-from taxel_models.loop.report.wording import anyway
+from taxel_models.loop.report.wording import anyway, no_reference
 from taxel_models.recordings import Recording
 from taxel_models.recovery.injection import Injection
 from taxel_models.recovery.injectors import inject
@@ -172,7 +172,13 @@ def test_without_it_what_the_model_got_wrong_from_the_start_is_named(smooth: Any
     assert "rate" in sentence
     named = run_loop(smooth, [recording], LoopSettings(reference=False), reference=reference).findings
     assert [effect.name for effect in named.effects] == ["rate"]
-    assert anyway(named) == []
+    assert anyway(named) == no_reference(named) == []
+    unknown = run_loop(smooth, [recording], LoopSettings()).findings
+    assert "rate" in [effect.name for effect in unknown.effects]
+    (sentence,) = no_reference(unknown)
+    assert "may be its own misfit" in sentence
+    with_reference = {**unknown.split, "reference_rows": 9_000}
+    assert no_reference(unknown.model_copy(update={"split": with_reference})) == []
 
 
 def test_a_manifests_own_is_used(smooth: Any, make: Make, reference: HeldOutResidual) -> None:
