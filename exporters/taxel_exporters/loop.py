@@ -131,7 +131,7 @@ def loop(
         )
         result = propose(result, progress=lambda doing: status.update(f"simulating {doing}"))
     try:
-        if export and result.new.effects:
+        if export and result.new.effects and not result.findings.raises_the_error:
             result = _exported(result, repository)
     finally:
         # What was found is not lost with an export that fails.
@@ -142,8 +142,14 @@ def loop(
         OUT.print(findings_table(result.findings))
         OUT.print(f"Wrote {output}: report.md, report.html, report.json.", soft_wrap=True)
         if export:
-            exported = result.findings.exported or "nothing: nothing was found that a model can have"
+            exported = result.findings.exported or f"nothing: {_why_not(result)}"
             OUT.print(f"Exported {exported}.", soft_wrap=True)
+
+
+def _why_not(result: "LoopResult") -> str:
+    if not result.new.effects:
+        return "nothing was found that a model can have"
+    return "on blocks that nothing was fitted to, the corrected model is off by more than before"
 
 
 def _exported(result: "LoopResult", repository: Path) -> "LoopResult":

@@ -161,6 +161,32 @@ def test_it_says_that_there_was_nothing_to_export(
     assert "Exported nothing" in result.stdout
 
 
+def test_a_correction_that_makes_it_worse_is_not_exported(
+    app: typer.Typer, repository: Path, tmp_path: Path
+) -> None:
+    """The blocks of the evaluation part are off to the other side."""
+    recording, path = simulate(9_000, 21), tmp_path / "other_side.csv"
+    write_ruppel(recording, path)
+    observations = evidence_of(repository, path, "1")
+    blocks, channels = cut(observations, seed=0), recording.channels.copy()
+    channels[observations.rows[0][blocks.fit]] += 100.0
+    channels[observations.rows[0][blocks.evaluation]] -= 100.0
+    write_ruppel(replace(recording, channels=np.clip(channels, 0, 4095)), path)
+    versions = sorted(folder.name for folder in (repository / MODEL).iterdir())
+    output = tmp_path / "report"
+    arguments = (*OFFSET_ALONE, "--export", "--stability", "0", "--model", f"{MODEL}/1")
+    result = run(app, repository, path, output, *arguments)
+    assert result.exit_code == 0, result.output
+    found = json.loads((output / "report.json").read_text())
+    assert [effect["name"] for effect in found["effects"]] == ["offset"]
+    assert found["effects"][0]["served"]
+    assert found["after"]["norm_mae"] > found["before"]["norm_mae"]
+    assert "Exported nothing: on blocks that nothing was fitted to" in result.stdout
+    assert found["exported"] is None
+    assert "would make it worse" in (output / "report.md").read_text()
+    assert sorted(folder.name for folder in (repository / MODEL).iterdir()) == versions
+
+
 def test_recordings_that_are_too_short_are_refused(
     app: typer.Typer, repository: Path, tmp_path: Path
 ) -> None:

@@ -294,3 +294,8 @@ class Findings(Schema):
     parameter_correlation: ParameterCorrelation | None = None
     stability: Stability | None = None
     exported: str | None = None
+
+    @property
+    def raises_the_error(self) -> bool:
+        """Whether the corrected model is off by more on blocks that nothing was fitted to."""
+        return bool(self.after["norm_mae"] > self.before["norm_mae"])

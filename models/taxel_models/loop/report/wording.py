@@ -308,6 +308,8 @@ def _next(findings: Findings) -> str:
         return f"The corrected model is {findings.exported}."
     if not corrects(findings):
         return "There is nothing to add to the model."
+    if findings.raises_the_error:
+        return "Adding this to the model would make it worse on these recordings: it is not exported."
     if findings.test.p_value > SIGNIFICANT:
         return "Adding this to the model is not worth it on these recordings."
     return "Nothing was exported yet."
