@@ -173,21 +173,20 @@ def reading_changes(
         usual_error: (21,) standard deviation of what the model gets wrong anyway, counts.
         known: as in `changed_channels`.
     """
-    rows = _rows_of_blocks(blocks, known)
+    rows = _rows_of_blocks(observations, blocks, known)
     if len(rows) < 2 * FEWEST:
         return []
     time = np.array([observations.time_s[some].mean() for some in rows])
-    order = np.argsort(time)
     left = observations.residual - explained
-    level = np.abs([observations.signal[some].mean(axis=0) for some in rows])[order]
-    errors = np.array([left[some].mean(axis=0) for some in rows])[order]
+    signals = np.abs([observations.signal[some].mean(axis=0) for some in rows])
+    errors = np.array([left[some].mean(axis=0) for some in rows])
     found = []
-    for channel, usual in enumerate(level.T):
-        used = usual > PRESSED * np.median(usual)
+    for channel, signal in enumerate(signals.T):
+        used = signal > PRESSED * np.median(signal)
         if used.sum() < 2 * FEWEST:
             continue
-        course = _course(time[order][used], errors[used, channel])
-        least = max(LEAST_CHANGE * float(np.median(usual[used])), LEAST_READING * usual_error[channel])
+        course = _course(time[used], errors[used, channel])
+        least = max(LEAST_CHANGE * float(np.median(signal[used])), LEAST_READING * usual_error[channel])
         if abs(course.change) >= least and course.t >= LEAST_T:
             found.append(ReadingChange(CHANNELS[channel], course.change, course.since_s))
     return found if len(found) <= MOST_CHANNELS else []
@@ -209,15 +208,14 @@ def _largest_changes(
     observations: Observations, blocks: Blocks, explained: Floats, known: NDArray[np.bool_] | None
 ) -> Iterator[tuple[int, "_Change", Floats]]:
     """The largest change of each channel that can be measured, and (blocks,) how well it follows."""
-    rows = _rows_of_blocks(blocks, known)
+    rows = _rows_of_blocks(observations, blocks, known)
     if len(rows) < 2 * FEWEST:
         return
     time = np.array([observations.time_s[some].mean() for some in rows])
-    order = np.argsort(time)
     signal, measured = observations.signal, observations.measured - explained
-    products = np.array([_products(signal[some], measured[some]) for some in rows])[order]
+    products = np.array([_products(signal[some], measured[some]) for some in rows])
     at_limit = (observations.measured <= 0) | (observations.measured >= COUNTS_MAX)
-    cut_off = np.array([at_limit[some].mean(axis=0) for some in rows])[order]
+    cut_off = np.array([at_limit[some].mean(axis=0) for some in rows])
     energy, cross = products[:, 0], products[:, 1]
     sizes = np.sqrt(products[:, 0] * products[:, 2])
     follows = cross / np.maximum(sizes, 1e-12)
@@ -227,14 +225,16 @@ def _largest_changes(
         if used.sum() < 2 * FEWEST or not weight.any():
             continue
         slopes = cross[used, channel] / weight[used]
-        yield channel, _change(time[order][used], slopes, follows[used, channel]), follows[:, channel]
+        yield channel, _change(time[used], slopes, follows[used, channel]), follows[:, channel]
 
 
-def _rows_of_blocks(blocks: Blocks, known: NDArray[np.bool_] | None) -> list[NDArray[np.int64]]:
-    """The known rows of each block that has any."""
+def _rows_of_blocks(
+    observations: Observations, blocks: Blocks, known: NDArray[np.bool_] | None
+) -> list[NDArray[np.int64]]:
+    """The known rows of each block that has any, in the order of the session's time."""
     of_row = blocks.of_row if known is None else np.where(known, blocks.of_row, -1)
     of_blocks = [np.flatnonzero(of_row == number) for number in range(len(blocks))]
-    return [some for some in of_blocks if len(some)]
+    return sorted(filter(len, of_blocks), key=lambda some: float(observations.time_s[some].mean()))
 
 
 def _products(first: Floats, second: Floats) -> Floats:

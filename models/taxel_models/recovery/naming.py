@@ -80,7 +80,7 @@ def name_causes(
         evaluation=result.blocks.evaluation,
         before=findings.before["norm_mae"],
         after=findings.after["norm_mae"],
-        # Each line begins with the channel. Others say that its reading changed, as with a drift.
+        # Each line begins with the channel. A reading also changes with a drift: that is no sensitivity.
         changed=tuple(line.partition(" ")[0] for line in findings.changes if "sensitiv" in line),
     )
 

@@ -1,6 +1,6 @@
 """Kinds: a model errs in its own way on each material, and a recording may have few of them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Self
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
-from taxel.held_out_residual import HeldOutResidual, KindResidual, OwnStructure
+from taxel.held_out_residual import HeldOutResidual, KindResidual, KnownKind, OwnStructure
 from taxel.manifest import Manifest
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.covariate import Covariate
@@ -192,21 +192,21 @@ class _Rows:
 
     def figures_of(self, name: str, scale: Floats) -> Floats:
         """(2, 21) of an effect, as far as they count where the residual has a scale (21,), counts."""
-        own = []
-        for kind in self.kinds:
-            known = self.one.kinds.get(kind)
-            its = self.one if known is None or name not in known.structure else known
-            own.append(figures(its.structure[name]) * counted(name, np.array(its.std), scale))
+        own = [
+            figures(its.structure[name]) * counted(name, np.array(its.std), scale)
+            for its in self._known(lambda its: name in its.structure)
+        ]
         return np.asarray(np.average(own, axis=0, weights=self.rows))
 
     def correlated_figures_of(self, name: str) -> Floats:
         """(2, 21) of an effect, beside all channels."""
-        own = []
-        for kind in self.kinds:
-            known = self.one.kinds.get(kind)
-            its = self.one if known is None or name not in known.correlated else known
-            own.append(figures(its.correlated[name]))
+        own = [figures(its.correlated[name]) for its in self._known(lambda its: name in its.correlated)]
         return np.asarray(np.average(own, axis=0, weights=self.rows))
+
+    def _known(self, has: Callable[[KnownKind], bool]) -> list[KindResidual | KnownKind]:
+        """What is known of each kind, or of any one where its own lacks what is asked for."""
+        each = (self.one.kinds.get(kind) for kind in self.kinds)
+        return [self.one if its is None or not has(its) else its for its in each]
 
 
 def _at_least(several: Floats, one: Floats, alone: float) -> Floats:

@@ -215,7 +215,7 @@ def no_reference(findings: Findings) -> list[str]:
         return []
     return [
         f"What {findings.model} gets wrong anyway is not known: its training held out less than 20 s, or "
-        "it was exported without that. What is named may be its own misfit, and not the sensor's."
+        "its manifest does not say it. What is named may be its own misfit, and not a change of the sensor."
     ]
 
 
