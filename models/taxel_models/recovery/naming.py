@@ -98,7 +98,6 @@ def without_effects(model: Model, recording: Recording, seed: int) -> Recording:
             observations,
             blocks,
             candidates(observations),
-            reference=model.manifest.held_out_residual,
             constants=replace(DECLARED, least_share=DECLARED.least_share / 4),
         )
         named = selection.run().named

@@ -1,4 +1,8 @@
-"""The ground of the own injectors: a few twins without what the loop finds in them anyway."""
+"""The ground of the own injectors: a few twins without what the loop finds in them anyway.
+
+The reference is such a twin, too. The model's manifest knows the residual of twins that still have all
+that the model lacks, the temperature among it: a cause of that size would be told as usual.
+"""
 
 from dataclasses import dataclass, field
 
@@ -27,9 +31,11 @@ class CleanTwins:
 
     def clean(self, number: int) -> Clean:
         """The recording of a round."""
-        which = number % self.recordings
+        recording, reference = self._twin(number % self.recordings), self._twin(self.recordings)
+        return Clean(self.model, recording, reference, True, ALL_CHANNELS, contacts_of(recording))
+
+    def _twin(self, which: int) -> Recording:
         if which not in self._clean:
             simulated = simulate(self.rows, 1000 * (self.seed + 1) + which)
             self._clean[which] = without_effects(self.model, simulated, which)
-        recording = self._clean[which]
-        return Clean(self.model, recording, None, True, ALL_CHANNELS, contacts_of(recording))
+        return self._clean[which]
