@@ -109,8 +109,8 @@ def changed_channels(
     explained: Floats,
     reference: HeldOutResidual | None,
     known: NDArray[np.bool_] | None = None,
-) -> tuple[str, ...]:
-    """A sentence for each channel whose sensitivity changed, or else whose reading did.
+) -> tuple[SensitivityChange | ReadingChange, ...]:
+    """Each channel whose sensitivity changed, or else whose reading did.
 
     Args:
         explained: (n, 21) what named effects other than gains add, counts.
@@ -130,7 +130,7 @@ def changed_channels(
         for change in reading_changes(observations, blocks, explained, error, known)
         if change.channel not in told
     ]
-    return (*(change.sentence() for change in sensitivities), *(change.sentence() for change in readings))
+    return (*sensitivities, *readings)
 
 
 def sensitivity_changes(

@@ -13,7 +13,7 @@ from taxel_models.evaluation.metrics import ErrorMetrics
 from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import FOLDS, Blocks, cut
-from taxel_models.loop.channel_history import changed_channels
+from taxel_models.loop.channel_history import ReadingChange, SensitivityChange, changed_channels
 from taxel_models.loop.confounding import confounding
 from taxel_models.loop.correction import NewEffects, corrected, served_windows
 from taxel_models.loop.effects.fault import Fault
@@ -83,6 +83,7 @@ class LoopResult:
         new: the effects of the corrected model.
         after: (n, 21) the corrected model's predictions, counts.
         reference: the model's own held-out residual, as it was taken into account.
+        changes: of single channels in the course of the recordings.
     """
 
     findings: Findings
@@ -92,6 +93,7 @@ class LoopResult:
     new: NewEffects
     after: Floats
     reference: HeldOutResidual | None
+    changes: tuple[SensitivityChange | ReadingChange, ...]
 
     def served_windows(self, rows: int) -> NDArray[np.float32]:
         """(m, f) windows as the corrected model takes them, m up to `rows`."""
@@ -129,7 +131,7 @@ def run_loop(
     reference = reference or model.manifest.held_out_residual
     narrow = _one_kind(observations, reference)
     if reference is not None:
-        reference = of_its_kinds(reference, observations)
+        reference = of_its_kinds(reference, observations, settings.constants)
         if not settings.reference:
             reference = reference.model_copy(
                 update={"structure": {}, "sensitivity_change": None, "correlated": None}
@@ -158,8 +160,10 @@ def run_loop(
     findings = _findings(
         observations, recordings, blocks, settings, attribution, figures, added, after, reference
     )
+    changes = _changes(observations, blocks, attribution, reference, new)
     findings = findings.model_copy(
         update={
+            "changes": tuple(change.sentence() for change in changes),
             "confounding": runs_along,
             "one_kind": narrow,
             "new_kinds": _told(new, observations),
@@ -179,7 +183,23 @@ def run_loop(
             progress=progress or (lambda _: None),
         )
         findings = findings.model_copy(update={"stability": stability})
-    return LoopResult(findings, observations, blocks, attribution, added, after, reference)
+    return LoopResult(findings, observations, blocks, attribution, added, after, reference, changes)
+
+
+def _changes(
+    observations: Observations,
+    blocks: Blocks,
+    attribution: Attribution,
+    reference: HeldOutResidual | None,
+    new: Mapping[str, NDArray[np.bool_]],
+) -> tuple[SensitivityChange | ReadingChange, ...]:
+    """Of single channels, beside what named effects other than their own explain."""
+    others = [
+        named.contribution for named in attribution.named if named.name not in (Gain.name, Fault.name)
+    ]
+    explained = np.sum(others, axis=0) if others else np.zeros_like(observations.residual)
+    known = ~np.any(list(new.values()), axis=0) if new else None
+    return changed_channels(observations, blocks, explained, reference, known)
 
 
 def _one_kind(observations: Observations, reference: HeldOutResidual | None) -> tuple[str, ...]:
@@ -225,12 +245,6 @@ def _findings(
     reference: HeldOutResidual | None,
 ) -> Findings:
     manifest = observations.manifest
-    others = [
-        named.contribution for named in attribution.named if named.name not in (Gain.name, Fault.name)
-    ]
-    explained = np.sum(others, axis=0) if others else np.zeros_like(observations.residual)
-    unknown = list(new_kinds(observations).values())
-    known = ~np.any(unknown, axis=0) if unknown else None
     rows, output_std = blocks.evaluation, np.array(manifest.normalisation.output_std)
     noise = NoiseFloor.of(observations)
     energy = (observations.residual[rows] ** 2).mean(axis=0)
@@ -282,7 +296,6 @@ def _findings(
         before=ErrorMetrics.of(measured, observations.predicted[rows], output_std).report(),
         after=ErrorMetrics.of(measured, after[rows], output_std).report(),
         test=_paired(observations, blocks, after, output_std),
-        changes=changed_channels(observations, blocks, explained, reference, known),
         unexplained=diagnose_residual(observations, left, noise, rows),
         autocorrelation=autocorrelations(observations, observations.residual, left, rows),
         cross_correlation=cross_correlations(observations, blocks, observations.residual, left),

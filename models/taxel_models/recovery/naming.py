@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from taxel.channels import COUNTS_MAX
 from taxel.held_out_residual import HeldOutResidual
 from taxel_models.loop.blocks import cut
+from taxel_models.loop.channel_history import SensitivityChange
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.selection import JointSelection
@@ -80,8 +81,8 @@ def name_causes(
         evaluation=result.blocks.evaluation,
         before=findings.before["norm_mae"],
         after=findings.after["norm_mae"],
-        # Each line begins with the channel. A reading also changes with a drift: that is no sensitivity.
-        changed=tuple(line.partition(" ")[0] for line in findings.changes if "sensitiv" in line),
+        # A reading also changes with a drift: that is no sensitivity.
+        changed=tuple(change.channel for change in result.changes if isinstance(change, SensitivityChange)),
     )
 
 

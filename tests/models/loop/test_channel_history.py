@@ -248,6 +248,6 @@ def test_a_channel_has_one_sentence(smooth: Any, long: Recording) -> None:
     told = changed_channels(
         observations, cut(observations, seed=0), np.zeros_like(observations.residual), None
     )
-    assert [line.split()[0] for line in told] == [CHANNELS[CHANNEL], CHANNELS[CHANNEL - 1]]
-    assert "sensitivity" in told[0]
-    assert "reads" in told[1]
+    assert [change.channel for change in told] == [CHANNELS[CHANNEL], CHANNELS[CHANNEL - 1]]
+    assert [type(change) for change in told] == [SensitivityChange, ReadingChange]
+    assert [change.sentence().split()[0] for change in told] == [CHANNELS[CHANNEL], CHANNELS[CHANNEL - 1]]
