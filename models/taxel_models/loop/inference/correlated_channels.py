@@ -16,7 +16,7 @@ from taxel.channels import CHANNELS
 from taxel.held_out_residual import CorrelatedResidual
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Remaining
-from taxel_models.loop.inference.constants import FORETOLD, Constants
+from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.evidence import (
     Base,
     Bases,
@@ -136,8 +136,8 @@ class CorrelatedChannels:
                 break
             more = {**chosen, channel: place}
             score = self._scored(effect, signals, more, bases, price, best)
-            foretold = odds(signals.predicted, channel, place) > FORETOLD * own_odds
-            proven = foretold and self._repeats(score, best, channel)
+            least = self._constants.foretold * own_odds
+            proven = odds(signals.predicted, channel, place) > least and self._repeats(score, best, channel)
             if proven and self._is_possible(score, remaining.residual, channel):
                 chosen, best = more, score
             if not chosen or len(chosen) > MOST_CHANNELS:

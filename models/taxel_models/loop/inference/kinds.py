@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,10 @@ from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.covariate import Covariate
 from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.offset import Offset
+from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.contact_offset import ContactOffset
 from taxel_models.loop.observations import Observations
 from taxel_models.recordings.kinds import NOT_COVARIATES, are_kinds
-
-MORE: Final = 2.0
-"""A recording of one kind may show so many times what was held out of the kind."""
 
 
 def kind_columns(observations: Observations) -> list[str]:
@@ -58,9 +56,11 @@ def kind_name(value: float) -> str:
     return f"{value:g}"
 
 
-def of_its_kinds(reference: HeldOutResidual, observations: Observations) -> HeldOutResidual:
+def of_its_kinds(
+    reference: HeldOutResidual, observations: Observations, constants: Constants
+) -> HeldOutResidual:
     """The reference, with what may be usual of the kinds that a recording has."""
-    found = _of_known_kinds(reference, observations)
+    found = _of_known_kinds(reference, observations, constants)
     for column, new in new_kinds(observations).items():
         if column in reference.new_kinds:
             found = _with_new_kinds(found, reference.new_kinds[column], observations, new)
@@ -118,7 +118,9 @@ def _with_new_kinds(
     )
 
 
-def _of_known_kinds(reference: HeldOutResidual, observations: Observations) -> HeldOutResidual:
+def _of_known_kinds(
+    reference: HeldOutResidual, observations: Observations, constants: Constants
+) -> HeldOutResidual:
     """With what may be usual of few kinds.
 
     A weight of one kind is a common one plus one of its own. Where the own ones are independent of each
@@ -149,8 +151,8 @@ def _of_known_kinds(reference: HeldOutResidual, observations: Observations) -> H
             structure[name] = _at_least(structure[name], own, alone)
         if ContactOffset.name in structure.keys() - one.structure.keys():
             # Of one kind, few contacts are held out; on some kinds, contacts scatter more.
-            size = rows.energy()
-            more = np.array([np.ones_like(size), MORE * size / np.maximum(np.square(reference.std), 1e-9)])
+            size = constants.usual_of_kind * rows.energy()
+            more = np.array([np.ones_like(size), size / np.maximum(np.square(reference.std), 1e-9)])
             own = structure[ContactOffset.name] * more
             structure[ContactOffset.name] = _at_least(structure[ContactOffset.name], own, alone)
         for name in one.correlated.keys() & correlated.keys():

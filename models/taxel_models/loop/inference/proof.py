@@ -54,7 +54,7 @@ def simplest(best: Score, scores: Sequence[Score], constants: Constants) -> Scor
     """
     least = 0.0
     while True:
-        least = max(least, constants.carries * best.total_gain)
+        least = max(least, constants.alike * best.total_gain)
         simpler = [
             score
             for score in scores

@@ -67,7 +67,7 @@ class JointSelection:
             scores = self._scoring.scores(self._taken)
             alone = alone or scores
             chosen = self.choose(scores) or self.proven_by_limits(scores)
-            if chosen is None or len(self._taken) == self._constants.most_effects:
+            if chosen is None:
                 break
             self._take(chosen)
             self._drop()
@@ -289,7 +289,7 @@ class JointSelection:
             for other in scores
             if other.name not in names
             and other.effect.is_predictable
-            and other.most_gain >= self._constants.either * own.total_gain > 0
+            and other.most_gain >= self._constants.alike * own.total_gain > 0
         )
 
     def _finished(self, taken: Taken, either: tuple[str, ...], share: Floats) -> Named:

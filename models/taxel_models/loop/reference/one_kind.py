@@ -13,7 +13,7 @@ from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import Constants
-from taxel_models.loop.inference.kinds import MORE, figures, herfindahl, kind_name, of_figures
+from taxel_models.loop.inference.kinds import figures, herfindahl, kind_name, of_figures
 from taxel_models.loop.inference.scoring import Progress, silent
 from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
 from taxel_models.loop.reference.correlated import correlated_structure
@@ -105,9 +105,10 @@ def residual_of_one_kind(
     known = {}
     for name, own_std in std.items():
         own = mean.get(name, _Shown({}, {})).without(steady if name in few else ())
-        may = _may_show(parts, _figures_of(own.structure, own_std))
+        more = constants.usual_of_kind
+        may = _may_show(parts, _figures_of(own.structure, own_std), more)
         counts = {effect: found * _squared_counts(own_std) for effect, found in may.items()}
-        correlated_may = _may_show([_figures_of(one) for one in beside], _figures_of(own.correlated))
+        correlated_may = _may_show([_figures_of(one) for one in beside], _figures_of(own.correlated), more)
         known[name] = KnownKind(
             std=tuple(own_std.tolist()),
             structure=of_figures(_rounded(counts), structures),
@@ -134,13 +135,16 @@ def _squared_counts(std: Floats) -> Floats:
 
 
 def _may_show(
-    kinds: Sequence[Mapping[str, Floats]], own: Mapping[str, Floats] | None = None
+    kinds: Sequence[Mapping[str, Floats]],
+    own: Mapping[str, Floats] | None = None,
+    more: float = 1.0,
 ) -> dict[str, Floats]:
-    """What a kind may show: twice its own figures, at least the mean; without them, what nearly all may.
+    """What a kind may show: more than its own figures, at least the mean; without them, what nearly all do.
 
     Args:
         kinds: figures of each kind.
         own: those that the kind has.
+        more: over its own figures.
     """
     may = {}
     for name in sorted({name for one in kinds for name in one}):
@@ -149,7 +153,7 @@ def _may_show(
             continue
         mean = found.mean(axis=0)
         may[name] = (
-            np.maximum(MORE * own[name], mean)
+            np.maximum(more * own[name], mean)
             if own and name in own
             else mean + DEVIATIONS * found.std(axis=0, ddof=1)
         )

@@ -49,8 +49,8 @@ def draw_confounded(findings: Findings, path: Path) -> str:
     figure.savefig(path, dpi=110, format="png")
     return (
         "Filled: the effects that were named, the likeliest first. A line: the other effect would explain "
-        "at least 80 % as much in its place on held-out folds, so that the recording cannot tell the two "
-        "apart."
+        "at least two thirds as much in its place on held-out folds, so that the recording cannot tell the "
+        "two apart."
     )
 
 

@@ -16,6 +16,7 @@ from taxel.held_out_residual import (
 )
 from taxel.manifest import Manifest
 from taxel_models.loop.effects.covariate import Covariate
+from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.inference.kinds import all_forms, of_its_kinds
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.pipeline import LoopSettings, run_loop
@@ -47,7 +48,7 @@ def known() -> HeldOutResidual:
 def of(observations: Observations, values: list[float]) -> HeldOutResidual:
     """What is known, for a recording of these materials."""
     column = np.resize(np.array(values), len(observations))
-    return of_its_kinds(known(), replace(observations, covariates={"material": column}))
+    return of_its_kinds(known(), replace(observations, covariates={"material": column}), DECLARED)
 
 
 def test_one_kind_is_judged_as_such(observations: Observations) -> None:
@@ -77,7 +78,7 @@ def test_a_kind_that_is_known_by_itself_may_show_what_it_showed(observations: Ob
 
     def judged(*values: float) -> HeldOutResidual:
         column = {"material": np.resize(np.array(values), len(observations))}
-        return of_its_kinds(whole, replace(observations, covariates=column))
+        return of_its_kinds(whole, replace(observations, covariates=column), DECLARED)
 
     gains = [judged(kind).structure["gain"].gain[0] for kind in (7.0, 9.0, 5.0)]
     assert gains == pytest.approx([2.0, 40.0, 8.0], rel=0.01)
@@ -113,7 +114,7 @@ def test_kinds_that_were_never_compared_may_differ_as_much_as_one_shows(observat
     compared = known()
     compared.structure["covariate:material"] = own(5.0)
     column = {"material": np.resize(np.array([1.0, 2.0]), len(observations))}
-    found = of_its_kinds(compared, replace(observations, covariates=column))
+    found = of_its_kinds(compared, replace(observations, covariates=column), DECLARED)
     assert found.structure["covariate:material"].gain[0] == pytest.approx(5.0)
 
 
@@ -126,14 +127,14 @@ def test_what_one_kind_shows_beside_all_channels_counts_likewise(observations: O
     )
     whole = whole.model_copy(update={"one_kind": {"material": material}, "correlated": beside})
     column = {"material": np.full(len(observations), 7.0)}
-    found = of_its_kinds(whole, replace(observations, covariates=column))
+    found = of_its_kinds(whole, replace(observations, covariates=column), DECLARED)
     assert found.correlated is not None
     assert found.correlated.structure["drift"].log_evidence[0] == pytest.approx(0.9)
 
 
 def test_a_recording_without_the_column_is_judged_by_all_together(observations: Observations) -> None:
     together = known().model_copy(update={"one_kind": {}})
-    assert of_its_kinds(known(), replace(observations, covariates={})) == together
+    assert of_its_kinds(known(), replace(observations, covariates={}), DECLARED) == together
 
 
 def errs_by_kind(smooth: Any, make: Make, seed: int, kinds: list[float]) -> Recording:
@@ -198,9 +199,8 @@ def test_new_kinds_show_as_large_a_part_as_those_that_stand_ins_did_not_see(
     column = np.resize(np.array([1.0, 7.0]), len(observations))
 
     def usual(*kinds: float) -> HeldOutResidual:
-        return of_its_kinds(
-            reference, trained_on(replace(observations, covariates={"material": column}), *kinds)
-        )
+        recorded = trained_on(replace(observations, covariates={"material": column}), *kinds)
+        return of_its_kinds(reference, recorded, DECLARED)
 
     plain, half, all_new = usual(1.0, 7.0), usual(1.0), usual(2.0, 3.0)
     assert plain.structure["covariate:material"].gain[0] == pytest.approx(5.0)

@@ -486,16 +486,6 @@ def test_every_effect_that_has_a_form_is_named_or_rejected(smooth: Any, make: Ma
     assert sorted(every) == sorted({*expected, "offset:contact"})
 
 
-def test_no_more_effects_are_named_than_declared(smooth: Any, make: Make) -> None:
-    injection = into(make)
-    inject(injection, "offset", 1.0)
-    inject(injection, "rate", 1.0)
-    for most in (2, 1):
-        some = replace(DECLARED, most_effects=most)
-        found = attributed(smooth, injection.recording, some, exclude=("lag", "frame", "location"))
-        assert len(found.named) == most
-
-
 def test_the_evaluation_part_is_not_used(smooth: Any, make: Make) -> None:
     injection = into(make)
     inject(injection, "gain", 1.0)
