@@ -280,7 +280,7 @@ def test_a_reply_that_is_there_is_taken_without_a_turn_of_the_loop() -> None:
 
     ends = socket.socketpair()
     ends[0].setblocking(False)
-    with ends[1]:
+    with ends[0], ends[1]:
         asyncio.run(main())
 
 
