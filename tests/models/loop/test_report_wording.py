@@ -12,6 +12,7 @@ from taxel_models.loop.findings import (
     FoundEffect,
     PairedTest,
     RejectedEffect,
+    RunsAlong,
     Unexplained,
 )
 from taxel_models.loop.report.table import findings_table
@@ -25,6 +26,7 @@ from taxel_models.loop.report.wording import (
     opening,
     paired,
     parameter,
+    runs_along,
 )
 
 PAST = ExtraFeature(
@@ -156,9 +158,29 @@ def test_the_terminal_table_tells_the_same() -> None:
     console = Console(width=160)
     with console.capture() as capture:
         console.print(findings_table(findings(effect("covariate:[bold]", "temperature", served=False))))
+        console.print(findings_table(findings(effect("drift"))))
         console.print(findings_table(findings()))
     text = capture.get()
     assert "covariate:[bold] (only reported)" in text
     assert "25 %" in text
     assert "Normalised MAE 0.200 before, 0.100 after (noise: 0.050)" in text
     assert "No effect was named." in text
+    assert text.count("Normalised MAE 0.200 (noise: 0.050). There is nothing to add to the model.") == 2
+
+
+def test_what_runs_along_most_is_told_and_the_others_are_counted() -> None:
+    def told(pairs: int) -> list[str]:
+        shares = [0.5 + 0.05 * place for place in range(pairs)]
+        along = [
+            RunsAlong(quantity=f"{one}{place}", along=f"{other}{place}", share=share)
+            for place, share in enumerate([*shares, 0.4])
+            for one, other in ("ab", "ba")
+        ]
+        return runs_along(findings().model_copy(update={"confounding": tuple(along)}))
+
+    assert told(0) == []
+    assert told(1) == ["In these recordings some things run along with others: a0 with b0 (50 %)."]
+    assert told(5)[0].endswith(
+        ": a4 with b4 (70 %), a3 with b3 (65 %), a2 with b2 (60 %), a1 with b1 (55 %) and 1 more."
+    )
+    assert told(7)[0].endswith("(65 %) and 3 more.")

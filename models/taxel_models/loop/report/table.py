@@ -8,6 +8,7 @@ from taxel_models.loop.findings import Findings
 from taxel_models.loop.report.wording import (
     anyway,
     confounded,
+    corrects,
     key_parameters,
     left,
     new_kinds,
@@ -56,6 +57,8 @@ def _effects(findings: Findings) -> Table:
 
 
 def _errors(findings: Findings) -> str:
-    before, after, noise = findings.before, findings.after, findings.noise_floor
-    errors = f"Normalised MAE {before['norm_mae']:.3f} before, {after['norm_mae']:.3f} after"
-    return f"{errors} (noise: {noise['norm_mae']:.3f}); {paired(findings.test)}."
+    before, after = (f"{error['norm_mae']:.3f}" for error in (findings.before, findings.after))
+    noise = f"(noise: {findings.noise_floor['norm_mae']:.3f})"
+    if not corrects(findings):
+        return f"Normalised MAE {before} {noise}. There is nothing to add to the model."
+    return f"Normalised MAE {before} before, {after} after {noise}; {paired(findings.test)}."

@@ -16,6 +16,7 @@ RUNS_ALONG: Final = 0.5
 
 _MOST_KEY_PARAMETERS: Final = 3
 _MOST_NEEDS: Final = 3
+_MOST_PAIRS: Final = 4
 
 
 def number(value: float) -> str:
@@ -254,15 +255,16 @@ def confounded(findings: Findings) -> list[str]:
 def runs_along(findings: Findings) -> list[str]:
     """A sentence on what runs along with something else, so that no fit could separate the two."""
     told: dict[frozenset[str], str] = {}
-    for one in findings.confounding:
+    for one in sorted(findings.confounding, key=lambda one: -one.share):
         if one.share >= RUNS_ALONG:
             pair = frozenset({one.quantity, one.along})
             told.setdefault(pair, f"{one.quantity} with {one.along} ({percent(one.share)})")
-    return (
-        [f"In these recordings some things run along with others: {listed([*told.values()])}."]
-        if told
-        else []
-    )
+    if not told:
+        return []
+    shown, more = [*told.values()][:_MOST_PAIRS], len(told) - _MOST_PAIRS
+    if more > 0:
+        shown.append(f"{more} more")
+    return [f"In these recordings some things run along with others: {listed(shown)}."]
 
 
 def next_recordings(findings: Findings) -> list[str]:
