@@ -89,12 +89,13 @@ def name_causes(
 def without_effects(model: Model, recording: Recording, seed: int) -> Recording:
     """A recording without the effects that the loop finds before any injection.
 
-    Effects of a quarter of the naming threshold are taken out, too, so that another split names none.
+    Effects of a quarter of the naming threshold are taken out, too, and each time they are looked for in
+    another split, so that yet another one names none.
     """
     recording = recording.ticks()
-    for _ in range(CLEANINGS):
+    for cleaning in range(CLEANINGS):
         observations = gather(model, [recording])
-        blocks = cut(observations, seed=seed)
+        blocks = cut(observations, seed=seed + cleaning)
         selection = JointSelection(
             observations,
             blocks,
