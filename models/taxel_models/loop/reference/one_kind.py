@@ -139,12 +139,15 @@ def _may_show(
     own: Mapping[str, Floats] | None = None,
     more: float = 1.0,
 ) -> dict[str, Floats]:
-    """What a kind may show: more than its own figures, at least the mean; without them, what nearly all do.
+    """What a kind may show of each effect.
+
+    That is a multiple of its own figures, at least the mean over kinds. Without own ones, it is what
+    nearly all kinds show.
 
     Args:
         kinds: figures of each kind.
         own: those that the kind has.
-        more: over its own figures.
+        more: the multiple.
     """
     may = {}
     for name in sorted({name for one in kinds for name in one}):
