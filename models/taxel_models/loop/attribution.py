@@ -14,8 +14,8 @@ from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.findings import ParameterCorrelation
 from taxel_models.loop.observations import Observations
 
-AS_MUCH_ANYWAY: Final = "the model's own held-out residual has as much of it"
-"""Why an effect was not named that repeats, but explains nothing new; `--no-reference` looks for it."""
+AS_USUAL: Final = "does not repeat beyond what the model's own held-out residual has of it"
+"""Why an effect was not named that is usual of the model; `--no-reference` names such an effect."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from taxel.channels import CHANNELS
 from taxel.held_out_residual import HeldOutResidual
-from taxel_models.loop.attribution import AS_MUCH_ANYWAY, Attribution, Named, Rejected, faults_in_place
+from taxel_models.loop.attribution import AS_USUAL, Attribution, Named, Rejected, faults_in_place
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect
@@ -340,7 +340,7 @@ class JointSelection:
             elif score.log_evidence <= 0:
                 reason = "the residual is no likelier with it"
             elif score.t < self._constants.least_t <= score.t_with_usual:
-                reason = AS_MUCH_ANYWAY
+                reason = AS_USUAL
             elif score.t < self._constants.least_t:
                 reason = "does not repeat over the held-out folds"
             elif self._scoring.contradicts(score, self._taken):

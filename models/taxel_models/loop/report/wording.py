@@ -5,7 +5,7 @@ from typing import Final
 
 from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, Parameter
 from taxel.windows import ExtraFeature
-from taxel_models.loop.attribution import AS_MUCH_ANYWAY
+from taxel_models.loop.attribution import AS_USUAL
 from taxel_models.loop.findings import Findings, FoundEffect, PairedTest
 
 SIGNIFICANT: Final = 0.05
@@ -201,12 +201,12 @@ def new_kinds(findings: Findings) -> list[str]:
 
 def anyway(findings: Findings) -> list[str]:
     """What the model got wrong from the start, as a sentence; none where there is no such effect."""
-    names = [one.name for one in findings.rejected if one.reason == AS_MUCH_ANYWAY]
+    names = [one.name for one in findings.rejected if one.reason == AS_USUAL]
     if not names:
         return []
     return [
-        f"The model was as wrong from the start, on what its training held out, in {listed(names)}: "
-        "--no-reference looks for that, too."
+        f"Of {listed(names)}, nothing repeats beyond what the model got wrong from the start, on what its "
+        "training held out: --no-reference looks for that, too."
     ]
 
 

@@ -10,7 +10,7 @@ from scipy import stats
 
 from taxel.held_out_residual import HeldOutResidual
 from taxel.manifest import Manifest
-from taxel_models.loop.attribution import AS_MUCH_ANYWAY
+from taxel_models.loop.attribution import AS_USUAL
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.hysteresis import Hysteresis
@@ -167,7 +167,7 @@ def test_without_it_what_the_model_got_wrong_from_the_start_is_named(smooth: Any
     known = run_loop(smooth, [recording], LoopSettings(), reference=reference).findings
     assert not known.effects
     (rate,) = [one for one in known.rejected if one.name == "rate"]
-    assert rate.reason == AS_MUCH_ANYWAY
+    assert rate.reason == AS_USUAL
     (sentence,) = anyway(known)
     assert "rate" in sentence
     named = run_loop(smooth, [recording], LoopSettings(reference=False), reference=reference).findings
