@@ -19,7 +19,7 @@ class CleanTwins:
     """Twins of the paper's constants, taken in turn.
 
     Attributes:
-        recordings: how many different ones.
+        recordings: how many different ones; one more is the reference.
         rows: of each.
     """
 

@@ -20,6 +20,7 @@ from taxel_models.recovery.injected import Draw, inject_drawn
 from taxel_models.recovery.injection import Injection
 from taxel_models.recovery.injectors import inject
 from taxel_models.recovery.naming import without_effects
+from taxel_models.recovery.own_ground import CleanTwins
 
 Make = Callable[..., Recording]
 
@@ -145,13 +146,43 @@ def named_in(smooth: Any, recording: Recording) -> list[str]:
     return [named.name for named in selection.run().named]
 
 
-def test_a_recording_without_effects_is_clean_on_another_split(smooth: Any, make: Make) -> None:
+def test_the_reference_of_the_own_injectors_is_another_clean_twin(
+    smooth: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cleaned: list[Recording] = []
+
+    def clean(model: Any, recording: Recording, seed: int) -> Recording:
+        cleaned.append(recording)
+        return recording
+
+    monkeypatch.setattr("taxel_models.recovery.own_ground.without_effects", clean)
+    ground = CleanTwins(smooth, 3, 5_000, recordings=2)
+    rounds = [ground.clean(number) for number in range(4)]
+    (reference,) = {id(one.reference) for one in rounds}
+    played = {id(one.recording) for one in rounds}
+    assert len(played) == 2
+    assert {reference, *played} == {id(one) for one in cleaned}
+    assert len(cleaned) == 3
+
+
+def test_a_recording_without_effects_is_clean_on_another_split(
+    smooth: Any, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    splits: list[int] = []
+
+    def noted(observations: Any, *, seed: int) -> Any:
+        splits.append(seed)
+        return cut(observations, seed=seed)
+
+    monkeypatch.setattr("taxel_models.recovery.naming.cut", noted)
     clean = make()
     injection = Injection.into(clean, 2, np.full(21, 12.0))
     inject(injection, "offset", 1.0)
     inject(injection, "rate", 0.5)
     assert set(named_in(smooth, injection.recording)) == {"offset", "rate"}
     found = without_effects(smooth, injection.recording, seed=0)
+    assert splits == [*range(len(splits))]
+    assert len(splits) > 1
     assert named_in(smooth, found) == []
     # What was injected is gone, and nothing else.
     change = (found.channels - clean.ticks().channels)[100:-100]
