@@ -83,6 +83,7 @@ class Candidate:
         alike: the largest SD over mean of the electrodes' weights; None if they may differ freely.
         certain: whether chance cannot cause its signature. Then it needs no test.
         mean_absorbed: whether a trained model may have absorbed its mean.
+        ages: whether it grows or fades over the session, so that some folds have more of it than others.
         contains: a simpler effect that its weights can stand for: it is no rival of that one. None without.
         moved: gives the observations with corrected inputs and new predictions; None for forms that add to
             the prediction.
@@ -100,6 +101,7 @@ class Candidate:
     alike: float | None = None
     certain: bool = False
     mean_absorbed: bool = True
+    ages: bool = False
     contains: str | None = None
     moved: Callable[[Observations], Observations] | None = None
     again: "Callable[[Observations], Candidate] | None" = None
@@ -168,8 +170,9 @@ class Effect(ABC):
         most_weight: the largest weight that a channel can have of the signal that it follows.
         is_costly: whether its forms take many predictions. Then it is tried again once at most: after it
             failed alone, beside others.
-        is_usual_by_form: whether a form changes every recording alike, such as a delay of 20 ms: what the
-            model's own residual has of one form says nothing of others.
+        fits_nothing: whether a form changes every recording alike, such as a delay of 20 ms. What the
+            model's own residual has of one form says nothing of others, and one that repeats is told,
+            though it removes little.
         equation: what it adds to a channel.
         source: the source of the equation.
         signature: how it differs from other effects.
@@ -178,7 +181,7 @@ class Effect(ABC):
     name: ClassVar[str]
     looks_at_residual: ClassVar[bool] = False
     is_costly: ClassVar[bool] = False
-    is_usual_by_form: ClassVar[bool] = False
+    fits_nothing: ClassVar[bool] = False
     follows: ClassVar[Literal["expected", "measured"] | None] = None
     most_weight: ClassVar[float] = math.inf
     is_constant: ClassVar[bool] = False

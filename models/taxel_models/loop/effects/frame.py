@@ -96,6 +96,7 @@ class FrameEffect(Effect):
             Own(change[:, :, None].astype(np.float32)),
             fitting=Fitting(fixed=True, motion=5, choices=len(NAMES)),
             form_parameters=parameters,
+            ages=True,
             again=lambda _: self._reported(change, name, parameters),
         )
 

@@ -65,4 +65,5 @@ class Gain(Effect):
                         fitting=Fitting(pooled=alike),
                         weight_names=("gain", *(driver.name for driver in ageing)),
                         weight_unit="relative, relative/s",
+                        ages=True,
                     )

@@ -28,7 +28,7 @@ class Lag(Effect):
     """The channels show the model's prediction for an earlier or later time."""
 
     name = "lag"
-    is_usual_by_form = True
+    fits_nothing = True
     equation = "measured_c(t) = model_c(t - d), one d for all channels"
     source = "LASA: electrodes trail the force by 2 to 3 rows; clocks of two devices"
     signature = "the residual is the prediction's own change over time, the same delay in every channel"

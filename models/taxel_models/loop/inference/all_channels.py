@@ -54,7 +54,7 @@ class AllChannels:
             stronger = proven and score.log_evidence > few.log_evidence
             if not stronger:
                 return few
-        if proven and not self._shows(score, few_repeat=few is not None):
+        if proven and not self._shows(score, few):
             return replace(score, log_evidence=0.0)
         return score
 
@@ -62,21 +62,21 @@ class AllChannels:
         """The likeliest change of a few channels that proves itself."""
         if effect.follows is None:
             return None
-        few = self._correlated.best(effect, self._observations, self._remaining)
+        few = self._best(effect, self._constants.least_t)
         stand = few is not None and stands(few, self._beside_others, self._constants)
         return few if stand else None
 
-    def _shows(self, score: Score, *, few_repeat: bool) -> bool:
+    def _best(self, effect: Effect, least_t: float) -> Score | None:
+        return self._correlated.best(effect, self._observations, self._remaining, least_t=least_t)
+
+    def _shows(self, score: Score, few: Score | None) -> bool:
         """Whether a proven effect shows in all channels together, too."""
         effect = score.effect
         if score.form.candidate.certain or not self._correlated.knows(effect.label):
             return True
-        if (
-            effect.follows is not None
-            and score.worth.mean() < self._constants.least_share
-            and not few_repeat
-        ):
-            # What few channels show must show beside all others.
+        changes_few = effect.follows is not None and score.worth.mean() < self._constants.least_share
+        if changes_few and few is None and self._best(effect, self._constants.least_t / 2) is None:
+            # What few channels show must show beside all others; in itself, it repeats already.
             return False
         least = self._rival(effect) if effect.follows == "measured" else 0.0
         return self._evidence(effect) > least

@@ -114,8 +114,17 @@ class CorrelatedChannels:
         base = Base(Design(target, self._bins.fold), nothing, none, self._whitening.quantum, noise)
         return Bases.of(base, self._ones, self._constants)
 
-    def best(self, effect: Effect, observations: Observations, remaining: Remaining) -> Score | None:
-        """The likeliest change of a few channels by an effect that `follows` signals; None without one."""
+    def best(
+        self, effect: Effect, observations: Observations, remaining: Remaining, *, least_t: float
+    ) -> Score | None:
+        """The likeliest change of a few channels by an effect that `follows` signals; None without one.
+
+        Args:
+            effect: which.
+            observations: the recordings with the model's predictions.
+            remaining: what no named effect explains.
+            least_t: t over held-out folds that each channel must reach.
+        """
         signals = self.signals(effect, observations, remaining)
         forms, bases = signals.about_mean, self.bases(remaining.residual)
         options = forms.options
@@ -137,7 +146,8 @@ class CorrelatedChannels:
             more = {**chosen, channel: place}
             score = self._scored(effect, signals, more, bases, price, best)
             least = self._constants.foretold * own_odds
-            proven = odds(signals.predicted, channel, place) > least and self._repeats(score, best, channel)
+            proven = odds(signals.predicted, channel, place) > least and _is_likelier(score, best)
+            proven = proven and score.channel_t[channel] >= least_t
             if proven and self._is_possible(score, remaining.residual, channel):
                 chosen, best = more, score
             if not chosen or len(chosen) > MOST_CHANNELS:
@@ -150,11 +160,6 @@ class CorrelatedChannels:
         assert isinstance(score.form, FewChannelsForm)
         weights = self.weights(score.form, left, score.weighed.strength, None)[channel]
         return bool((np.abs(weights) <= score.effect.most_weight).all())
-
-    def _repeats(self, score: Score, before: Score | None, channel: int) -> bool:
-        """Whether one channel more is likelier and repeats over the folds."""
-        likelier = score.log_evidence > (0.0 if before is None else before.log_evidence)
-        return bool(likelier and score.channel_t[channel] >= self._constants.least_t)
 
     def _scored(
         self,
@@ -208,7 +213,7 @@ class CorrelatedChannels:
         weighed = weigh(products, TOGETHER, self._constants)
         found = held_out(products, TOGETHER, weighed)
         gain = found.gain.sum(axis=1)[:, None] * form.included / form.included.sum()
-        return weighed, HeldOut(gain, found.before, np.ones(len(CHANNELS)))
+        return weighed, HeldOut(gain, found.before, np.ones(len(CHANNELS)), found.acts)
 
     def of_many(self, label: str, forms: Sequence[Candidate], bases: Bases) -> float:
         """The log evidence of the likeliest form of an effect that changes many channels, 0 at least.
@@ -295,3 +300,8 @@ def _of_each_channel(effect: Effect, seen: Observations, remaining: Remaining) -
         for candidate in effect.forms(seen, remaining)
         if not (candidate.fitting.pooled or candidate.fitting.fixed)
     ]
+
+
+def _is_likelier(score: Score, before: Score | None) -> bool:
+    """Whether one channel more is likelier than what there was before."""
+    return score.log_evidence > (0.0 if before is None else before.log_evidence)

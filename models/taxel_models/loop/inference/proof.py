@@ -22,6 +22,8 @@ def stands(score: Score, beside_others: bool, constants: Constants) -> bool:
         return bool(score.worth.mean() >= constants.least_channel_share)
     if score.worth.mean() >= constants.least_share:
         return True
+    if score.effect.fits_nothing and not beside_others:
+        return bool(score.worth.mean() > 0)
     if score.form.candidate.fitting.pooled:
         # What all channels share is not told by one of them.
         return False

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from taxel.held_out_residual import HeldOutResidual
 from taxel_models.loop.basis import Floats
+from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.inference.evidence import HeldOut
 from taxel_models.loop.inference.kinds import counted
 
@@ -37,10 +38,17 @@ class Usual:
         usual = np.array(self._structure[effect].log_evidence)
         return np.asarray(usual * part * self._bins_each.sum())
 
-    def gain(self, effect: str, form: str, tested: HeldOut) -> Floats | float:
-        """(folds, 21) what a form of an effect takes off the model's own residual, over the noise."""
+    def gain(self, candidate: Candidate, tested: HeldOut) -> Floats | float:
+        """(folds, 21) what a form of an effect takes off the model's own residual, over the noise.
+
+        A form that ages takes off little where it is small, whether it is usual or not.
+        """
+        effect, form = candidate.effect, candidate.form_itself
         if effect not in self._structure or not self._structure[effect].has(form):
             return 0.0
         _, part = counted(effect, self._std, self._scale)
         gain = part * np.array(self._structure[effect].gain)
-        return np.asarray(self._bins_each[:, None] * gain / (tested.noise * self._scale**2))
+        bins = self._bins_each[:, None]
+        if candidate.ages:
+            bins = bins.sum() * tested.acts / np.maximum(tested.acts.sum(axis=0), 1e-12)
+        return np.asarray(bins * gain / (tested.noise * self._scale**2))

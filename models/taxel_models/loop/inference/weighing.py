@@ -129,7 +129,7 @@ class Weighing:
         """
         # A channel that it does not change gains nothing, usual or not.
         candidate = form.candidate
-        usual = self._usual.gain(candidate.effect, candidate.form_itself, tested) * weighed.changes
+        usual = self._usual.gain(candidate, tested) * weighed.changes
         gain = tested.gain - usual
         fall = (gain * tested.noise).sum(axis=0)
         worth = fall / (self._energy if energy is None else energy)

@@ -144,10 +144,10 @@ def _of_many(
     bases = channels.bases(residual)
     found = [weigh(each, fitting, constants) for each, fitting in channels.products_of_many(forms, bases)]
     # Where each form stands for itself, only the likely ones are usual, and the likeliest in any case.
-    least = min(0.0, max(one.log_evidence for one in found)) if effect.is_usual_by_form else -np.inf
+    least = min(0.0, max(one.log_evidence for one in found)) if effect.fits_nothing else -np.inf
     kept = [(form, one) for form, one in zip(forms, found, strict=True) if one.log_evidence >= least]
     odds = np.max([np.maximum(one.by_channel, 0.0) for _, one in kept], axis=0) / bases.beside.bins
-    names = {form.form_itself for form, _ in kept} if effect.is_usual_by_form else ()
+    names = {form.form_itself for form, _ in kept} if effect.fits_nothing else ()
     return OwnStructure(
         log_evidence=tuple(odds.tolist()),
         gain=(0.0,) * len(CHANNELS),

@@ -62,7 +62,7 @@ def structure_of(scoring: Scoring, confidence: float = OPEN) -> dict[str, OwnStr
             structure[score.name] = OwnStructure(
                 log_evidence=tuple((np.maximum(odds, 0.0) / bins).tolist()),
                 gain=tuple((np.maximum(gain, 0.0) / bins).tolist()),
-                forms=_usual_forms(scoring, score, confidence) if score.effect.is_usual_by_form else (),
+                forms=_usual_forms(scoring, score, confidence) if score.effect.fits_nothing else (),
             )
         return structure
 

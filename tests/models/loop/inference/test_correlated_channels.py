@@ -122,7 +122,7 @@ def test_weights_are_those_of_generalised_least_squares(
     channels = CorrelatedChannels(left, bins, white, replace(DECLARED, robust=1e9))
     rows = len(observations)
     remaining = Remaining(left, blocks.fit, np.ones(rows))
-    best = channels.best(Gain(), observations, remaining)
+    best = channels.best(Gain(), observations, remaining, least_t=DECLARED.least_t)
     assert best is not None
     assert best.form.channels == [CHANNELS.index("e4")]
     found = channels.weights(best.form, left, UNSHRUNK, None)
