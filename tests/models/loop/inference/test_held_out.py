@@ -44,7 +44,8 @@ def test_gains_are_those_of_plain_refits(draw: Draw, base_size: int, pooled: boo
     np.testing.assert_allclose(found.noise, noise)
     for fold in range(4):
         test = base.target.fold == fold
-        gain, before = refit(target, own, values, test, noise, pooled=pooled)
+        gain, before, moved = refit(target, own, values, test, noise, pooled=pooled)
+        np.testing.assert_allclose(found.acts[fold], moved / noise, rtol=1e-6, atol=1e-8)
         np.testing.assert_allclose(found.before[fold], before / noise, rtol=1e-8)
         np.testing.assert_allclose(found.gain[fold], gain / noise, rtol=1e-6, atol=1e-8)
 
@@ -57,14 +58,14 @@ def refit(
     noise: np.ndarray,
     *,
     pooled: bool,
-) -> tuple[np.ndarray, np.ndarray]:
-    """(21,) the fall of the squared error on one fold, and the base's, fitted to all others."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(21,) fall of the squared error on one fold, the base's, and the squared change; by all others."""
     prior, size = np.full(own.shape[2], 4.0), values.shape[2]
     both = np.concatenate([own, values], axis=2)
     common = np.zeros(size)
     if pooled:
         common = pooled_weights(target[:, ~test], own[:, ~test], values[:, ~test], noise)
-    gain, before = np.empty((2, 21))
+    gain, before, moved = np.empty((3, 21))
     for channel in range(21):
         plain = ridge(own[channel, ~test], target[channel, ~test], prior)
         if pooled:
@@ -78,7 +79,8 @@ def refit(
         before[channel] = ((target[channel] - own[channel] @ plain)[test] ** 2).sum()
         after = ((target[channel] - both[channel] @ weights)[test] ** 2).sum()
         gain[channel] = before[channel] - after
-    return gain, before
+        moved[channel] = ((both[channel] @ weights - own[channel] @ plain)[test] ** 2).sum()
+    return gain, before, moved
 
 
 def ridge(values: np.ndarray, target: np.ndarray, precision: np.ndarray) -> np.ndarray:

@@ -15,10 +15,8 @@ from taxel_models.loop.attribution import Attribution, Named, faults_in_place
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.effect import Fitting
 from taxel_models.loop.effects.registry import candidates
-from taxel_models.loop.inference import proof
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.forms import prepared
-from taxel_models.loop.inference.proof import simplest
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations, gather
@@ -330,52 +328,6 @@ def test_a_drift_is_named_before_offsets_of_contacts_that_contain_it(smooth: Any
         reference=held_out_residual(smooth, [in_contacts(4)]),
     ).run()
     assert names(found) == ["drift", "offset:contact"]
-
-
-def test_the_simplest_is_looked_for_step_by_step() -> None:
-    def score(freedom: int, gain: float, evidence: float) -> Any:
-        effect = SimpleNamespace(is_predictable=True)
-        return SimpleNamespace(effect=effect, freedom=freedom, total_gain=gain, log_evidence=evidence)
-
-    kinds, ageing, line = score(294, 1600.0, 1613.0), score(105, 1800.0, 1569.0), score(21, 2100.0, 1383.0)
-    weak, constant = score(10, 1190.0, 1500.0), score(1, 900.0, 2000.0)
-    assert simplest(kinds, [kinds, ageing], DECLARED) is ageing
-    # It carries most of what the ageing does, which carries most of what the kinds do.
-    assert simplest(kinds, [kinds, ageing, line], DECLARED) is line
-    # These carry most of what the kinds do, or of nothing: the line explains more.
-    assert simplest(kinds, [kinds, ageing, line, weak, constant], DECLARED) is line
-    assert simplest(line, [kinds, ageing], DECLARED) is line
-
-
-@pytest.mark.parametrize(
-    ("worth", "t", "shared", "constant", "beside", "stands"),
-    [
-        pytest.param(0.05, 5.6, False, False, False, True, id="one channel, against chance among all"),
-        pytest.param(0.05, 5.4, False, False, False, False, id="one channel, perhaps chance"),
-        pytest.param(0.16, 3.1, False, False, False, True, id="one clear channel"),
-        pytest.param(0.16, 2.9, False, False, False, False, id="one clear channel that does not repeat"),
-        pytest.param(0.05, 9.0, False, False, True, False, id="one channel, beside a named effect"),
-        pytest.param(0.14, 9.0, False, True, False, False, id="one channel's offset"),
-        pytest.param(0.16, 9.0, False, True, False, True, id="one channel's clear offset"),
-        pytest.param(0.50, 9.0, True, False, False, False, id="one channel of a cause that all share"),
-        pytest.param(0.70, 9.0, True, False, False, True, id="all channels together"),
-    ],
-)
-def test_one_channel_may_be_enough(
-    worth: float, t: float, shared: bool, constant: bool, beside: bool, stands: bool
-) -> None:
-    """Of 21 channels, the others are a little worse with the effect."""
-    candidate = SimpleNamespace(fitting=Fitting(pooled=shared))
-    score: Any = SimpleNamespace(
-        effect=SimpleNamespace(is_predictable=True, is_constant=constant),
-        form=SimpleNamespace(candidate=candidate),
-        weighed=SimpleNamespace(changes=np.ones(21, bool)),
-        gain=np.ones((8, 21)),
-        t=4.0,
-        channel_t=np.array([t] + [0.0] * 20),
-        worth=np.array([worth] + [-0.001] * 20),
-    )
-    assert proof.stands(score, beside, DECLARED) is stands
 
 
 @pytest.mark.parametrize(

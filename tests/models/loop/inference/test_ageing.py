@@ -1,0 +1,144 @@
+"""What ages: it acts in some folds more than in others, and so does what is usual of it."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from taxel.channels import CHANNELS
+from taxel.held_out_residual import HeldOutResidual
+from taxel_models.loop.basis import Shared
+from taxel_models.loop.blocks import cut
+from taxel_models.loop.effects.effect import Candidate, Remaining
+from taxel_models.loop.effects.gain import Gain
+from taxel_models.loop.inference.constants import DECLARED
+from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
+from taxel_models.loop.inference.evidence import HeldOut
+from taxel_models.loop.inference.score import Score
+from taxel_models.loop.inference.scoring import Scoring, silent
+from taxel_models.loop.inference.selection import JointSelection
+from taxel_models.loop.inference.usual import Usual
+from taxel_models.loop.inference.whitening import Bins
+from taxel_models.loop.observations import Observations, gather
+from taxel_models.loop.reference.held_out import held_out_residual
+from taxel_models.recordings import Recording
+
+Make = Callable[..., Recording]
+Floats = NDArray[np.float64]
+FADES = CHANNELS.index("e4")
+
+
+class NeverAgeing(Gain):
+    """Forms of a gain that count as alike in all folds."""
+
+    def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
+        for form in super().forms(observations, remaining):
+            yield replace(form, ages=False)
+
+
+def noisy(recording: Recording, seed: int) -> Recording:
+    counts = recording.channels + np.random.default_rng(seed).normal(size=recording.channels.shape) * 8.0
+    return replace(recording, channels=np.rint(counts))
+
+
+def fading(recording: Recording, share: float) -> Recording:
+    """An electrode loses a share of its signal by the end."""
+    counts = recording.channels.copy()
+    own = counts[:, FADES]
+    counts[:, FADES] = np.rint(own - np.linspace(0.0, share, len(own)) * (own - own.mean()))
+    return replace(recording, channels=counts)
+
+
+@pytest.fixture(scope="module")
+def reference(smooth: Any, make: Make) -> HeldOutResidual:
+    found = held_out_residual(smooth, [noisy(make(seed=8), seed=1)])
+    assert found is not None
+    return found
+
+
+def scored(effect: Gain, observations: Observations, reference: HeldOutResidual) -> Score:
+    scoring = Scoring(observations, cut(observations, seed=0), [effect], reference, DECLARED, silent)
+    return next(score for score in scoring.scores([]) if score.name == "gain")
+
+
+def with_usual_gain(reference: HeldOutResidual, gain: float) -> HeldOutResidual:
+    """The reference where the electrode's own gain takes so much off its error, counts² for each bin."""
+    known = reference.structure["gain"]
+    every = np.array(known.gain)
+    every[FADES] = gain
+    structure = {**reference.structure, "gain": known.model_copy(update={"gain": tuple(every.tolist())})}
+    return reference.model_copy(update={"structure": structure, "correlated": None})
+
+
+def test_an_ageing_gain_repeats_more_surely_where_what_is_usual_counts_as_it_acts(
+    smooth: Any, make: Make, reference: HeldOutResidual
+) -> None:
+    observations = gather(smooth, [fading(noisy(make(12_000, seed=4), seed=2), 0.6)])
+    known = with_usual_gain(reference, 60.0)
+    ageing, alike = (scored(one, observations, known) for one in (Gain(), NeverAgeing()))
+    assert ageing.form.candidate.form == alike.form.candidate.form
+    assert ageing.form.candidate.ages
+    assert ageing.total_gain == pytest.approx(alike.total_gain)
+    assert alike.t < DECLARED.least_t < ageing.t
+
+
+@pytest.mark.parametrize("ages", [True, False])
+def test_folds_have_what_is_usual_by_their_change_or_by_their_bins(
+    reference: HeldOutResidual, ages: bool
+) -> None:
+    fold = np.repeat([0, 1, 2], [10, 10, 20])
+    scale = 2.0 * np.array(reference.std)
+    acts = np.random.default_rng(3).uniform(0.5, 2.0, (3, 21))
+    tested = HeldOut(np.ones((3, 21)), np.ones((3, 21)), np.full(21, 0.5), acts)
+    candidate = Candidate("gain", "by channel", Shared(np.ones((40, 1))), ages=ages)
+    found = Usual(with_usual_gain(reference, 20.0), fold, scale).gain(candidate, tested)
+    part = acts / acts.sum(axis=0) if ages else np.array([[0.25], [0.25], [0.5]])
+    # Over the noise of a bin, whose mean square is half of the squared scale.
+    whole = 40 * 20.0 / (0.5 * scale[FADES] ** 2)
+    np.testing.assert_allclose(
+        np.asarray(found)[:, FADES], whole * np.broadcast_to(part, acts.shape)[:, FADES]
+    )
+
+
+def wandering(recording: Recording, seed: int) -> Recording:
+    """The electrodes have an error in common that wanders within a second."""
+    random = np.random.default_rng(seed)
+    rows = len(recording)
+    knots = random.normal(size=rows // 40 + 2)
+    wander = 20.0 * np.interp(np.arange(rows) / 40.0, np.arange(len(knots)), knots)
+    counts = recording.channels.copy()
+    counts[:, 2:] += np.rint(wander[:, None] * np.random.default_rng(77).uniform(0.5, 1.5, 19))
+    return replace(recording, channels=counts)
+
+
+def test_what_repeats_in_its_own_channel_may_repeat_half_as_surely_beside_all_others(
+    smooth: Any, make: Make
+) -> None:
+    """In an eighth of the session the other electrodes are weaker, too."""
+    known = held_out_residual(smooth, [wandering(noisy(make(seed=8), seed=1), seed=1)])
+    assert known is not None
+    assert known.correlated is not None
+    recording = wandering(noisy(make(seed=4), seed=2), seed=2)
+    share = np.zeros((len(recording), len(CHANNELS)))
+    share[len(share) // 2 : len(share) * 5 // 8, 2:] = 0.15
+    share[:, FADES] = 0.3
+    about = recording.channels - recording.channels.mean(axis=0)
+    observations = gather(
+        smooth, [replace(recording, channels=np.rint(recording.channels - share * about))]
+    )
+    blocks = cut(observations, seed=0)
+    alone = scored(Gain(), observations, known.model_copy(update={"correlated": None}))
+    bins = Bins.of(blocks, DECLARED.bin_s)
+    channels = CorrelatedChannels(observations.residual, bins, known.correlated, DECLARED)
+    remaining = Remaining(observations.residual, blocks.fit, np.ones(len(observations)))
+    beside = channels.best(Gain(), observations, remaining, least_t=0.0)
+    assert beside is not None
+    assert beside.t < alone.channel_t[FADES]
+    assert alone.worth.mean() < DECLARED.least_share
+    least_t = 0.5 * (beside.t + float(alone.channel_t[FADES]))
+    constants = replace(DECLARED, least_t=least_t)
+    found = JointSelection(observations, blocks, [Gain()], reference=known, constants=constants).run()
+    assert [one.name for one in found.named] == ["gain"]
