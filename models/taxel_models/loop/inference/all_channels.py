@@ -76,7 +76,7 @@ class AllChannels:
             return True
         changes_few = effect.follows is not None and score.worth.mean() < self._constants.least_share
         if changes_few and few is None and self._best(effect, self._constants.least_t / 2) is None:
-            # What few channels show must show beside all others; in itself, it repeats already.
+            # What few channels show must show beside all others. By itself it repeats already.
             return False
         least = self._rival(effect) if effect.follows == "measured" else 0.0
         return self._evidence(effect) > least

@@ -146,9 +146,9 @@ class CorrelatedChannels:
             more = {**chosen, channel: place}
             score = self._scored(effect, signals, more, bases, price, best)
             least = self._constants.foretold * own_odds
-            proven = odds(signals.predicted, channel, place) > least and _is_likelier(score, best)
-            proven = proven and score.channel_t[channel] >= least_t
-            if proven and self._is_possible(score, remaining.residual, channel):
+            proven = score.channel_t[channel] >= least_t and odds(signals.predicted, channel, place) > least
+            likelier = score.log_evidence > (0.0 if best is None else best.log_evidence)
+            if proven and likelier and self._is_possible(score, remaining.residual, channel):
                 chosen, best = more, score
             if not chosen or len(chosen) > MOST_CHANNELS:
                 # Where the likeliest one proves nothing, those that do may only stand for its cause.
@@ -213,7 +213,7 @@ class CorrelatedChannels:
         weighed = weigh(products, TOGETHER, self._constants)
         found = held_out(products, TOGETHER, weighed)
         gain = found.gain.sum(axis=1)[:, None] * form.included / form.included.sum()
-        return weighed, HeldOut(gain, found.before, np.ones(len(CHANNELS)), found.acts)
+        return weighed, HeldOut(gain, found.before, np.ones(len(CHANNELS)), found.squared_change)
 
     def of_many(self, label: str, forms: Sequence[Candidate], bases: Bases) -> float:
         """The log evidence of the likeliest form of an effect that changes many channels, 0 at least.
@@ -300,8 +300,3 @@ def _of_each_channel(effect: Effect, seen: Observations, remaining: Remaining) -
         for candidate in effect.forms(seen, remaining)
         if not (candidate.fitting.pooled or candidate.fitting.fixed)
     ]
-
-
-def _is_likelier(score: Score, before: Score | None) -> bool:
-    """Whether one channel more is likelier than what there was before."""
-    return score.log_evidence > (0.0 if before is None else before.log_evidence)

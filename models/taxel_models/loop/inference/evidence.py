@@ -341,13 +341,13 @@ class HeldOut:
         gain: (folds, 21) fall of the squared error over the noise.
         before: (folds, 21) the base's squared error over the noise.
         noise: (21,) mean square that the base leaves in a bin, over the scale.
-        acts: (folds, 21) square of the change that it foretells, over the noise.
+        squared_change: (folds, 21) square of the change that it foretells, over the noise.
     """
 
     gain: Floats
     before: Floats
     noise: Floats
-    acts: Floats
+    squared_change: Floats
 
     @property
     def shares(self) -> Floats:
@@ -363,7 +363,7 @@ def held_out(products: Products, fitting: Fitting, weighed: Weighed, *, seen: bo
     """
     base, folds = products.base, products.folds
     noise = base.counted_noise
-    gain, before, acts = np.empty((3, folds, len(noise)))
+    gain, before, change = np.empty((3, folds, len(noise)))
     for fold in range(folds):
         tested = np.arange(folds) == fold
         kept = ~tested | seen
@@ -376,11 +376,11 @@ def held_out(products: Products, fitting: Fitting, weighed: Weighed, *, seen: bo
         after += _squares(np.zeros(len(noise)), weights, test.cross, test.gram)
         after += 2 * np.einsum("cb,cbk,ck->c", beside, test.between, weights)
         moved = beside - plain
-        own = np.einsum("cb,cbd,cd->c", moved, test.base_gram, moved)
-        own += 2 * np.einsum("cb,cbk,ck->c", moved, test.between, weights)
-        own += np.einsum("ck,ckl,cl->c", weights, test.gram, weights)
-        gain[fold], before[fold], acts[fold] = (alone - after) / noise, alone / noise, own / noise
-    return HeldOut(gain, before, noise, acts)
+        square = np.einsum("cb,cbd,cd->c", moved, test.base_gram, moved)
+        square += 2 * np.einsum("cb,cbk,ck->c", moved, test.between, weights)
+        square += np.einsum("ck,ckl,cl->c", weights, test.gram, weights)
+        gain[fold], before[fold], change[fold] = (alone - after) / noise, alone / noise, square / noise
+    return HeldOut(gain, before, noise, change)
 
 
 def _squares(energy: Floats, weights: Floats, cross: Floats, gram: Floats) -> Floats:

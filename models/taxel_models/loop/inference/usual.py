@@ -50,5 +50,6 @@ class Usual:
         gain = part * np.array(self._structure[effect].gain)
         bins = self._bins_each[:, None]
         if candidate.ages:
-            bins = bins.sum() * tested.acts / np.maximum(tested.acts.sum(axis=0), 1e-12)
+            change = tested.squared_change
+            bins = bins.sum() * change / np.maximum(change.sum(axis=0), 1e-12)
         return np.asarray(bins * gain / (tested.noise * self._scale**2))

@@ -91,15 +91,15 @@ def test_folds_have_what_is_usual_by_their_change_or_by_their_bins(
 ) -> None:
     fold = np.repeat([0, 1, 2], [10, 10, 20])
     scale = 2.0 * np.array(reference.std)
-    acts = np.random.default_rng(3).uniform(0.5, 2.0, (3, 21))
-    tested = HeldOut(np.ones((3, 21)), np.ones((3, 21)), np.full(21, 0.5), acts)
+    change = np.random.default_rng(3).uniform(0.5, 2.0, (3, 21))
+    tested = HeldOut(np.ones((3, 21)), np.ones((3, 21)), np.full(21, 0.5), change)
     candidate = Candidate("gain", "by channel", Shared(np.ones((40, 1))), ages=ages)
     found = Usual(with_usual_gain(reference, 20.0), fold, scale).gain(candidate, tested)
-    part = acts / acts.sum(axis=0) if ages else np.array([[0.25], [0.25], [0.5]])
+    part = change / change.sum(axis=0) if ages else np.array([[0.25], [0.25], [0.5]])
     # Over the noise of a bin, whose mean square is half of the squared scale.
     whole = 40 * 20.0 / (0.5 * scale[FADES] ** 2)
     np.testing.assert_allclose(
-        np.asarray(found)[:, FADES], whole * np.broadcast_to(part, acts.shape)[:, FADES]
+        np.asarray(found)[:, FADES], whole * np.broadcast_to(part, change.shape)[:, FADES]
     )
 
 

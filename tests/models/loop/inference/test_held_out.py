@@ -45,7 +45,7 @@ def test_gains_are_those_of_plain_refits(draw: Draw, base_size: int, pooled: boo
     for fold in range(4):
         test = base.target.fold == fold
         gain, before, moved = refit(target, own, values, test, noise, pooled=pooled)
-        np.testing.assert_allclose(found.acts[fold], moved / noise, rtol=1e-6, atol=1e-8)
+        np.testing.assert_allclose(found.squared_change[fold], moved / noise, rtol=1e-6, atol=1e-8)
         np.testing.assert_allclose(found.before[fold], before / noise, rtol=1e-8)
         np.testing.assert_allclose(found.gain[fold], gain / noise, rtol=1e-6, atol=1e-8)
 
