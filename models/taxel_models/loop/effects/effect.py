@@ -170,9 +170,9 @@ class Effect(ABC):
         most_weight: the largest weight that a channel can have of the signal that it follows.
         is_costly: whether its forms take many predictions. Then it is tried again once at most: after it
             failed alone, beside others.
-        fits_nothing: whether a form changes every recording alike, such as a delay of 20 ms. What the
-            model's own residual has of one form says nothing of others, and one that repeats is told,
-            though it removes little.
+        fits_nothing: whether nothing of a form is fitted, such as a delay of 20 ms: it changes every
+            recording alike. What the model's own residual has of one form says nothing of others, and
+            one that repeats may be named though it removes little.
         equation: what it adds to a channel.
         source: the source of the equation.
         signature: how it differs from other effects.

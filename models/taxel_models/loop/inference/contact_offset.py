@@ -195,6 +195,7 @@ class ContactOffsets:
         weighed = Weighed(total, 1.0, np.ones(len(CHANNELS)), table[int(sums.argmax())])
         # Sums over rows in counts² become sums over bins in units of the noise.
         unit = noise * self._whitening.scale**2 * self._bins.rows_each
+        # They do not age, so that nothing asks in which folds they act.
         return form, weighed, HeldOut(last.gain / unit, last.before / unit, noise, np.zeros_like(last.gain))
 
     @cached_property

@@ -15,13 +15,10 @@ from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.effect import Candidate, Remaining
 from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.inference.constants import DECLARED
-from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
 from taxel_models.loop.inference.evidence import HeldOut
 from taxel_models.loop.inference.score import Score
 from taxel_models.loop.inference.scoring import Scoring, silent
-from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.inference.usual import Usual
-from taxel_models.loop.inference.whitening import Bins
 from taxel_models.loop.observations import Observations, gather
 from taxel_models.loop.reference.held_out import held_out_residual
 from taxel_models.recordings import Recording
@@ -101,44 +98,3 @@ def test_folds_have_what_is_usual_by_their_change_or_by_their_bins(
     np.testing.assert_allclose(
         np.asarray(found)[:, FADES], whole * np.broadcast_to(part, change.shape)[:, FADES]
     )
-
-
-def wandering(recording: Recording, seed: int) -> Recording:
-    """The electrodes have an error in common that wanders within a second."""
-    random = np.random.default_rng(seed)
-    rows = len(recording)
-    knots = random.normal(size=rows // 40 + 2)
-    wander = 20.0 * np.interp(np.arange(rows) / 40.0, np.arange(len(knots)), knots)
-    counts = recording.channels.copy()
-    counts[:, 2:] += np.rint(wander[:, None] * np.random.default_rng(77).uniform(0.5, 1.5, 19))
-    return replace(recording, channels=counts)
-
-
-def test_what_repeats_in_its_own_channel_may_repeat_half_as_surely_beside_all_others(
-    smooth: Any, make: Make
-) -> None:
-    """In an eighth of the session the other electrodes are weaker, too."""
-    known = held_out_residual(smooth, [wandering(noisy(make(seed=8), seed=1), seed=1)])
-    assert known is not None
-    assert known.correlated is not None
-    recording = wandering(noisy(make(seed=4), seed=2), seed=2)
-    share = np.zeros((len(recording), len(CHANNELS)))
-    share[len(share) // 2 : len(share) * 5 // 8, 2:] = 0.15
-    share[:, FADES] = 0.3
-    about = recording.channels - recording.channels.mean(axis=0)
-    observations = gather(
-        smooth, [replace(recording, channels=np.rint(recording.channels - share * about))]
-    )
-    blocks = cut(observations, seed=0)
-    alone = scored(Gain(), observations, known.model_copy(update={"correlated": None}))
-    bins = Bins.of(blocks, DECLARED.bin_s)
-    channels = CorrelatedChannels(observations.residual, bins, known.correlated, DECLARED)
-    remaining = Remaining(observations.residual, blocks.fit, np.ones(len(observations)))
-    beside = channels.best(Gain(), observations, remaining, least_t=0.0)
-    assert beside is not None
-    assert beside.t < alone.channel_t[FADES]
-    assert alone.worth.mean() < DECLARED.least_share
-    least_t = 0.5 * (beside.t + float(alone.channel_t[FADES]))
-    constants = replace(DECLARED, least_t=least_t)
-    found = JointSelection(observations, blocks, [Gain()], reference=known, constants=constants).run()
-    assert [one.name for one in found.named] == ["gain"]

@@ -21,6 +21,7 @@ from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
 from taxel_models.loop.inference.score import UNSHRUNK
+from taxel_models.loop.inference.scoring import Scoring, silent
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.inference.whitening import Bins
 from taxel_models.loop.observations import Observations, gather
@@ -35,14 +36,18 @@ COMMON = 40.0
 """SD of the error that all electrodes have in common, counts; each one's own has 4."""
 
 
-def errs_alike(recording: Recording, seed: int) -> Recording:
-    """With an error that wanders within a second, of the electrodes together, each to its own degree."""
+def errs_alike(recording: Recording, seed: int, *, common: float = COMMON, white: float = 0.0) -> Recording:
+    """With an error that wanders within a second, of the electrodes together, each to its own degree.
+
+    Args:
+        white: SD of further noise of each channel, counts.
+    """
     random = np.random.default_rng(seed)
     rows = len(recording)
     knots = random.normal(size=rows // 40 + 2)
     wander = np.interp(np.arange(rows) / 40.0, np.arange(len(knots)), knots)
-    degree = np.random.default_rng(77).uniform(0.5, 1.5, 19) * COMMON
-    counts = recording.channels.copy()
+    degree = np.random.default_rng(77).uniform(0.5, 1.5, 19) * common
+    counts = recording.channels + white * random.normal(size=recording.channels.shape)
     counts[:, 2:] += wander[:, None] * degree
     return replace(recording, channels=np.clip(np.rint(counts), 0, COUNTS_MAX))
 
@@ -149,6 +154,37 @@ def test_a_change_of_one_electrode_stands_out_from_errors_that_all_have(
     assert "e4, beside all others" in form
     alone = reference.model_copy(update={"correlated": None})
     assert named(smooth, dying, alone) == []
+
+
+def test_what_repeats_in_its_own_channel_may_repeat_half_as_surely_beside_all_others(
+    smooth: Any, make: Make
+) -> None:
+    """In an eighth of the session the other electrodes are weaker, too."""
+    known = held_out_residual(smooth, [errs_alike(make(seed=8), seed=1, common=20.0, white=8.0)])
+    assert known is not None
+    assert known.correlated is not None
+    recording = errs_alike(make(seed=4), seed=2, common=20.0, white=8.0)
+    weak = CHANNELS.index("e4")
+    share = np.zeros(recording.channels.shape)
+    share[len(share) // 2 : len(share) * 5 // 8, 2:] = 0.15
+    share[:, weak] = 0.3
+    about = recording.channels - recording.channels.mean(axis=0)
+    changed = replace(recording, channels=np.rint(recording.channels - share * about))
+    observations = gather(smooth, [changed])
+    blocks = cut(observations, seed=0)
+    by_itself = known.model_copy(update={"correlated": None})
+    scores = Scoring(observations, blocks, [Gain()], by_itself, DECLARED, silent).scores([])
+    alone = next(score for score in scores if score.name == "gain")
+    bins = Bins.of(blocks, DECLARED.bin_s)
+    channels = CorrelatedChannels(observations.residual, bins, known.correlated, DECLARED)
+    remaining = Remaining(observations.residual, blocks.fit, np.ones(len(observations)))
+    beside = channels.best(Gain(), observations, remaining, least_t=0.0)
+    assert beside is not None
+    assert beside.t < alone.channel_t[weak]
+    assert alone.worth.mean() < DECLARED.least_share
+    constants = replace(DECLARED, least_t=0.5 * (beside.t + float(alone.channel_t[weak])))
+    found = JointSelection(observations, blocks, [Gain()], reference=known, constants=constants).run()
+    assert [one.name for one in found.named] == ["gain"]
 
 
 @pytest.mark.parametrize("spread", [0.04, 0.08])

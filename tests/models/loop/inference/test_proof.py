@@ -74,10 +74,10 @@ def test_a_delay_that_repeats_needs_no_share_of_the_error(
     score: Any = SimpleNamespace(
         effect=Lag(),
         form=SimpleNamespace(candidate=SimpleNamespace(fitting=Fitting(fixed=True))),
+        weighed=SimpleNamespace(changes=np.ones(21, bool)),
+        gain=np.ones((8, 21)),
         t=t,
+        channel_t=np.zeros(21),
         worth=np.full(21, worth),
     )
-    score.channel_t = np.zeros(21)
-    score.weighed = SimpleNamespace(changes=np.ones(21, bool))
-    score.gain = np.ones((8, 21))
     assert proof.stands(score, beside, DECLARED) is stands
