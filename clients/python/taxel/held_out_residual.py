@@ -28,6 +28,18 @@ class OwnStructure(Schema):
         return not self.forms or form in self.forms
 
 
+class OwnWave(Schema):
+    """A wave of constant frequency in a model's own held-out residual, such as a material's texture gives.
+
+    Attributes:
+        frequency_hz: of the wave.
+        energy: what it explains of each channel's squared error, counts².
+    """
+
+    frequency_hz: Annotated[float, Field(gt=0)]
+    energy: NotNegativePerChannel
+
+
 class KnownKind(Schema):
     """What a recording of one kind may show, of which training held some out.
 
@@ -35,11 +47,13 @@ class KnownKind(Schema):
         std: root of the mean square of each channel's residual on it, counts.
         structure: what each effect explains of it.
         correlated: likewise, what the channels show beside each other.
+        waves: of its residual; none in a manifest of an earlier version.
     """
 
     std: NotNegativePerChannel
     structure: dict[str, OwnStructure] = Field(default_factory=dict)
     correlated: dict[str, OwnStructure] = Field(default_factory=dict)
+    waves: tuple[OwnWave, ...] = ()
 
 
 class KindResidual(Schema):
@@ -92,6 +106,7 @@ class HeldOutResidual(Schema):
             it; none in a manifest of an earlier version.
         correlated: how the errors of its channels go along with each other; likewise.
         new_kinds: by column, what kinds would show that training never had; none where too few are known.
+        waves: of all recordings together; likewise.
     """
 
     rows: Annotated[int, Field(gt=0)]
@@ -103,3 +118,4 @@ class HeldOutResidual(Schema):
     sensitivity_change: NotNegativePerChannel | None = None
     correlated: CorrelatedResidual | None = None
     new_kinds: dict[str, "HeldOutResidual"] = Field(default_factory=dict)
+    waves: tuple[OwnWave, ...] = ()

@@ -134,7 +134,7 @@ def run_loop(
         reference = of_its_kinds(reference, observations, settings.constants)
         if not settings.reference:
             reference = reference.model_copy(
-                update={"structure": {}, "sensitivity_change": None, "correlated": None}
+                update={"structure": {}, "sensitivity_change": None, "correlated": None, "waves": ()}
             )
     new = new_kinds(observations)
     constants = _constants(settings, new)

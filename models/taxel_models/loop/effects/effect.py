@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.corrections import ONE, Frame, Shape, Term, Weighted
+from taxel.held_out_residual import OwnWave
 from taxel.windows import Elapsed, ExtraFeature, HistoryFeature
 from taxel_models.loop.basis import AboutMean, Basis, Floats, Shared
 from taxel_models.loop.observations import Observations
@@ -148,11 +149,13 @@ class Remaining:
         residual: (n, 21) measured less predicted, less the named effects, counts.
         fit: (n,) the rows of the fit part. A form may be chosen only by these.
         row_weights: (n,) how much each row counts.
+        waves: that are usual of the model.
     """
 
     residual: Floats
     fit: NDArray[np.bool_]
     row_weights: Floats
+    waves: Sequence[OwnWave] = ()
 
 
 class Effect(ABC):

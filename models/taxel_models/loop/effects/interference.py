@@ -8,12 +8,21 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from taxel.channels import CHANNELS
+from taxel.held_out_residual import OwnWave
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.blocks import GUARD_ROWS
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.observations import Observations
-from taxel_models.loop.spectral_lines import LOBE, LineTest, coherence, find_lines, segments, sharpest
+from taxel_models.loop.spectral_lines import (
+    LOBE,
+    PIECE_ROWS,
+    LineTest,
+    coherence,
+    find_lines,
+    segments,
+    sharpest,
+)
 from taxel_models.loop.spectrum import stretches
 
 LOWEST_HZ: Final = 2.0
@@ -92,7 +101,7 @@ class Interference(Effect):
             return None
         orders = [1, *_harmonics(test, frequency, channels)]
         gain = _held_out_gain(observations, remaining, frequency, orders)
-        channels &= gain.mean(axis=0) >= LEAST_SHARE
+        channels &= gain.mean(axis=0) - _usual_share(remaining, frequency) >= LEAST_SHARE
         own = gain[:, channels].sum(axis=1)
         if not channels.any() or np.median(own) < _LASTS * own.mean():
             return None
@@ -190,6 +199,39 @@ def _held_out_gain(
     sums = np.array([np.bincount(second_of, column) for column in gain[fit].T]).T
     energy = (values[fit] ** 2).sum(axis=0) / len(sums)
     return np.asarray(sums / np.maximum(energy, 1e-9))
+
+
+def own_waves(observations: Observations, rows: NDArray[np.bool_]) -> tuple[OwnWave, ...]:
+    """Waves of a model's own residual in some rows (n,) that training held out, the strongest first.
+
+    A line is one here by the chance of a single test: what a short recording hardly shows may be clear in
+    another one.
+    """
+    remaining = Remaining(observations.residual, rows, np.ones(len(observations)))
+    test = find_lines(remaining.residual, stretches(observations, rows))
+    if test is None:
+        return ()
+    able = (test.frequencies >= LOWEST_HZ) & (test.frequencies <= HIGHEST_HZ)
+    passed = able[:, None] & (test.p_value < CHANCE)
+    size, found = (observations.residual[rows] ** 2).mean(axis=0), []
+    for line in _strongest(test, passed):
+        frequency = float(test.frequencies[line])
+        frequency = _refined(observations, remaining, frequency, passed[line]) or frequency
+        share = _held_out_gain(observations, remaining, frequency, [1]).mean(axis=0)
+        energy = np.maximum(share, 0.0) * size
+        found.append(OwnWave(frequency_hz=round(frequency, 2), energy=tuple(energy.round(4).tolist())))
+    return tuple(found)
+
+
+def _usual_share(remaining: Remaining, frequency: float) -> Floats:
+    """(21,) share of each channel's energy that a usual wave explains near a frequency, Hz."""
+    near = [
+        wave.energy
+        for wave in remaining.waves
+        if abs(wave.frequency_hz - frequency) <= LOBE / (PIECE_ROWS * TICK_S)
+    ]
+    energy = (remaining.residual[remaining.fit] ** 2).mean(axis=0)
+    return np.asarray(np.max(near, axis=0, initial=0.0) / np.maximum(energy, 1e-9))
 
 
 def _refined(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
-from taxel.held_out_residual import HeldOutResidual, KindResidual, KnownKind, OwnStructure
+from taxel.held_out_residual import HeldOutResidual, KindResidual, KnownKind, OwnStructure, OwnWave
 from taxel.manifest import Manifest
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.covariate import Covariate
@@ -133,6 +133,7 @@ def _of_known_kinds(
     beside = {} if reference.correlated is None else reference.correlated.structure
     correlated = {name: figures(own) for name, own in beside.items()}
     here = {column: one for column, one in reference.one_kind.items() if column in observations.covariates}
+    waves = list(reference.waves)
     for column, one in here.items():
         covariate = Covariate(column).label
         if covariate not in structure:
@@ -143,6 +144,7 @@ def _of_known_kinds(
             structure[covariate] = np.sum(alike, axis=0) if alike else np.zeros((2, len(CHANNELS)))
         values = observations.covariates[column]
         rows = _Rows.of(one, values)
+        waves += rows.waves()
         few = herfindahl(values) - one.herfindahl
         alone = max(few, 0.0) / (1.0 - one.herfindahl)
         for name in one.structure.keys() & structure.keys():
@@ -164,7 +166,12 @@ def _of_known_kinds(
         update["correlated"] = reference.correlated.model_copy(
             update={"structure": of_figures(correlated, sources)}
         )
+    update["waves"] = tuple(_of_energy(wave, constants.usual_of_kind) for wave in waves)
     return reference.model_copy(update=update)
+
+
+def _of_energy(wave: OwnWave, factor: float) -> OwnWave:
+    return wave.model_copy(update={"energy": tuple(factor * energy for energy in wave.energy)})
 
 
 @dataclass(frozen=True)
@@ -204,6 +211,16 @@ class _Rows:
         """(2, 21) of an effect, beside all channels."""
         own = [figures(its.correlated[name]) for its in self._known(lambda its: name in its.correlated)]
         return np.asarray(np.average(own, axis=0, weights=self.rows))
+
+    def waves(self) -> list[OwnWave]:
+        """Of each kind, as much as its share of the rows has."""
+        shares = (self.rows / self.rows.sum()).tolist()
+        return [
+            _of_energy(wave, share)
+            for kind, share in zip(self.kinds, shares, strict=True)
+            if kind in self.one.kinds
+            for wave in self.one.kinds[kind].waves
+        ]
 
     def _known(self, has: Callable[[KnownKind], bool]) -> list[KindResidual | KnownKind]:
         """What is known of each kind, or of any one where its own lacks what is asked for."""

@@ -143,7 +143,8 @@ class Scoring:
         return Bases.of(self.base(taken), self._ones, self.constants)
 
     def _remaining(self, left: Floats) -> Remaining:
-        return Remaining(left, self._blocks.fit, self._mean_row_weights)
+        waves = () if self._reference is None else self._reference.waves
+        return Remaining(left, self._blocks.fit, self._mean_row_weights, waves)
 
     def _forms_of(self, effect: Effect, left: Floats) -> list[WhitenedForm]:
         if effect.looks_at_residual or effect.label not in self._forms:

@@ -9,10 +9,12 @@ from taxel.errors import RecordingError
 from taxel.held_out_residual import CorrelatedResidual, HeldOutResidual
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.channel_history import usual_changes
+from taxel_models.loop.effects.interference import own_waves
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.contact_offset import FEWEST_FOR_SCATTER, ContactOffset
 from taxel_models.loop.inference.kinds import kind_columns, trained_kinds
 from taxel_models.loop.inference.scoring import Progress, silent
+from taxel_models.loop.inference.whitening import NoiseShape
 from taxel_models.loop.observations import Observations, gather
 from taxel_models.loop.reference.correlated import correlated_residual
 from taxel_models.loop.reference.one_kind import residual_of_one_kind
@@ -60,7 +62,12 @@ def held_out_residual(
         return None
     usual = tuple(usual_changes(observations, blocks).tolist())
     return found.model_copy(
-        update={"sensitivity_change": usual, "correlated": correlated, "new_kinds": new}
+        update={
+            "sensitivity_change": usual,
+            "correlated": correlated,
+            "new_kinds": new,
+            "waves": own_waves(observations, np.ones(len(observations), np.bool_)),
+        }
     )
 
 
@@ -76,8 +83,9 @@ def _by_kind(
     if len(np.unique(observations.contact)) < FEWEST_FOR_SCATTER:
         known = {name: own for name, own in found.structure.items() if name != ContactOffset.name}
         found = found.model_copy(update={"structure": known})
+    shape = NoiseShape(np.array(found.shared), np.array(found.fading))
     kinds = {
-        column: residual_of_one_kind(observations, column, correlated, constants, progress)
+        column: residual_of_one_kind(observations, column, shape, correlated, constants, progress)
         for column in columns
     }
     return found.model_copy(update={"one_kind": {column: own for column, own in kinds.items() if own}})

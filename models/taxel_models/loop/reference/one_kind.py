@@ -8,13 +8,15 @@ from typing import Final, Self
 import numpy as np
 
 from taxel.errors import RecordingError
-from taxel.held_out_residual import CorrelatedResidual, KindResidual, KnownKind, OwnStructure
+from taxel.held_out_residual import CorrelatedResidual, KindResidual, KnownKind, OwnStructure, OwnWave
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import cut
+from taxel_models.loop.effects.interference import own_waves
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.kinds import figures, herfindahl, kind_name, of_figures
 from taxel_models.loop.inference.scoring import Progress, silent
+from taxel_models.loop.inference.whitening import NoiseShape
 from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
 from taxel_models.loop.reference.correlated import correlated_structure
 from taxel_models.loop.reference.own_structure import KEPT, MEAN, own_residual
@@ -46,15 +48,20 @@ class _Shown:
     def by(
         cls,
         observations: Observations,
+        shape: NoiseShape,
         correlated: CorrelatedResidual | None,
         constants: Constants,
     ) -> Self:
         """The rows of a kind.
 
+        Args:
+            shape: of the noise of all kinds, by which other recordings are whitened, too: how much is left
+                of an effect depends on it.
+
         Raises:
             RecordingError: they are too few.
         """
-        structure = own_residual(observations, constants, silent, MEAN).structure
+        structure = own_residual(observations, constants, silent, MEAN, shape).structure
         if correlated is None:
             return cls(structure, {})
         blocks = cut(observations, seed=0, held_out=KEPT)
@@ -72,6 +79,7 @@ class _Shown:
 def residual_of_one_kind(
     observations: Observations,
     column: str,
+    shape: NoiseShape,
     correlated: CorrelatedResidual | None,
     constants: Constants,
     progress: Progress,
@@ -79,10 +87,14 @@ def residual_of_one_kind(
     """Of a recording of one value of a column; None where fewer than three values have enough rows.
 
     Of a value that has none, all values together say how much it may show.
+
+    Args:
+        shape: of the noise of all values.
     """
     values = observations.covariates[column]
     std: dict[str, Floats] = {}
     mean: dict[str, _Shown] = {}
+    waves: dict[str, tuple[OwnWave, ...]] = {}
     few: set[str] = set()
     kinds, rows = np.unique(values, return_counts=True)
     for kind in kinds[rows >= FEWEST_ROWS]:
@@ -90,9 +102,10 @@ def residual_of_one_kind(
         progress(f"{column} {name}")
         part = observations.kept(values == kind)
         std[name] = np.sqrt((part.residual**2).mean(axis=0))
+        waves[name] = own_waves(observations, values == kind)
         if len(part) >= FEWEST_ROWS_OF_STRUCTURE:
             with suppress(RecordingError):
-                mean[name] = _Shown.by(part, correlated, constants)
+                mean[name] = _Shown.by(part, shape, correlated, constants)
                 if len(np.unique(part.contact)) < FEWEST_CONTACTS:
                     few.add(name)
     if len(mean) < FEWEST_KINDS:
@@ -113,6 +126,7 @@ def residual_of_one_kind(
             std=tuple(own_std.tolist()),
             structure=of_figures(_rounded(counts), structures),
             correlated=of_figures(_rounded(correlated_may), beside),
+            waves=waves[name],
         )
     return KindResidual(
         std=tuple(np.sqrt(np.mean([std[name] ** 2 for name in mean], axis=0)).tolist()),

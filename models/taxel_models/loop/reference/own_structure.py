@@ -119,19 +119,21 @@ def own_residual(
     constants: Constants,
     progress: Progress,
     confidence: float = OPEN,
+    shape: NoiseShape | None = None,
 ) -> HeldOutResidual:
     """What recordings show of what their model gets wrong.
 
     Args:
         progress: is told what is looked at.
         confidence: as in `structure_of`.
+        shape: of the noise; None for that of these recordings.
 
     Raises:
         RecordingError: there are too few rows.
     """
     blocks = cut(observations, seed=0, held_out=KEPT)
     residual = observations.residual
-    shape = NoiseShape.of(Bins.of(blocks, constants.bin_s), residual, constants.fading_s)
+    shape = shape or NoiseShape.of(Bins.of(blocks, constants.bin_s), residual, constants.fading_s)
     found = HeldOutResidual(
         rows=len(observations),
         std=tuple(np.sqrt((residual**2).mean(axis=0)).tolist()),

@@ -15,12 +15,15 @@ from taxel.held_out_residual import (
     OwnStructure,
 )
 from taxel.manifest import Manifest
+from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.covariate import Covariate
+from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.inference.kinds import all_forms, of_its_kinds
-from taxel_models.loop.observations import Observations
+from taxel_models.loop.inference.scoring import Scoring
+from taxel_models.loop.observations import Observations, gather
 from taxel_models.loop.pipeline import LoopSettings, run_loop
-from taxel_models.loop.reference.held_out import held_out_residual
+from taxel_models.loop.reference.held_out import KEPT, held_out_residual
 from taxel_models.loop.reference.stand_ins import without_their_kind
 from taxel_models.loop.report.wording import opening
 from taxel_models.model import Model
@@ -169,6 +172,64 @@ def test_a_models_error_on_one_material_is_no_gain_of_the_sensor(smooth: Any, ma
     second = run_loop(smooth, [recording], LoopSettings(), reference=reference).findings
     assert second.effects == ()
     assert second.one_kind == ()
+
+
+def test_a_kind_is_judged_by_the_noise_of_all(smooth: Any, make: Make) -> None:
+    """Contacts scatter on the other kinds: what is left of a gain when that is whitened, this one has."""
+    recording = errs_by_kind(smooth, make, 8, [1.0, 3.0, 3.0])
+    material = np.repeat(np.resize([1.0, 3.0, 5.0], 30), 300)
+    contact = np.arange(len(recording)) // 300
+    scatter = (np.random.default_rng(1).normal(size=(30, 21)) * 30.0)[contact]
+    counts = recording.channels + np.where(material[:, None] == 1.0, 0.0, scatter)
+    time_ns = recording.samples.time_ns + 1_000_000_000 * contact
+    recording = replace(
+        recording,
+        samples=replace(recording.samples, time_ns=time_ns),
+        channels=np.rint(counts),
+        covariates={"material": material},
+    )
+    reference = held_out_residual(smooth, [recording], replace(DECLARED, usual_of_kind=1.0))
+    assert reference is not None
+    assert np.median(reference.shared) > 0.5
+    usual = sum(reference.one_kind["material"].kinds["1"].structure["gain"].gain)
+
+    observations = gather(smooth, [recording])
+    alone = observations.kept(observations.covariates["material"] == 1.0)
+    unknown = reference.model_copy(update={"structure": {}, "correlated": None})
+    blocks = cut(alone, seed=0, held_out=KEPT)
+    scoring = Scoring(alone, blocks, [Gain()], unknown, DECLARED, lambda _: None)
+    (score,) = (score for score in scoring.scores([]) if score.name == "gain")
+    assert usual * len(scoring.bins) == pytest.approx(score.taken_off.sum(), rel=0.1)
+
+
+def test_a_wave_that_a_kind_has_is_usual_of_it(smooth: Any, make: Make) -> None:
+    """The texture of a material gives a wave wherever the finger slides over it as fast."""
+
+    def slid(seed: int, kinds: list[float], size: float) -> Recording:
+        recording = make(9_000, seed=seed)
+        material = np.repeat(np.resize(np.array(kinds), 30), 300)
+        wave = size * np.sin(2 * np.pi * 5.1 * np.arange(9_000) / 100.0) * (material == 1.0)
+        counts = recording.channels.copy()
+        counts[:, [4, 9]] = np.rint(counts[:, [4, 9]] + wave[:, None])
+        return replace(recording, channels=counts, covariates={"material": material})
+
+    reference = held_out_residual(smooth, [slid(8, [1.0, 2.0, 3.0], 4.0)])
+    assert reference is not None
+    kinds = reference.one_kind["material"].kinds
+    (own,) = (wave for wave in kinds["1"].waves if abs(wave.frequency_hz - 5.1) < 0.1)
+    assert own.energy[4] == pytest.approx(8.0, rel=0.2)
+    assert max(own.energy[10:]) < 1.0
+    manifest = smooth.manifest.model_copy(update={"held_out_residual": reference})
+    assert Manifest.model_validate_json(manifest.model_dump_json()) == manifest
+
+    def named(recording: Recording, *, by_reference: bool = True) -> list[str]:
+        settings = LoopSettings(reference=by_reference)
+        findings = run_loop(smooth, [recording], settings, reference=reference).findings
+        return [effect.form for effect in findings.effects]
+
+    assert named(slid(4, [1.0], 4.0)) == []
+    assert named(slid(4, [1.0], 4.0), by_reference=False) == ["5.1 Hz in e3, e8"]
+    assert named(slid(4, [1.0], 12.0)) == ["5.1 Hz in e3, e8"]
 
 
 def trained_on(observations: Observations, *kinds: float) -> Observations:
