@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Self
 
 import numpy as np
+from scipy import stats
 
 from taxel.errors import RecordingError
 from taxel.held_out_residual import CorrelatedResidual, KindResidual, KnownKind, OwnStructure, OwnWave
@@ -32,6 +33,15 @@ FEWEST_KINDS: Final = 3
 
 DEVIATIONS: Final = 2.0
 """Standard deviations above the mean over kinds: what nearly all kinds stay below."""
+
+OF_ALL_KINDS: Final = 4
+"""Contacts of a kind that the mean over kinds counts for."""
+
+RECORDED: Final = 8
+"""Contacts of another recording."""
+
+CONFIDENCE: Final = 0.95
+"""That a recording of the kind shows no more."""
 
 DIGITS: Final = 3
 """Significant ones that a manifest keeps of each kind."""
@@ -95,7 +105,7 @@ def residual_of_one_kind(
     std: dict[str, Floats] = {}
     mean: dict[str, _Shown] = {}
     waves: dict[str, tuple[OwnWave, ...]] = {}
-    few: set[str] = set()
+    contacts: dict[str, int] = {}
     kinds, rows = np.unique(values, return_counts=True)
     for kind in kinds[rows >= FEWEST_ROWS]:
         name = kind_name(kind)
@@ -103,11 +113,10 @@ def residual_of_one_kind(
         part = observations.kept(values == kind)
         std[name] = np.sqrt((part.residual**2).mean(axis=0))
         waves[name] = own_waves(observations, values == kind)
+        contacts[name] = len(np.unique(part.contact))
         if len(part) >= FEWEST_ROWS_OF_STRUCTURE:
             with suppress(RecordingError):
                 mean[name] = _Shown.by(part, shape, correlated, constants)
-                if len(np.unique(part.contact)) < FEWEST_CONTACTS:
-                    few.add(name)
     if len(mean) < FEWEST_KINDS:
         return None
     structures = [one.structure for one in mean.values()]
@@ -117,11 +126,13 @@ def residual_of_one_kind(
     steady = [effect.label for effect in candidates(observations) if effect.is_steady]
     known = {}
     for name, own_std in std.items():
-        own = mean.get(name, _Shown({}, {})).without(steady if name in few else ())
+        own = mean.get(name, _Shown({}, {})).without(steady if contacts[name] < FEWEST_CONTACTS else ())
         more = constants.usual_of_kind
-        may = _may_show(parts, _figures_of(own.structure, own_std), more)
+        may = _may_show(parts, _figures_of(own.structure, own_std), contacts[name], more)
         counts = {effect: found * _squared_counts(own_std) for effect, found in may.items()}
-        correlated_may = _may_show([_figures_of(one) for one in beside], _figures_of(own.correlated), more)
+        correlated_may = _may_show(
+            [_figures_of(one) for one in beside], _figures_of(own.correlated), contacts[name], more
+        )
         known[name] = KnownKind(
             std=tuple(own_std.tolist()),
             structure=of_figures(_rounded(counts), structures),
@@ -151,30 +162,40 @@ def _squared_counts(std: Floats) -> Floats:
 def _may_show(
     kinds: Sequence[Mapping[str, Floats]],
     own: Mapping[str, Floats] | None = None,
+    contacts: int = 0,
     more: float = 1.0,
 ) -> dict[str, Floats]:
     """What a kind may show of each effect.
 
-    That is a multiple of its own figures, at least the mean over kinds. Without own ones, it is what
-    nearly all kinds show.
+    Few contacts tell little of what a kind has itself, so that the mean over kinds counts, too, as if it
+    were some more of its contacts. Of their mean, a recording may show the more, the fewer they are: as
+    with variances of few samples that are moderated by those of others (Smyth 2004). Without own figures,
+    a kind may show what nearly all kinds do.
 
     Args:
         kinds: figures of each kind.
         own: those that the kind has.
-        more: the multiple.
+        contacts: of the kind.
+        more: how many times as much a recording may show where many contacts tell it.
     """
-    may = {}
+    may, known = {}, OF_ALL_KINDS + contacts
     for name in sorted({name for one in kinds for name in one}):
         found = np.array([one[name] for one in kinds if name in one])
         if len(found) < FEWEST_KINDS:
             continue
         mean = found.mean(axis=0)
         may[name] = (
-            np.maximum(more * own[name], mean)
+            more * _may_differ(known) * (OF_ALL_KINDS * mean + contacts * own[name]) / known
             if own and name in own
             else mean + DEVIATIONS * found.std(axis=0, ddof=1)
         )
     return may
+
+
+def _may_differ(contacts: int) -> float:
+    """By what factor so few contacts' mean may be below that of others, over the same for many contacts."""
+    many = stats.chi2.ppf(CONFIDENCE, RECORDED) / RECORDED
+    return float(stats.f.ppf(CONFIDENCE, RECORDED, contacts) / many)
 
 
 def _rounded(structure: Mapping[str, Floats]) -> dict[str, Floats]:
