@@ -31,7 +31,8 @@ class Constants:
         simpler: a simpler effect has at most this share of the other's parameters.
         foretold: share of the evidence for a change of a few channels that the model's prediction alone
             must give.
-        usual_of_kind: a recording of one kind may show so many times what was held out of the kind.
+        usual_of_kind: a recording of one kind may show so many times what was held out of the kind, and
+            more where few contacts were.
     """
 
     fading_s: float = 1.0
