@@ -149,7 +149,7 @@ class Remaining:
         residual: (n, 21) measured less predicted, less the named effects, counts.
         fit: (n,) the rows of the fit part. A form may be chosen only by these.
         row_weights: (n,) how much each row counts.
-        waves: that are usual of the model.
+        waves: with as much energy as is usual of the model.
     """
 
     residual: Floats

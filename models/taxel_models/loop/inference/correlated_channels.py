@@ -90,7 +90,7 @@ class CorrelatedChannels:
         self._precision = np.array(known.precision)
         self._root = root_of(self._precision)
         self._whiten = whiten or (lambda residual: residual @ self._root.T)
-        shape = NoiseShape(np.array(known.shared), np.array(known.fading))
+        shape = NoiseShape.kept(known)
         rounding = ROUNDING * np.sqrt((self._root**2).sum(axis=1))
         self._whitening = Whitening(bins, shape, self._whiten(residual), constants, rounding)
         self._ones = Design(self._whitening.ones, bins.fold)

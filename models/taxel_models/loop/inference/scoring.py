@@ -88,7 +88,7 @@ class Scoring:
         self.bins = Bins.of(blocks, constants.bin_s)
         shape = NoiseShape.usual()
         if reference is not None:
-            shape = NoiseShape(np.array(reference.shared), np.array(reference.fading))
+            shape = NoiseShape.kept(reference)
         self.whitening = Whitening(self.bins, shape, observations.residual, constants)
         self._usual = Usual(reference, self.bins.fold, self.whitening.scale)
         if not self._usual.knows(ContactOffset.name):

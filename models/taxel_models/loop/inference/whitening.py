@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
+from taxel.held_out_residual import CorrelatedResidual, HeldOutResidual
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Basis, Floats
 from taxel_models.loop.blocks import Blocks
@@ -43,6 +44,11 @@ class NoiseShape:
     def usual(cls) -> Self:
         """A guess, for a model whose own held-out residual is not known."""
         return cls(np.full(len(CHANNELS), 0.3), np.full(len(CHANNELS), 0.5))
+
+    @classmethod
+    def kept(cls, known: HeldOutResidual | CorrelatedResidual) -> Self:
+        """As a manifest keeps it."""
+        return cls(np.array(known.shared), np.array(known.fading))
 
     @classmethod
     def of(cls, bins: "Bins", residual: Floats, fading_s: float) -> Self:

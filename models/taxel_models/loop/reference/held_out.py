@@ -83,7 +83,7 @@ def _by_kind(
     if len(np.unique(observations.contact)) < FEWEST_FOR_SCATTER:
         known = {name: own for name, own in found.structure.items() if name != ContactOffset.name}
         found = found.model_copy(update={"structure": known})
-    shape = NoiseShape(np.array(found.shared), np.array(found.fading))
+    shape = NoiseShape.kept(found)
     kinds = {
         column: residual_of_one_kind(observations, column, shape, correlated, constants, progress)
         for column in columns

@@ -1,11 +1,11 @@
 """What a model gets wrong on one kind alone, such as one of several materials."""
 
 from collections.abc import Collection, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from taxel.errors import RecordingError
@@ -49,33 +49,51 @@ DIGITS: Final = 3
 
 @dataclass(frozen=True)
 class _Shown:
-    """What one kind shows: each effect by itself, and beside what all channels have in common."""
+    """What one kind shows.
 
-    structure: Mapping[str, OwnStructure]
-    correlated: Mapping[str, OwnStructure]
+    Attributes:
+        std: (21,) root of the mean square of the residual, counts.
+        contacts: how many there are.
+        waves: of the residual.
+        structure: of each effect by itself; empty where there are too few rows.
+        correlated: likewise, beside what all channels have in common.
+    """
+
+    std: Floats
+    contacts: int
+    waves: tuple[OwnWave, ...]
+    structure: Mapping[str, OwnStructure] = field(default_factory=dict)
+    correlated: Mapping[str, OwnStructure] = field(default_factory=dict)
 
     @classmethod
     def by(
         cls,
         observations: Observations,
+        rows: NDArray[np.bool_],
         shape: NoiseShape,
         correlated: CorrelatedResidual | None,
         constants: Constants,
     ) -> Self:
-        """The rows of a kind.
+        """The rows (n,) of a kind.
 
         Args:
-            shape: of the noise of all kinds, by which other recordings are whitened, too: how much is left
-                of an effect depends on it.
-
-        Raises:
-            RecordingError: they are too few.
+            shape: of the noise of all kinds. Other recordings are whitened by it, too, and how much is
+                left of an effect depends on it.
         """
-        structure = own_residual(observations, constants, silent, MEAN, shape).structure
-        if correlated is None:
-            return cls(structure, {})
-        blocks = cut(observations, seed=0, held_out=KEPT)
-        return cls(structure, correlated_structure(observations, blocks, correlated, constants, MEAN))
+        part = observations.kept(rows)
+        std = np.sqrt((part.residual**2).mean(axis=0))
+        found = cls(std, len(np.unique(part.contact)), own_waves(observations, rows))
+        if len(part) < FEWEST_ROWS_OF_STRUCTURE:
+            return found
+        try:
+            structure = own_residual(part, constants, silent, MEAN, shape).structure
+            beside: Mapping[str, OwnStructure] = {}
+            if correlated is not None:
+                blocks = cut(part, seed=0, held_out=KEPT)
+                beside = correlated_structure(part, blocks, correlated, constants, MEAN)
+        except RecordingError:
+            return found
+        return replace(found, structure=structure, correlated=beside)
 
     def without(self, effects: Collection[str]) -> Self:
         """The same without some effects."""
@@ -102,48 +120,38 @@ def residual_of_one_kind(
         shape: of the noise of all values.
     """
     values = observations.covariates[column]
-    std: dict[str, Floats] = {}
-    mean: dict[str, _Shown] = {}
-    waves: dict[str, tuple[OwnWave, ...]] = {}
-    contacts: dict[str, int] = {}
-    kinds, rows = np.unique(values, return_counts=True)
-    for kind in kinds[rows >= FEWEST_ROWS]:
+    shown: dict[str, _Shown] = {}
+    kinds, rows_each = np.unique(values, return_counts=True)
+    for kind in kinds[rows_each >= FEWEST_ROWS]:
         name = kind_name(kind)
         progress(f"{column} {name}")
-        part = observations.kept(values == kind)
-        std[name] = np.sqrt((part.residual**2).mean(axis=0))
-        waves[name] = own_waves(observations, values == kind)
-        contacts[name] = len(np.unique(part.contact))
-        if len(part) >= FEWEST_ROWS_OF_STRUCTURE:
-            with suppress(RecordingError):
-                mean[name] = _Shown.by(part, shape, correlated, constants)
-    if len(mean) < FEWEST_KINDS:
+        shown[name] = _Shown.by(observations, values == kind, shape, correlated, constants)
+    told = [one for one in shown.values() if one.structure]
+    if len(told) < FEWEST_KINDS:
         return None
-    structures = [one.structure for one in mean.values()]
-    beside = [one.correlated for one in mean.values()]
-    parts = [_figures_of(one.structure, std[name]) for name, one in mean.items()]
+    structures = [one.structure for one in told]
+    beside = [one.correlated for one in told]
+    parts = [_figures_of(one.structure, one.std) for one in told]
+    whole = [_figures_of(one) for one in beside]
     # What differs from contact to contact, a few contacts do not tell.
     steady = [effect.label for effect in candidates(observations) if effect.is_steady]
-    known = {}
-    for name, own_std in std.items():
-        own = mean.get(name, _Shown({}, {})).without(steady if contacts[name] < FEWEST_CONTACTS else ())
-        more = constants.usual_of_kind
-        may = _may_show(parts, _figures_of(own.structure, own_std), contacts[name], more)
-        counts = {effect: found * _squared_counts(own_std) for effect, found in may.items()}
-        correlated_may = _may_show(
-            [_figures_of(one) for one in beside], _figures_of(own.correlated), contacts[name], more
-        )
+    known, more = {}, constants.usual_of_kind
+    for name, one in shown.items():
+        own = one.without(steady if one.contacts < FEWEST_CONTACTS else ())
+        may = _may_show(parts, _figures_of(own.structure, own.std), own.contacts, more)
+        counts = {effect: found * _squared_counts(own.std) for effect, found in may.items()}
+        correlated_may = _may_show(whole, _figures_of(own.correlated), own.contacts, more)
         known[name] = KnownKind(
-            std=tuple(own_std.tolist()),
+            std=tuple(own.std.tolist()),
             structure=of_figures(_rounded(counts), structures),
             correlated=of_figures(_rounded(correlated_may), beside),
-            waves=waves[name],
+            waves=own.waves,
         )
     return KindResidual(
-        std=tuple(np.sqrt(np.mean([std[name] ** 2 for name in mean], axis=0)).tolist()),
-        structure=of_figures(_may_show([_figures_of(one) for one in structures]), structures),
+        std=tuple(np.sqrt(np.mean([one.std**2 for one in told], axis=0)).tolist()),
+        structure=of_figures(_any_may_show([_figures_of(one) for one in structures]), structures),
         herfindahl=herfindahl(values),
-        correlated=of_figures(_may_show([_figures_of(one) for one in beside]), beside),
+        correlated=of_figures(_any_may_show(whole), beside),
         kinds=known,
     )
 
@@ -159,43 +167,59 @@ def _squared_counts(std: Floats) -> Floats:
     return np.array([np.ones_like(std), np.maximum(std**2, 1e-9)])
 
 
-def _may_show(
-    kinds: Sequence[Mapping[str, Floats]],
-    own: Mapping[str, Floats] | None = None,
-    contacts: int = 0,
-    more: float = 1.0,
-) -> dict[str, Floats]:
-    """What a kind may show of each effect.
+def _any_may_show(kinds: Sequence[Mapping[str, Floats]]) -> dict[str, Floats]:
+    """Of each effect, what nearly all kinds show."""
+    return {
+        name: found.mean(axis=0) + DEVIATIONS * found.std(axis=0, ddof=1)
+        for name, found in _by_effect(kinds).items()
+    }
 
-    Few contacts tell little of what a kind has itself, so that the mean over kinds counts, too, as if it
-    were some more of its contacts. Of their mean, a recording may show the more, the fewer they are: as
-    with variances of few samples that are moderated by those of others (Smyth 2004). Without own figures,
-    a kind may show what nearly all kinds do.
+
+def _may_show(
+    kinds: Sequence[Mapping[str, Floats]], own: Mapping[str, Floats], contacts: int, more: float
+) -> dict[str, Floats]:
+    """Of each effect, what a kind may show; without own figures, what nearly all kinds show.
 
     Args:
         kinds: figures of each kind.
         own: those that the kind has.
         contacts: of the kind.
-        more: how many times as much a recording may show where many contacts tell it.
+        more: how many times its own figures a recording may show, if many contacts tell them.
     """
-    may, known = {}, OF_ALL_KINDS + contacts
-    for name in sorted({name for one in kinds for name in one}):
-        found = np.array([one[name] for one in kinds if name in one])
-        if len(found) < FEWEST_KINDS:
-            continue
-        mean = found.mean(axis=0)
-        may[name] = (
-            more * _may_differ(known) * (OF_ALL_KINDS * mean + contacts * own[name]) / known
-            if own and name in own
-            else mean + DEVIATIONS * found.std(axis=0, ddof=1)
-        )
-    return may
+    means = {name: found.mean(axis=0) for name, found in _by_effect(kinds).items()}
+    moderated = {
+        name: more * moderated_limit(own[name], mean, contacts)
+        for name, mean in means.items()
+        if name in own
+    }
+    return {**_any_may_show(kinds), **moderated}
 
 
-def _may_differ(contacts: int) -> float:
-    """By what factor so few contacts' mean may be below that of others, over the same for many contacts."""
-    many = stats.chi2.ppf(CONFIDENCE, RECORDED) / RECORDED
-    return float(stats.f.ppf(CONFIDENCE, RECORDED, contacts) / many)
+def _by_effect(kinds: Sequence[Mapping[str, Floats]]) -> dict[str, Floats]:
+    """(kinds, 2, 21) figures of each effect that enough kinds have."""
+    found = {
+        name: np.array([one[name] for one in kinds if name in one])
+        for name in sorted({name for one in kinds for name in one})
+    }
+    return {name: own for name, own in found.items() if len(own) >= FEWEST_KINDS}
+
+
+def moderated_limit(own: Floats, mean: Floats, contacts: int) -> Floats:
+    """What a recording may show, as a multiple of what it might if all contacts of its kind were known.
+
+    A few contacts tell little of their kind, so the mean over kinds counts as `OF_ALL_KINDS` more of
+    them. The limit above their mean is higher, the fewer there are: the quantile of F over that for
+    infinitely many. Variances of few samples are moderated so (Smyth 2004).
+
+    Args:
+        own: of a kind.
+        mean: over kinds; the shape of `own`.
+        contacts: of the kind.
+    """
+    known = OF_ALL_KINDS + contacts
+    moderated = (OF_ALL_KINDS * mean + contacts * own) / known
+    of_many = stats.chi2.ppf(CONFIDENCE, RECORDED) / RECORDED
+    return np.asarray(moderated * stats.f.ppf(CONFIDENCE, RECORDED, known) / of_many)
 
 
 def _rounded(structure: Mapping[str, Floats]) -> dict[str, Floats]:

@@ -175,7 +175,7 @@ def test_a_models_error_on_one_material_is_no_gain_of_the_sensor(smooth: Any, ma
 
 
 def test_a_kind_is_judged_by_the_noise_of_all(smooth: Any, make: Make) -> None:
-    """Contacts scatter on the other kinds: what is left of a gain when that is whitened, this one has."""
+    """The others scatter from contact to contact. A gain of this kind is judged as if it did, too."""
     recording = make(9_000, seed=8)
     material, contact = (np.repeat(np.resize(one, 30), 300) for one in ([1.0, 3.0, 5.0], np.arange(30)))
     first = (material == 1.0)[:, None]

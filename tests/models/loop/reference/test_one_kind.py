@@ -1,0 +1,32 @@
+"""What a recording of one kind may show, if few contacts of it were held out."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from taxel_models.loop.reference.one_kind import OF_ALL_KINDS, RECORDED, moderated_limit
+
+
+@pytest.mark.parametrize("contacts", [1, 2, 5, 12])
+def test_recordings_of_kinds_that_scatter_stay_below_it_as_often_as_it_says(contacts: int) -> None:
+    """Kinds have energies of their own; of each, few contacts are known, and a recording has others."""
+    random = np.random.default_rng(3)
+    draws = 40_000
+    of_kind = OF_ALL_KINDS / random.chisquare(OF_ALL_KINDS, draws)
+    own = of_kind * random.chisquare(contacts, draws) / contacts
+    recorded = of_kind * random.chisquare(RECORDED, draws) / RECORDED
+    # For known kinds, 5 % of recordings have more than so many times the kind's energy.
+    many = stats.chi2.ppf(0.95, RECORDED) / RECORDED
+    limit = many * moderated_limit(own, np.ones(draws), contacts)
+    assert np.mean(recorded > limit) == pytest.approx(0.05, abs=0.004)
+
+
+def test_many_contacts_tell_what_their_kind_has() -> None:
+    own, mean = np.array([0.5, 4.0]), np.array([1.0, 1.0])
+    np.testing.assert_allclose(moderated_limit(own, mean, 1_000_000), own, rtol=1e-4)
+
+
+def test_what_no_contact_tells_the_mean_over_kinds_does() -> None:
+    few = moderated_limit(np.array([9.0]), np.array([1.0]), 0)
+    assert few == pytest.approx(moderated_limit(np.array([1.0]), np.array([1.0]), 0))
+    assert few[0] > 2.0
