@@ -21,16 +21,13 @@ from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online,
 from taxel_models.loop.inference.evidence import HeldOut, Weighed
 from taxel_models.loop.inference.forms import WhitenedForm, prepared
 from taxel_models.loop.inference.whitening import Bins, Whitening
-from taxel_models.loop.observations import Observations
+from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
 
 CALIBRATIONS_S: Final = (0.5, 1.0)
 
-FEWEST_FOR_SCATTER: Final = 20
-"""Contacts that tell how far their offsets scatter; with fewer, one odd contact says it all."""
-
 SCATTER_UNKNOWN: Final = (
     "how far offsets of contacts scatter is not known: expected a model whose training held out "
-    f"{FEWEST_FOR_SCATTER} contacts"
+    f"{FEWEST_CONTACTS} contacts"
 )
 
 

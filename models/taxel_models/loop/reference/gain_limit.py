@@ -1,10 +1,18 @@
-"""How much of a gain few blocks leave open."""
+"""How much of a gain few blocks or contacts leave open."""
+
+from typing import Final
 
 import numpy as np
 from scipy import stats
 
 from taxel_models.evaluation.standard_error import corrected_standard_error
 from taxel_models.loop.basis import Floats
+
+RECORDED: Final = 8
+"""Contacts of another recording."""
+
+CONFIDENCE: Final = 0.95
+"""That such a recording shows no more."""
 
 
 def gain_limit(seen: Floats, unseen: Floats, confidence: float) -> Floats:
@@ -24,3 +32,16 @@ def gain_limit(seen: Floats, unseen: Floats, confidence: float) -> Floats:
     error = np.array([corrected_standard_error(folds * own, 1.0 / (folds - 1)) for own in seen.T])
     own = np.maximum(0.5 * (seen + unseen).sum(axis=0), 0.0)
     return np.asarray(own + float(stats.t.ppf(confidence, folds - 1)) * error)
+
+
+def times_for_few(contacts: int) -> float:
+    """How many times more another recording may show than if all contacts were known.
+
+    Both are chances of a mean square of normal values: over that of a few others it has Fisher's F, over
+    the true one a chi-squared distribution.
+
+    Args:
+        contacts: that are known.
+    """
+    of_all = stats.chi2.ppf(CONFIDENCE, RECORDED) / RECORDED
+    return float(stats.f.ppf(CONFIDENCE, RECORDED, contacts) / of_all)

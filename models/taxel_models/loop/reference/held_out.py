@@ -1,22 +1,24 @@
 """The reference: a model's own held-out residual, which says what the model gets wrong anyway."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from taxel.errors import RecordingError
-from taxel.held_out_residual import CorrelatedResidual, HeldOutResidual
+from taxel.held_out_residual import CorrelatedResidual, HeldOutResidual, OwnStructure
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.channel_history import usual_changes
 from taxel_models.loop.effects.interference import own_waves
 from taxel_models.loop.inference.constants import DECLARED, Constants
-from taxel_models.loop.inference.contact_offset import FEWEST_FOR_SCATTER, ContactOffset
+from taxel_models.loop.inference.contact_offset import ContactOffset
 from taxel_models.loop.inference.kinds import kind_columns, trained_kinds
 from taxel_models.loop.inference.scoring import Progress, silent
 from taxel_models.loop.inference.whitening import NoiseShape
-from taxel_models.loop.observations import Observations, gather
+from taxel_models.loop.observations import FEWEST_CONTACTS, Observations, gather
 from taxel_models.loop.reference.correlated import correlated_residual
+from taxel_models.loop.reference.gain_limit import times_for_few
 from taxel_models.loop.reference.one_kind import residual_of_one_kind
 from taxel_models.loop.reference.own_structure import KEPT, own_residual
 from taxel_models.loop.reference.stand_ins import without_their_kind
@@ -39,7 +41,14 @@ def held_out_residual(
         constants: of the inference.
         progress: is told what is looked at.
     """
-    progress = progress or silent
+    # The products have few columns: threads cost more time than they save, most of all beside other work.
+    with threadpool_limits(1, user_api="blas"):
+        return _held_out_residual(model, recordings, constants, progress or silent)
+
+
+def _held_out_residual(
+    model: Model, recordings: Sequence[Recording], constants: Constants, progress: Progress
+) -> HeldOutResidual | None:
     try:
         observations = gather(model, recordings)
         if len(observations) < FEWEST_ROWS:
@@ -80,12 +89,29 @@ def _by_kind(
 ) -> HeldOutResidual:
     """Of all rows together, and of one kind of each column that names enough of them."""
     found = own_residual(observations, constants, progress)
-    if len(np.unique(observations.contact)) < FEWEST_FOR_SCATTER:
-        known = {name: own for name, own in found.structure.items() if name != ContactOffset.name}
-        found = found.model_copy(update={"structure": known})
+    found = found.model_copy(update={"structure": _with_known_scatter(found.structure, observations)})
     shape = NoiseShape.kept(found)
     kinds = {
         column: residual_of_one_kind(observations, column, shape, correlated, constants, progress)
         for column in columns
     }
     return found.model_copy(update={"one_kind": {column: own for column, own in kinds.items() if own}})
+
+
+def _with_known_scatter(
+    structure: Mapping[str, OwnStructure], observations: Observations
+) -> dict[str, OwnStructure]:
+    """The structure, where the fewer contacts tell how far their offsets scatter, the more is usual."""
+    known = dict(structure)
+    own = known.pop(ContactOffset.name, None)
+    # One has no say in how far it scatters about the mean of all.
+    free = len(np.unique(observations.contact)) - 1
+    if own is not None and free >= FEWEST_CONTACTS - 1:
+        more = times_for_few(free)
+        known[ContactOffset.name] = own.model_copy(
+            update={
+                "log_evidence": tuple(more * odds for odds in own.log_evidence),
+                "gain": tuple(more * gain for gain in own.gain),
+            }
+        )
+    return known

@@ -6,7 +6,6 @@ from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from taxel.errors import RecordingError
 from taxel.held_out_residual import CorrelatedResidual, KindResidual, KnownKind, OwnStructure, OwnWave
@@ -20,6 +19,7 @@ from taxel_models.loop.inference.scoring import Progress, silent
 from taxel_models.loop.inference.whitening import NoiseShape
 from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
 from taxel_models.loop.reference.correlated import correlated_structure
+from taxel_models.loop.reference.gain_limit import times_for_few
 from taxel_models.loop.reference.own_structure import KEPT, MEAN, own_residual
 
 FEWEST_ROWS: Final = 500
@@ -36,12 +36,6 @@ DEVIATIONS: Final = 2.0
 
 OF_ALL_KINDS: Final = 4
 """Contacts of a kind that the mean over kinds counts for."""
-
-RECORDED: Final = 8
-"""Contacts of another recording."""
-
-CONFIDENCE: Final = 0.95
-"""That a recording of the kind shows no more."""
 
 DIGITS: Final = 3
 """Significant ones that a manifest keeps of each kind."""
@@ -208,8 +202,8 @@ def moderated_limit(own: Floats, mean: Floats, contacts: int) -> Floats:
     """What a recording may show, as a multiple of what it might if all contacts of its kind were known.
 
     A few contacts tell little of their kind, so the mean over kinds counts as `OF_ALL_KINDS` more of
-    them. The limit above their mean is higher, the fewer there are: the quantile of F over that for
-    infinitely many. Variances of few samples are moderated so (Smyth 2004).
+    them. The limit above their mean is higher, the fewer there are. Variances of few samples are
+    moderated so (Smyth 2004).
 
     Args:
         own: of a kind.
@@ -218,8 +212,7 @@ def moderated_limit(own: Floats, mean: Floats, contacts: int) -> Floats:
     """
     known = OF_ALL_KINDS + contacts
     moderated = (OF_ALL_KINDS * mean + contacts * own) / known
-    of_many = stats.chi2.ppf(CONFIDENCE, RECORDED) / RECORDED
-    return np.asarray(moderated * stats.f.ppf(CONFIDENCE, RECORDED, known) / of_many)
+    return np.asarray(moderated * times_for_few(known))
 
 
 def _rounded(structure: Mapping[str, Floats]) -> dict[str, Floats]:

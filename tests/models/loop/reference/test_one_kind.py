@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from taxel_models.loop.reference.one_kind import OF_ALL_KINDS, RECORDED, moderated_limit
+from taxel_models.loop.reference.gain_limit import RECORDED
+from taxel_models.loop.reference.one_kind import OF_ALL_KINDS, moderated_limit
 
 
 @pytest.mark.parametrize("contacts", [1, 2, 5, 12])
