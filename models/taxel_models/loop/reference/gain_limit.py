@@ -11,9 +11,6 @@ from taxel_models.loop.basis import Floats
 RECORDED: Final = 8
 """Contacts of another recording."""
 
-CONFIDENCE: Final = 0.95
-"""That such a recording shows no more."""
-
 
 def gain_limit(seen: Floats, unseen: Floats, confidence: float) -> Floats:
     """(k,) the limit of gains by fold (folds, k).
@@ -34,7 +31,7 @@ def gain_limit(seen: Floats, unseen: Floats, confidence: float) -> Floats:
     return np.asarray(own + float(stats.t.ppf(confidence, folds - 1)) * error)
 
 
-def times_for_few(contacts: int) -> float:
+def times_for_few(contacts: int, confidence: float) -> float:
     """How many times more another recording may show than if all contacts were known.
 
     Both are chances of a mean square of normal values: over that of a few others it has Fisher's F, over
@@ -42,6 +39,7 @@ def times_for_few(contacts: int) -> float:
 
     Args:
         contacts: that are known.
+        confidence: that a recording of `RECORDED` contacts shows no more.
     """
-    of_all = stats.chi2.ppf(CONFIDENCE, RECORDED) / RECORDED
-    return float(stats.f.ppf(CONFIDENCE, RECORDED, contacts) / of_all)
+    of_all = stats.chi2.ppf(confidence, RECORDED) / RECORDED
+    return float(stats.f.ppf(confidence, RECORDED, contacts) / of_all)

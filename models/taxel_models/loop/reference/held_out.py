@@ -20,7 +20,7 @@ from taxel_models.loop.observations import FEWEST_CONTACTS, Observations, gather
 from taxel_models.loop.reference.correlated import correlated_residual
 from taxel_models.loop.reference.gain_limit import times_for_few
 from taxel_models.loop.reference.one_kind import residual_of_one_kind
-from taxel_models.loop.reference.own_structure import KEPT, own_residual
+from taxel_models.loop.reference.own_structure import KEPT, OPEN, own_residual
 from taxel_models.loop.reference.stand_ins import without_their_kind
 from taxel_models.model import Model
 from taxel_models.recordings import Recording
@@ -107,7 +107,7 @@ def _with_known_scatter(
     # One has no say in how far it scatters about the mean of all.
     free = len(np.unique(observations.contact)) - 1
     if own is not None and free >= FEWEST_CONTACTS - 1:
-        more = times_for_few(free)
+        more = times_for_few(free, OPEN)
         known[ContactOffset.name] = own.model_copy(
             update={
                 "log_evidence": tuple(more * odds for odds in own.log_evidence),

@@ -37,6 +37,9 @@ DEVIATIONS: Final = 2.0
 OF_ALL_KINDS: Final = 4
 """Contacts of a kind that the mean over kinds counts for."""
 
+CONFIDENCE: Final = 0.95
+"""That a recording of the kind shows no more."""
+
 DIGITS: Final = 3
 """Significant ones that a manifest keeps of each kind."""
 
@@ -212,7 +215,7 @@ def moderated_limit(own: Floats, mean: Floats, contacts: int) -> Floats:
     """
     known = OF_ALL_KINDS + contacts
     moderated = (OF_ALL_KINDS * mean + contacts * own) / known
-    return np.asarray(moderated * times_for_few(known))
+    return np.asarray(moderated * times_for_few(known, CONFIDENCE))
 
 
 def _rounded(structure: Mapping[str, Floats]) -> dict[str, Floats]:

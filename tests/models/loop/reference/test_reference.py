@@ -22,7 +22,7 @@ from taxel_models.loop.observations import gather
 from taxel_models.loop.pipeline import LoopSettings, run_loop
 from taxel_models.loop.reference.gain_limit import times_for_few
 from taxel_models.loop.reference.held_out import KEPT, held_out_residual
-from taxel_models.loop.reference.own_structure import ONE_ERROR, own_gain
+from taxel_models.loop.reference.own_structure import ONE_ERROR, OPEN, own_gain
 from taxel_models.loop.report.wording import anyway, no_reference
 from taxel_models.recordings import Recording
 from taxel_models.recovery.injection import Injection
@@ -235,7 +235,7 @@ def test_the_fewer_contacts_are_known_the_more_is_usual(smooth: Any, make: Make)
     scoring = Scoring(observations, blocks, [Offset()], without, DECLARED, lambda _: None)
     (score,) = (score for score in scoring.scores([]) if score.name == "offset:contact")
     own = np.maximum(own_gain(scoring, score), 0.0) / len(scoring.bins)
-    np.testing.assert_allclose(known.structure["offset:contact"].gain, times_for_few(29) * own)
+    np.testing.assert_allclose(known.structure["offset:contact"].gain, times_for_few(29, OPEN) * own)
 
 
 def test_a_calibration_that_makes_it_worse_leaves_open_how_much_is_usual(smooth: Any, make: Make) -> None:
