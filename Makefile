@@ -43,8 +43,8 @@ check:
 	$(BIN)/lint-imports
 	$(BIN)/python packaging/site
 
-# A test file stays on one worker, so that its fixtures are made once. Workers use all cores already: beside them,
-# more threads for small products wait for each other, and one test took 43 s in place of 3.
+# A test file stays on one worker, so that its fixtures are made once. Workers use all cores already: with more
+# threads, small products take longer, and at times wait for each other. One test took 43 s once, in place of 3.
 unit:
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 

@@ -9,7 +9,7 @@ from taxel_models.evaluation.standard_error import corrected_standard_error
 from taxel_models.loop.basis import Floats
 
 RECORDED: Final = 8
-"""Contacts of another recording."""
+"""Contacts that another recording is taken to have."""
 
 
 def gain_limit(seen: Floats, unseen: Floats, confidence: float) -> Floats:
@@ -31,15 +31,16 @@ def gain_limit(seen: Floats, unseen: Floats, confidence: float) -> Floats:
     return np.asarray(own + float(stats.t.ppf(confidence, folds - 1)) * error)
 
 
-def times_for_few(contacts: int, confidence: float) -> float:
-    """How many times more another recording may show than if all contacts were known.
+def times_for_few(freedom: int, confidence: float) -> float:
+    """How many times more a recording may show if few contacts are known than if all were known.
 
-    Both are chances of a mean square of normal values: over that of a few others it has Fisher's F, over
-    the true one a chi-squared distribution.
+    Offsets of contacts are taken as normal. The mean square of `RECORDED` of them, over that of the known
+    contacts, has Fisher's F distribution; over the true one, it has a chi-squared distribution, divided by
+    `RECORDED`. The result is the quantile of the first over that of the second.
 
     Args:
-        contacts: that are known.
-        confidence: that a recording of `RECORDED` contacts shows no more.
+        freedom: degrees of freedom of the known contacts.
+        confidence: that a recording shows no more.
     """
     of_all = stats.chi2.ppf(confidence, RECORDED) / RECORDED
-    return float(stats.f.ppf(confidence, RECORDED, contacts) / of_all)
+    return float(stats.f.ppf(confidence, RECORDED, freedom) / of_all)

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from taxel.errors import RecordingError
 from taxel.held_out_residual import CorrelatedResidual, HeldOutResidual, OwnStructure
@@ -41,14 +40,7 @@ def held_out_residual(
         constants: of the inference.
         progress: is told what is looked at.
     """
-    # The products have few columns: threads cost more time than they save, most of all beside other work.
-    with threadpool_limits(1, user_api="blas"):
-        return _held_out_residual(model, recordings, constants, progress or silent)
-
-
-def _held_out_residual(
-    model: Model, recordings: Sequence[Recording], constants: Constants, progress: Progress
-) -> HeldOutResidual | None:
+    progress = progress or silent
     try:
         observations = gather(model, recordings)
         if len(observations) < FEWEST_ROWS:
@@ -101,13 +93,13 @@ def _by_kind(
 def _with_known_scatter(
     structure: Mapping[str, OwnStructure], observations: Observations
 ) -> dict[str, OwnStructure]:
-    """The structure, where the fewer contacts tell how far their offsets scatter, the more is usual."""
+    """The structure, with what is usual of offsets of contacts: more, the fewer contacts tell it."""
     known = dict(structure)
     own = known.pop(ContactOffset.name, None)
-    # One has no say in how far it scatters about the mean of all.
-    free = len(np.unique(observations.contact)) - 1
-    if own is not None and free >= FEWEST_CONTACTS - 1:
-        more = times_for_few(free, OPEN)
+    contacts = len(np.unique(observations.contact))
+    if own is not None and contacts >= FEWEST_CONTACTS:
+        # Their mean takes one degree of freedom.
+        more = times_for_few(contacts - 1, OPEN)
         known[ContactOffset.name] = own.model_copy(
             update={
                 "log_evidence": tuple(more * odds for odds in own.log_evidence),
