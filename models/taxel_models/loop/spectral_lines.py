@@ -100,11 +100,9 @@ def coherence(first: Floats, second: Floats, wanted: list[slice], frequency: flo
     """
     pieces = _pieces(wanted)
     window = signal.get_window("hann", PIECE_ROWS)
-    wave = window * np.exp(-2j * np.pi * frequency * TICK_S * np.arange(PIECE_ROWS))
-    one, other = (
-        np.array([wave @ signal.detrend(values[piece], axis=0) for piece in pieces])
-        for values in (first, second)
-    )
+    # Taking off a line is a symmetric projection: a wave without its own line does not see a signal's.
+    wave = signal.detrend(window * np.exp(-2j * np.pi * frequency * TICK_S * np.arange(PIECE_ROWS)))
+    one, other = (np.array([wave @ values[piece] for piece in pieces]) for values in (first, second))
     cross = np.abs(one.T @ other.conj()) ** 2
     power = np.outer((np.abs(one) ** 2).sum(axis=0), (np.abs(other) ** 2).sum(axis=0))
     independent = max(1, round(len(pieces) * _INDEPENDENT))

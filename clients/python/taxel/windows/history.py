@@ -7,8 +7,7 @@ A tick is a row of seven values: position, m, force, N, and seconds since the re
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
-from itertools import pairwise
+from collections.abc import Callable, Iterable, Sequence
 from math import expm1
 from typing import Annotated, ClassVar, Final, Literal, Self
 
@@ -41,6 +40,10 @@ def followed(which: Followed, ticks: NDArray[np.float64]) -> NDArray[np.float64]
     return {"fx": x, "fy": y, "fz": z}[which]
 
 
+Rule = Callable[[float, float, Iterable[float]], list[float]]
+"""From y, u before, and u of the ticks that follow, to y of these ticks."""
+
+
 class Recursive(Schema, ABC):
     """A feature with a state y that follows u, starting settled at the segment's first u.
 
@@ -57,14 +60,14 @@ class Recursive(Schema, ABC):
         return u
 
     @abstractmethod
-    def rule(self) -> Callable[[float, float, float], float]:
-        """The function from (y, before, u) to the y of the next tick."""
+    def rule(self) -> Rule:
+        """The recursion over some ticks of a segment, in plain floats."""
 
     @abstractmethod
     def follow(
         self, y: NDArray[np.float64], before: NDArray[np.float64], u: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """`rule` for arrays, element by element; the same bits."""
+        """`rule` over one tick, for arrays, element by element; the same bits."""
 
     @abstractmethod
     def value(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -72,11 +75,10 @@ class Recursive(Schema, ABC):
 
     def column(self, ticks: NDArray[np.float64]) -> NDArray[np.float64]:
         """The feature, (n,), at each tick (n, 7) of one segment."""
-        u, rule = followed(self.of, ticks), self.rule()
-        course = u.tolist()
-        y = self.settled(u[:1]).tolist()
-        for before, now in pairwise(course):
-            y.append(rule(y[-1], before, now))
+        u = followed(self.of, ticks)
+        first, *others = u.tolist()
+        settled = self.settled(u[:1]).item()
+        y = [settled, *self.rule()(settled, first, others)]
         return self.value(np.array(y, np.float64), u)
 
 
@@ -98,9 +100,9 @@ class _Relaxing(Recursive):
     time_constant_s: Positive
 
     @override
-    def rule(self) -> Callable[[float, float, float], float]:
+    def rule(self) -> Rule:
         step = -expm1(-TICK_S / self.time_constant_s)
-        return lambda y, _, u: y + step * (u - y)
+        return lambda y, _, course: [y := y + step * (u - y) for u in course]
 
     @override
     def follow(
@@ -142,9 +144,12 @@ class Play(Recursive):
     width_n: Positive
 
     @override
-    def rule(self) -> Callable[[float, float, float], float]:
+    def rule(self) -> Rule:
         width = self.width_n
-        return lambda y, _, u: min(max(y, u - width), u + width)
+        # `min` and `max` take six times as long.
+        return lambda y, _, course: [
+            y := u - width if y < u - width else u + width if y > u + width else y for u in course
+        ]
 
     @override
     def follow(
@@ -169,9 +174,17 @@ class Friction(Recursive):
     width_n: Positive
 
     @override
-    def rule(self) -> Callable[[float, float, float], float]:
+    def rule(self) -> Rule:
+        def course_of(y: float, before: float, course: Iterable[float]) -> list[float]:
+            states = []
+            for u in course:
+                y = u + (y - u) / (1.0 + abs(u - before) / width)
+                before = u
+                states.append(y)
+            return states
+
         width = self.width_n
-        return lambda y, before, u: u + (y - u) / (1.0 + abs(u - before) / width)
+        return course_of
 
     @override
     def follow(
@@ -200,9 +213,11 @@ class Warmth(Recursive):
         return (u > TOUCH_N).astype(np.float64)
 
     @override
-    def rule(self) -> Callable[[float, float, float], float]:
+    def rule(self) -> Rule:
         warming, cooling = -expm1(-TICK_S / self.warming_s), -expm1(-TICK_S / self.cooling_s)
-        return lambda y, _, u: y + warming * (1.0 - y) if u > TOUCH_N else y - cooling * y
+        return lambda y, _, course: [
+            y := y + warming * (1.0 - y) if u > TOUCH_N else y - cooling * y for u in course
+        ]
 
     @override
     def follow(

@@ -60,4 +60,4 @@ class Memory:
     def _followed(self, column: int, u: NDArray[np.float64]) -> list[float]:
         """The new state of a recursive feature, one number for each fingertip."""
         last, rule = self._states[column], self._rules[column]
-        return [rule(*state, value) for state, value in zip(last, u.tolist(), strict=True)]
+        return [rule(*state, (value,))[0] for state, value in zip(last, u.tolist(), strict=True)]

@@ -10,7 +10,6 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from scipy.special import logsumexp
 from typing_extensions import override
 
 from taxel.channels import CHANNELS
@@ -18,7 +17,7 @@ from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
-from taxel_models.loop.inference.evidence import HeldOut, Weighed
+from taxel_models.loop.inference.evidence import HeldOut, Weighed, mean_odds
 from taxel_models.loop.inference.forms import WhitenedForm, prepared
 from taxel_models.loop.inference.whitening import Bins, Whitening
 from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
@@ -188,8 +187,7 @@ class ContactOffsets:
         sums = (table - usual).sum(axis=1)
         removed = {seconds: each.removed for seconds, each in found.items()}
         (form,) = prepared(ContactOffset().form(last.offsets * last.shares, removed), self._whitening)
-        total = float(logsumexp(sums) - np.log(len(sums)))
-        weighed = Weighed(total, 1.0, np.ones(len(CHANNELS)), table[int(sums.argmax())])
+        weighed = Weighed(mean_odds(sums), 1.0, np.ones(len(CHANNELS)), table[int(sums.argmax())])
         # Sums over rows in counts² become sums over bins in units of the noise.
         unit = noise * self._whitening.scale**2 * self._bins.rows_each
         # They do not age, so that nothing asks in which folds they act.

@@ -11,8 +11,7 @@ from itertools import pairwise
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import logsumexp
+from numpy.typing import ArrayLike, NDArray
 
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Fitting
@@ -90,7 +89,8 @@ class Base:
     @cached_property
     def noise(self) -> Floats:
         """(21,) mean square of the residual that the base leaves, rounding included."""
-        left = _left(self.energy.sum(axis=0), self.cross.sum(axis=0), self.gram.sum(axis=0), self.precision)
+        cross, inverse = self.cross.sum(axis=0), inverse_of(self.gram.sum(axis=0), self.precision)
+        left = self.energy.sum(axis=0) - _both(cross, inverse, cross)
         return np.asarray(np.maximum(left / self.bins, 0.0) + self.quantum)
 
     @property
@@ -118,15 +118,18 @@ class Base:
         inverse = inverse_of(sums.base_gram, self.precision)
         half = inverse @ sums.between
         return (
-            sums.gram - sums.between.transpose(0, 2, 1) @ half,
-            sums.cross - np.einsum("cbk,cb->ck", half, sums.base_cross),
-            _left(sums.energy, sums.base_cross, sums.base_gram, self.precision),
+            sums.gram - np.swapaxes(sums.between, -1, -2) @ half,
+            sums.cross - np.einsum("...bk,...b->...k", half, sums.base_cross),
+            sums.energy - _both(sums.base_cross, inverse, sums.base_cross),
         )
 
 
 @dataclass(frozen=True)
 class Sums:
-    """Products over some folds of a base and of new regressors: what all inference needs."""
+    """Products over some folds of a base and of new regressors: what all inference needs.
+
+    Any axes before a product's own are of several choices of folds.
+    """
 
     base_gram: Floats
     base_cross: Floats
@@ -157,27 +160,23 @@ class Products:
         return len(self.gram)
 
     def sums(self, kept: NDArray[np.bool_] | None = None) -> Sums:
-        """Over some folds, or all."""
-        folds = np.ones(self.folds, bool) if kept is None else kept
+        """Over all folds, or over those that are kept (folds,), or (choices, folds)."""
+        folds = np.ones(self.folds) if kept is None else kept.astype(np.float64)
         base = self.base
         parts = (base.gram, base.cross, base.energy, self.between, self.gram, self.cross)
-        return Sums(*(part[folds].sum(axis=0) for part in parts))
+        flat = (folds @ part.reshape(len(part), -1) for part in parts)
+        shapes = ((*folds.shape[:-1], *part.shape[1:]) for part in parts)
+        return Sums(*(sums.reshape(shape) for sums, shape in zip(flat, shapes, strict=True)))
 
 
 def inverse_of(gram: Floats, precision: Floats) -> Floats:
-    """(21, k, k) inverse of gram plus diagonal precision (21, k); 0 where the precision is infinite."""
+    """Inverse of gram (…, 21, k, k) plus diagonal precision (21, k); 0 where the precision is infinite."""
     kept = np.isfinite(precision)
     both = kept[:, :, None] & kept[:, None, :]
-    diagonal = np.where(kept, precision, 1.0)
-    matrix = np.where(both, gram, 0.0) + np.eye(gram.shape[-1]) * diagonal[:, None, :]
+    diagonal = np.arange(gram.shape[-1])
+    matrix = np.where(both, gram, 0.0)
+    matrix[..., diagonal, diagonal] += np.where(kept, precision, 1.0)
     return np.asarray(np.where(both, np.linalg.inv(matrix), 0.0))
-
-
-def _left(energy: Floats, cross: Floats, gram: Floats, precision: Floats) -> Floats:
-    if not cross.shape[1]:
-        return energy
-    inverse = inverse_of(gram, precision)
-    return np.asarray(energy - np.einsum("cb,cbd,cd->c", cross, inverse, cross))
 
 
 @dataclass(frozen=True)
@@ -228,20 +227,18 @@ def weigh(
     values, vectors = np.linalg.eigh(gram)
     values = np.maximum(values, 0.0)
     turned = np.einsum("ckl,ck->cl", vectors, cross) ** 2
-    table = np.empty((len(constants.strengths), len(constants.included)))
-    factors = np.zeros((len(constants.strengths), channels))
-    for row, strength in enumerate(constants.strengths):
-        left = np.maximum(energy - (turned / (values + strength**-2)).sum(axis=1), 1e-9 * energy)
-        volume = 0.5 * np.log1p(strength**2 * values).sum(axis=1)
-        factors[row] = -volume - half * np.log(left / energy) - np.log(fitting.choices)
-        for column, share in enumerate(constants.included):
-            table[row, column] = _mixture(factors[row] - usual, share)[allowed].sum()
+    variance = np.square(constants.strengths)[:, None, None]
+    left = np.maximum(energy - (turned / (values + 1 / variance)).sum(axis=2), 1e-9 * energy)
+    volume = 0.5 * np.log1p(variance * values).sum(axis=2)
+    factors = -volume - half * np.log(left / energy) - np.log(fitting.choices)
+    own, share = (factors - usual)[:, None], np.array(constants.included)[:, None]
+    # A channel has the effect with a prior probability: log((1 - share) + share exp(own)).
+    with np.errstate(divide="ignore"):
+        mixed = np.logaddexp(np.log1p(-share), np.log(share) + own)
+    table = mixed[..., allowed].sum(axis=2)
     row, column = divmod(int(table.argmax()), table.shape[1])
-    share = constants.included[column]
-    own = factors[row] - usual
-    included = share * np.exp(own - _mixture(own, share)) * allowed
-    log_evidence = float(logsumexp(table) - np.log(table.size))
-    return Weighed(log_evidence, constants.strengths[row], included, factors[row] * allowed)
+    included = share[column] * np.exp(own[row, 0] - mixed[row, column]) * allowed
+    return Weighed(mean_odds(table), constants.strengths[row], included, factors[row] * allowed)
 
 
 class Bases(NamedTuple):
@@ -259,11 +256,9 @@ class Bases(NamedTuple):
         return cls(plain, beside, weigh(Products.of(plain, ones), Fitting(), constants).log_evidence)
 
 
-def _mixture(factors: Floats, share: float) -> Floats:
-    """log((1 - share) + share exp(factors)): a channel has the effect with a prior probability."""
-    if share == 1.0:
-        return factors
-    return np.asarray(np.logaddexp(np.log1p(-share), np.log(share) + factors))
+def mean_odds(logs: ArrayLike) -> float:
+    """The logarithm of the mean of odds, of their logarithms."""
+    return float(np.logaddexp.reduce(logs, axis=None) - np.log(np.size(logs)))
 
 
 def _pooled(
@@ -282,55 +277,58 @@ def _pooled(
     together = None if base.known_noise is None else 1.0 / base.known_noise[allowed]
     anyway = float(np.broadcast_to(usual, allowed.shape)[allowed].sum())
     gram, cross, energy = gram[allowed], cross[allowed], energy[allowed]
-    size, found, shown = gram.shape[-1], [], []
-    for strength in constants.strengths:
-        precision = np.eye(size) / strength**2
-        weights, left = np.zeros(size), energy
-        for _ in range(12):
-            # What is left says how large the noise is: of each channel, or of all together.
-            noise = left if together is None else (together @ left) / (together * len(left))
-            counted = 2 * half / noise
-            curvature = (gram * counted[:, None, None]).sum(axis=0) + precision
-            weights = np.linalg.solve(curvature, (cross * counted[:, None]).sum(axis=0))
-            weights = np.maximum(weights, 0.0) if positive else weights
-            left = energy - 2 * cross @ weights + np.einsum("k,ckl,l->c", weights, gram, weights)
-            left = np.maximum(left, 1e-9 * energy)
-        by_channel = -half * np.log(left / energy)
-        if together is not None:
-            by_channel = np.full(len(left), -half * np.log((together @ left) / (together @ energy)))
-        height = by_channel.sum() - 0.5 * weights @ precision @ weights
-        volume = 0.5 * np.linalg.slogdet(curvature)[1] + size * np.log(strength)
-        found.append(float(height - volume))
-        shown.append(by_channel)
-    best = int(np.argmax(found))
-    log_evidence = float(logsumexp(found) - np.log(len(found))) - anyway
+    strengths, size = np.array(constants.strengths), gram.shape[-1]
+    precision = np.eye(size) / strengths[:, None, None] ** 2
+    left = np.broadcast_to(energy, (len(strengths), len(energy)))
+    for _ in range(12):
+        # What is left says how large the noise is: of each channel, or of all together.
+        noise = left if together is None else (left @ together)[:, None] / (together * len(together))
+        counted = 2 * half / noise
+        curvature = np.tensordot(counted, gram, axes=1) + precision
+        weights = np.linalg.solve(curvature, (counted @ cross)[..., None])[..., 0]
+        weights = np.maximum(weights, 0.0) if positive else weights
+        explained = ((gram @ weights.T) * weights.T).sum(axis=1).T
+        left = np.maximum(energy - 2 * weights @ cross.T + explained, 1e-9 * energy)
+    by_channel = -half * np.log(left / energy)
+    if together is not None:
+        by_channel[:] = -half * np.log((left @ together) / (together @ energy))[:, None]
+    height = by_channel.sum(axis=1) - 0.5 * (weights**2).sum(axis=1) / strengths**2
+    volume = 0.5 * np.linalg.slogdet(curvature)[1] + size * np.log(strengths)
+    found = height - volume
+    best = int(found.argmax())
     every = np.zeros(len(allowed))
-    every[allowed] = shown[best]
-    return Weighed(log_evidence, constants.strengths[best], allowed.astype(np.float64), every)
+    every[allowed] = by_channel[best]
+    strength = constants.strengths[best]
+    return Weighed(mean_odds(found) - anyway, strength, allowed.astype(np.float64), every)
 
 
 def posterior_weights(
     products: Products, fitting: Fitting, weighed: Weighed, kept: NDArray[np.bool_] | None = None
 ) -> tuple[Floats, Floats]:
-    """The posterior mean of the base's weights (21, base k) and of the form's (21, k), by some folds."""
+    """The posterior mean of the base's weights (…, 21, base k) and of the form's (…, 21, k).
+
+    Args:
+        kept: (folds,) or (choices, folds) that they are fitted to; all if None.
+    """
     base, sums, changes = products.base, products.sums(kept), weighed.changes
     gram, cross, _ = base.given(sums)
     if fitting.fixed:
         weights = np.broadcast_to(changes[:, None], cross.shape).astype(np.float64)
     elif fitting.pooled:
         counted = changes / base.counted_noise
-        pooled = (gram * counted[:, None, None]).sum(axis=0) + np.eye(gram.shape[-1]) / weighed.strength**2
-        common = np.linalg.solve(pooled, (cross * counted[:, None]).sum(axis=0))
-        weights = (np.maximum(common, 0.0) if fitting.positive else common)[None] * changes[:, None]
+        pooled = np.tensordot(gram, counted, axes=(-3, 0)) + np.eye(gram.shape[-1]) / weighed.strength**2
+        common = np.linalg.solve(pooled, np.tensordot(cross, counted, axes=(-2, 0))[..., None])
+        weights = np.swapaxes(common, -1, -2) * changes[:, None]
     else:
         precision = np.where(changes, weighed.strength**-2, np.inf)
-        broadcast = np.broadcast_to(precision[:, None], cross.shape)
-        weights = np.einsum("ckl,cl->ck", inverse_of(gram, broadcast), cross)
-        weights = np.maximum(weights, 0.0) if fitting.positive else weights
+        inverse = inverse_of(gram, np.broadcast_to(precision[:, None], cross.shape[-2:]))
+        weights = (inverse @ cross[..., None])[..., 0]
+    if fitting.positive and not fitting.fixed:
+        weights = np.maximum(weights, 0.0)
     if not base.size:
-        return np.zeros((len(weights), 0)), weights
-    remaining = sums.base_cross - np.einsum("cbk,ck->cb", sums.between, weights)
-    return np.einsum("cbd,cd->cb", inverse_of(sums.base_gram, base.precision), remaining), weights
+        return np.zeros((*weights.shape[:-1], 0)), weights
+    remaining = sums.base_cross - (sums.between @ weights[..., None])[..., 0]
+    return (inverse_of(sums.base_gram, base.precision) @ remaining[..., None])[..., 0], weights
 
 
 @dataclass(frozen=True)
@@ -361,28 +359,26 @@ def held_out(products: Products, fitting: Fitting, weighed: Weighed, *, seen: bo
     Args:
         seen: fit to all folds instead.
     """
-    base, folds = products.base, products.folds
+    base = products.base
+    kept = ~np.eye(products.folds, dtype=bool) | seen
+    sums = products.sums(kept)
+    plain = (inverse_of(sums.base_gram, base.precision) @ sums.base_cross[..., None])[..., 0]
+    beside, weights = posterior_weights(products, fitting, weighed, kept)
+    moved, nothing = beside - plain, np.zeros_like(base.energy)
+    alone = _squares(base.energy, plain, base.cross, base.gram)
+    after = _squares(base.energy, beside, base.cross, base.gram)
+    after += _squares(nothing, weights, products.cross, products.gram)
+    after += 2 * _both(beside, products.between, weights)
+    square = _both(moved, base.gram, moved) + 2 * _both(moved, products.between, weights)
+    square += _both(weights, products.gram, weights)
     noise = base.counted_noise
-    gain, before, change = np.empty((3, folds, len(noise)))
-    for fold in range(folds):
-        tested = np.arange(folds) == fold
-        kept = ~tested | seen
-        test = products.sums(tested)
-        inverse = inverse_of(base.gram[kept].sum(axis=0), base.precision)
-        plain = np.einsum("cbd,cd->cb", inverse, base.cross[kept].sum(axis=0))
-        beside, weights = posterior_weights(products, fitting, weighed, kept)
-        alone = _squares(test.energy, plain, test.base_cross, test.base_gram)
-        after = _squares(test.energy, beside, test.base_cross, test.base_gram)
-        after += _squares(np.zeros(len(noise)), weights, test.cross, test.gram)
-        after += 2 * np.einsum("cb,cbk,ck->c", beside, test.between, weights)
-        moved = beside - plain
-        square = np.einsum("cb,cbd,cd->c", moved, test.base_gram, moved)
-        square += 2 * np.einsum("cb,cbk,ck->c", moved, test.between, weights)
-        square += np.einsum("ck,ckl,cl->c", weights, test.gram, weights)
-        gain[fold], before[fold], change[fold] = (alone - after) / noise, alone / noise, square / noise
-    return HeldOut(gain, before, noise, change)
+    return HeldOut((alone - after) / noise, alone / noise, noise, square / noise)
 
 
 def _squares(energy: Floats, weights: Floats, cross: Floats, gram: Floats) -> Floats:
-    explained = 2 * (weights * cross).sum(axis=1)
-    return np.asarray(energy - explained + np.einsum("ck,ckl,cl->c", weights, gram, weights))
+    return np.asarray(energy - 2 * (weights * cross).sum(axis=-1) + _both(weights, gram, weights))
+
+
+def _both(left: Floats, gram: Floats, right: Floats) -> Floats:
+    """left' gram right, of the last axes."""
+    return np.asarray(np.einsum("...k,...kl,...l->...", left, gram, right))

@@ -5,12 +5,19 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp
 
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Effect
 from taxel_models.loop.inference.constants import Constants
-from taxel_models.loop.inference.evidence import Bases, HeldOut, Products, Weighed, held_out, weigh
+from taxel_models.loop.inference.evidence import (
+    Bases,
+    HeldOut,
+    Products,
+    Weighed,
+    held_out,
+    mean_odds,
+    weigh,
+)
 from taxel_models.loop.inference.forms import WhitenedForm
 from taxel_models.loop.inference.proof import most_of_simpler, simplest, stands
 from taxel_models.loop.inference.score import Score
@@ -102,10 +109,9 @@ class Weighing:
                 second = weigh(products, fitting, self._constants, usual)
                 value = second.log_evidence + bases.constant
                 options.append(Option(value, form, products, second, alone, needs_constant=True))
-            both = logsumexp([option.log_evidence for option in options])
-            logs.append(float(both - np.log(len(options))))
+            logs.append(mean_odds([option.log_evidence for option in options]))
             weighed.append(max(options, key=lambda option: option.log_evidence))
-        return weighed, float(logsumexp(logs) - np.log(len(logs)))
+        return weighed, mean_odds(logs)
 
     def scored(
         self,
