@@ -17,7 +17,7 @@ help:
 	@echo "make test      install everything; format, lint, types, import contract, tests"
 	@echo "make install   install everything into $(VENV): $(BIN)/taxel and $(BIN)/bench"
 	@echo "make arm       the compiled runtimes' tests on an emulated ARM processor (needs qemu-user-static)"
-	@echo "make long      the tests that make test leaves out: pages of measurements are followed"
+	@echo "make long      the tests that make test leaves out: pages that take long are followed"
 	@echo "make coverage  the tests again, and which lines they run"
 	@echo "make docs      build the documentation site into site/; a link that leads nowhere stops it"
 	@echo "make matrix    the wheel on every Python here, and every extra by itself (ARGS=--help)"
@@ -48,7 +48,7 @@ check:
 unit:
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
-# Apart from `make test`: what a page measures takes minutes, even made small.
+# Apart from `make test`: what some pages train or measure takes minutes, even made small.
 long: $(VENV)/.all $(VENV)/.ros2 $(VENV)/.typescript
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 -m long
 

@@ -5,11 +5,13 @@ import re
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+
+import pytest
 
 from taxel_bench.server_process import free_port
 
@@ -22,6 +24,7 @@ from .given import (
     MEASURED,
     MISSING,
     PRELUDES,
+    SLOW,
     SMALLER,
     STAND_INS,
     STARTED,
@@ -37,6 +40,11 @@ PORTS: Final = re.compile(r"(?<=[:/ ])(7447|7448|7449|7450|7461|8786)\b")
 
 FOLLOWED: Final = sorted({one.page for one in ALL if one.language in ("sh", "ts")} - {*MEASURED})
 """Pages with something to follow, on any machine."""
+
+
+def in_turn(pages: Iterable[str]) -> list[Any]:
+    """A test for each page, in order; the slow ones are of `make long`."""
+    return [pytest.param(page, marks=[pytest.mark.long] if page in SLOW else []) for page in sorted(pages)]
 
 
 def _pages_with(command: str) -> list[str]:

@@ -33,6 +33,20 @@ MEASURED: Final = (
     "docs/results/study.md",
 )
 
+SLOW: Final = frozenset(
+    {
+        "docs/cluster.md",
+        "docs/gazebo_bridge.md",
+        "docs/models.md",
+        "docs/operations.md",
+        "docs/recovery.md",
+        "docs/ros2.md",
+        "docs/search.md",
+        "docs/study.md",
+    }
+)
+"""Pages that take half a minute or more: `make long` follows them. Their commands have their own tests."""
+
 MISSING: Final[dict[str, str]] = {}
 """Lines that are not run because this machine lacks what they need, by how they begin."""
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from .following import INSTALLING, Follower
+from .following import INSTALLING, Follower, in_turn
 from .installing import new_environment
 
 
@@ -14,7 +14,7 @@ def new(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return new_environment(tmp_path_factory.mktemp("new"))
 
 
-@pytest.mark.parametrize("page", INSTALLING)
+@pytest.mark.parametrize("page", in_turn(INSTALLING))
 def test_a_page_can_be_followed_with_the_wheel(page: str, new: dict[str, str], tmp_path: Path) -> None:
     """What it installs is the wheel, with extras that exist; then its commands and examples work."""
     with Follower(tmp_path, variables=new) as follower:

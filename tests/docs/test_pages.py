@@ -7,7 +7,7 @@ from typing import Final
 import pytest
 
 from .blocks import ALL, ROOT, blocks
-from .following import FOLLOWED, INSTALLING, MEASURING, Follower, compare
+from .following import FOLLOWED, INSTALLING, MEASURING, Follower, compare, in_turn
 from .given import CHECKS, PRELUDES, TOGETHER
 
 PYTHON_PAGES: Final = sorted({one.page for one in ALL if one.language == "python"} - TOGETHER)
@@ -31,7 +31,7 @@ def test_python_examples_run(page: str, follower: Follower) -> None:
         compare(follower.printed, "".join(expected), page)
 
 
-@pytest.mark.parametrize("page", sorted({*FOLLOWED} - {*INSTALLING, *MEASURING}))
+@pytest.mark.parametrize("page", in_turn({*FOLLOWED} - {*INSTALLING, *MEASURING}))
 def test_a_page_can_be_followed(page: str, follower: Follower, tmp_path: Path) -> None:
     """The commands and examples of a page work one after the other, and print what the page shows."""
     if page == "clients/typescript/README.md":
