@@ -2,7 +2,8 @@
 
 A block's sensitivity is the slope of the measured counts over the predicted ones, both about their means:
 what is added to a channel for longer than a block, such as by a drift, is no sensitivity. The block at
-which it changed is the one that leaves the least squares (Page 1955); a line in time is the other choice.
+which it changed is the one that leaves the least squares (Page 1955); lines in the session's time, and in
+what was recorded of it, are the other choices.
 
 Where all contacts press alike, counts hardly move inside a block, and no slope can be had. What the channel
 reads there, less its prediction, still tells that it changed.
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel.held_out_residual import HeldOutResidual
+from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.observations import Observations
@@ -176,7 +178,7 @@ def reading_changes(
     rows = _rows_of_blocks(observations, blocks, known)
     if len(rows) < 2 * FEWEST:
         return []
-    time = np.array([observations.time_s[some].mean() for some in rows])
+    clocks = _clocks(observations, rows)
     left = observations.residual - explained
     signals = np.abs([observations.signal[some].mean(axis=0) for some in rows])
     errors = np.array([left[some].mean(axis=0) for some in rows])
@@ -185,7 +187,7 @@ def reading_changes(
         used = signal > PRESSED * np.median(signal)
         if used.sum() < 2 * FEWEST:
             continue
-        course = _course(time[used], errors[used, channel])
+        course = _course(clocks[:, used], errors[used, channel])
         least = max(LEAST_CHANGE * float(np.median(signal[used])), LEAST_READING * usual_error[channel])
         if abs(course.change) >= least and course.t >= LEAST_T:
             found.append(ReadingChange(CHANNELS[channel], course.change, course.since_s))
@@ -211,7 +213,7 @@ def _largest_changes(
     rows = _rows_of_blocks(observations, blocks, known)
     if len(rows) < 2 * FEWEST:
         return
-    time = np.array([observations.time_s[some].mean() for some in rows])
+    clocks = _clocks(observations, rows)
     signal, measured = observations.signal, observations.measured - explained
     products = np.array([_products(signal[some], measured[some]) for some in rows])
     at_limit = (observations.measured <= 0) | (observations.measured >= COUNTS_MAX)
@@ -225,7 +227,7 @@ def _largest_changes(
         if used.sum() < 2 * FEWEST or not weight.any():
             continue
         slopes = cross[used, channel] / weight[used]
-        yield channel, _change(time[used], slopes, follows[used, channel]), follows[:, channel]
+        yield channel, _change(clocks[:, used], slopes, follows[used, channel]), follows[:, channel]
 
 
 def _rows_of_blocks(
@@ -235,6 +237,13 @@ def _rows_of_blocks(
     of_row = blocks.of_row if known is None else np.where(known, blocks.of_row, -1)
     of_blocks = [np.flatnonzero(of_row == number) for number in range(len(blocks))]
     return sorted(filter(len, of_blocks), key=lambda some: float(observations.time_s[some].mean()))
+
+
+def _clocks(observations: Observations, rows: list[NDArray[np.int64]]) -> Floats:
+    """(2, blocks) the session's time in the middle of each block, and how much was recorded by then, s."""
+    counts = np.array([len(some) for some in rows])
+    time = [observations.time_s[some].mean() for some in rows]
+    return np.array([time, (np.cumsum(counts) - counts / 2) * TICK_S])
 
 
 def _products(first: Floats, second: Floats) -> Floats:
@@ -261,8 +270,8 @@ class _Change(NamedTuple):
     t: float
 
 
-def _change(time: Floats, slopes: Floats, follows: Floats) -> _Change:
-    course = _course(time, slopes)
+def _change(clocks: Floats, slopes: Floats, follows: Floats) -> _Change:
+    course = _course(clocks, slopes)
     return _Change(
         kept=max(course.last / max(course.first, 1e-9), 0.0),
         since_s=course.since_s,
@@ -280,41 +289,41 @@ class _Course(NamedTuple):
         last: after the step, or the line's last.
         since_s: when it changed; None for a line.
         before: blocks before the step, or in the line's first half.
-        t: the change over its standard error.
+        standard_error: of the change.
     """
 
     first: float
     last: float
     since_s: float | None
     before: int
-    t: float
+    standard_error: float
 
     @property
     def change(self) -> float:
         """The last less the first."""
         return self.last - self.first
 
+    @property
+    def t(self) -> float:
+        """The change over its standard error."""
+        return abs(self.change) / max(self.standard_error, 1e-9)
 
-def _course(time: Floats, values: Floats) -> _Course:
-    """The step, or the line in time, that leaves less of the values."""
+
+def _course(clocks: Floats, values: Floats) -> _Course:
+    """The step, or the line in the session's or in recorded time, that leaves least of the values."""
     count = len(values)
     places = np.arange(FEWEST, count - FEWEST + 1)
     errors = [values[:place].var() * place + values[place:].var() * (count - place) for place in places]
+    lines = [np.polyval(np.polyfit(time, values, 1), time) for time in clocks]
+    left = [float(((values - line) ** 2).sum()) for line in lines]
+    if min(left) < min(errors):
+        best = int(np.argmin(left))
+        line, time = lines[best], clocks[best]
+        scatter = np.sqrt(left[best] / (count - 2))
+        standard_error = scatter / (time.std() * np.sqrt(count)) * (time[-1] - time[0])
+        return _Course(float(line[0]), float(line[-1]), None, count // 2, standard_error)
     place = int(places[int(np.argmin(errors))])
     before, after = values[:place], values[place:]
     standard_error = np.sqrt(before.var(ddof=1) / len(before) + after.var(ddof=1) / len(after))
-    line = np.polyfit(time, values, 1)
-    first, last = (float(np.polyval(line, moment)) for moment in (time[0], time[-1]))
-    gradual = ((values - np.polyval(line, time)) ** 2).sum() < min(errors)
-    if gradual:
-        scatter = np.sqrt(((values - np.polyval(line, time)) ** 2).sum() / (count - 2))
-        standard_error = scatter / (time.std() * np.sqrt(count)) * (time[-1] - time[0])
-    else:
-        first, last = float(before.mean()), float(after.mean())
-    return _Course(
-        first,
-        last,
-        None if gradual else float(time[place]),
-        count // 2 if gradual else place,
-        float(abs(last - first) / max(standard_error, 1e-9)),
-    )
+    since_s = float(clocks[0, place])
+    return _Course(float(before.mean()), float(after.mean()), since_s, place, standard_error)

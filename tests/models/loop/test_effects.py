@@ -12,7 +12,7 @@ from taxel.channels import CHANNELS
 from taxel.corrections import Correction
 from taxel.windows import WindowSpec
 from taxel_models.loop.effects.crosstalk import Crosstalk
-from taxel_models.loop.effects.effect import Remaining
+from taxel_models.loop.effects.effect import ABOUT_MEAN, Remaining
 from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.effects.registry import NAMES
 from taxel_models.loop.observations import gather
@@ -234,6 +234,26 @@ def test_a_finger_that_warms_up_drifts_along_an_exponential(
     assert figure.unit == unit
     assert figure.value == pytest.approx(20.0, rel=0.25)
     np.testing.assert_allclose(served(smooth, case), case.result.after, atol=0.02)
+
+
+def test_an_electrode_that_fades_while_it_is_used_ages_in_recorded_time(smooth: Any, make: Make) -> None:
+    recording = make(12_000)
+    time_ns = recording.samples.time_ns.copy()
+    for pause, row in enumerate((1_500, 4_000, 7_000)):
+        time_ns[row:] += (pause + 1) * 1000 * 10**9
+    counts, column = recording.channels.copy(), CHANNELS.index("e4")
+    rest = smooth.counts(np.zeros((1, 3)), np.zeros((1, 3)))[0, column]
+    left = np.linspace(1.0, 0.3, len(counts))
+    counts[:, column] = np.rint(rest + left * (counts[:, column] - rest))
+    fading = replace(recording, samples=replace(recording.samples, time_ns=time_ns), channels=counts)
+    case = Case(run_loop(smooth, [fading], LoopSettings()), {}, np.empty(0))
+    first = case.result.findings.effects[0]
+    assert first.name == "gain"
+    assert first.form.removesuffix(ABOUT_MEAN) == "ageing in recorded time, by channel"
+    np.testing.assert_allclose(served(smooth, case), case.result.after, atol=0.02)
+    (told,) = case.result.changes
+    # Of the last block to the first, each in its middle.
+    assert told.sentence() == "e4 lost 68% of its sensitivity over this session."
 
 
 def test_a_delay_of_half_a_tick_is_named_and_not_served(smooth: Any, make: Make) -> None:

@@ -1,15 +1,13 @@
 """Drift: a slow function of the time since the session began."""
 
-from collections.abc import Iterable, Mapping
-from functools import partial
+from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
 from typing_extensions import override
 
-from taxel.channels import CHANNELS
-from taxel.windows import PERIOD_NS
-from taxel_models.loop.basis import Floats, Shared
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.effects.course import along, has_long_pauses, recorded
 from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, elapsed, evenly_filled, weighted
 from taxel_models.loop.observations import Observations
 
@@ -26,12 +24,6 @@ FINER: Final = (0.62, 0.79, 1.26, 1.6)
 
 STRAIGHT: Final = 8
 """The straight pieces that an exponential is served as."""
-
-RECORDED: Final = 16
-"""The straight pieces of a course in recorded time, with as many rows in each; pauses have their own."""
-
-LONG_PAUSE: Final = 0.05
-"""The least share of a session that counts as a pause: a drift by the clock goes on in it."""
 
 
 class Drift(Effect):
@@ -59,9 +51,9 @@ class Drift(Effect):
             yield weighted(observations, self.name, form, "unit", drivers, weight_unit="counts/s")
         for share in WARMING:
             yield _exponential(share * span, "s", observations)
-        if (np.diff(time) > LONG_PAUSE * span).any():
-            edges, recorded_s = _recorded(observations)
-            yield _along("line in recorded time", {}, edges, recorded_s / recorded_s[-1], observations)
+        if has_long_pauses(observations):
+            edges, recorded_s = recorded(observations)
+            yield _along(observations, "line in recorded time", edges, recorded_s / recorded_s[-1])
             for share in WARMING:
                 yield _exponential(share * float(recorded_s[-1]), "s recorded", observations)
 
@@ -82,38 +74,23 @@ def _exponential(tau: float, unit: str, observations: Observations) -> Candidate
         edges[-1] = span
         elapsed_s = edges
     else:
-        edges, elapsed_s = _recorded(observations)
-    parameters = {"time_constant": (tau, unit)}
+        edges, elapsed_s = recorded(observations)
     course = -np.expm1(-elapsed_s / tau)
-    return _along(f"an exponential of {tau:.3g} {unit}", parameters, edges, course, observations)
-
-
-def _recorded(observations: Observations) -> tuple[Floats, Floats]:
-    """Edges of the session's time (k + 1,), s, and how much was recorded until each, s."""
-    time = observations.time_s
-    pauses = np.flatnonzero(np.diff(time) > LONG_PAUSE * time.max())
-    edges = np.union1d(evenly_filled(observations, RECORDED), [time[pauses], time[pauses + 1]])
-    return edges, np.searchsorted(time, edges) * PERIOD_NS / 1e9
+    form = f"an exponential of {tau:.3g} {unit}"
+    return _along(observations, form, edges, course, time_constant=(tau, unit))
 
 
 def _along(
-    form: str,
-    parameters: Mapping[str, tuple[float, str]],
-    edges: Floats,
-    course: Floats,
-    observations: Observations,
+    observations: Observations, form: str, edges: Floats, course: Floats, **parameters: tuple[float, str]
 ) -> Candidate:
-    """A course through given values at the edges (k + 1,), by straight pieces."""
-    slopes = np.diff(course) / np.diff(edges)
-    pieces = weighted(observations, Drift.name, form, "unit", elapsed(observations, edges))
-    values = pieces.basis.times(np.broadcast_to(slopes, (len(CHANNELS), len(slopes))))[:, :1]
-    return Candidate(
+    return along(
+        observations,
         Drift.name,
         form,
-        Shared(values),
+        "unit",
+        edges,
+        course,
         weight_names=("size",),
         weight_unit="counts",
-        form_parameters=dict(parameters),
-        online=lambda weights: pieces.online(weights * slopes),
-        again=partial(_along, form, parameters, edges, course),
+        form_parameters=parameters,
     )

@@ -7,6 +7,7 @@ import numpy as np
 from typing_extensions import override
 
 from taxel.corrections import ONE
+from taxel_models.loop.effects.course import along, has_long_pauses, recorded
 from taxel_models.loop.effects.effect import (
     Candidate,
     Driver,
@@ -25,6 +26,9 @@ PIECES: Final = 4
 AGEING_S: Final = 60.0
 """Shorter recordings are not searched for ageing."""
 
+_CHANNELS: Final = ((True, "all channels alike"), (False, "by channel"))
+"""Whether all channels share the weights, and how a form's name says so."""
+
 
 class Gain(Effect):
     """measured - rest = (1 + g) (model - rest); with age, g grows with time."""
@@ -38,15 +42,15 @@ class Gain(Effect):
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
         constant = Driver(ONE, np.ones(len(observations)))
-        for form, fitting in (("all channels alike", Fitting(pooled=True)), ("by channel", Fitting())):
+        for alike, channels in _CHANNELS:
             yield weighted(
                 observations,
                 self.name,
-                form,
+                channels,
                 "signal",
                 [constant],
                 centred=False,
-                fitting=fitting,
+                fitting=Fitting(pooled=alike),
                 weight_names=("gain",),
                 weight_unit="relative",
             )
@@ -54,16 +58,33 @@ class Gain(Effect):
         if span > AGEING_S:
             for pieces in (1, PIECES):
                 ageing = elapsed(observations, evenly_filled(observations, pieces))
-                for alike in (True, False):
+                for alike, channels in _CHANNELS:
                     yield weighted(
                         observations,
                         self.name,
-                        f"ageing in {pieces} pieces, {'all channels alike' if alike else 'by channel'}",
+                        f"ageing in {pieces} pieces, {channels}",
                         "signal",
                         [constant, *ageing],
                         centred=False,
                         fitting=Fitting(pooled=alike),
                         weight_names=("gain", *(driver.name for driver in ageing)),
                         weight_unit="relative, relative/s",
+                        ages=True,
+                    )
+            if has_long_pauses(observations):
+                edges, recorded_s = recorded(observations)
+                for alike, channels in _CHANNELS:
+                    yield along(
+                        observations,
+                        self.name,
+                        f"ageing in recorded time, {channels}",
+                        "signal",
+                        edges,
+                        recorded_s / recorded_s[-1],
+                        beside=[constant],
+                        centred=False,
+                        fitting=Fitting(pooled=alike),
+                        weight_names=("gain", "change"),
+                        weight_unit="relative",
                         ages=True,
                     )

@@ -125,22 +125,37 @@ class CorrelatedChannels:
             remaining: what no named effect explains.
             least_t: t over held-out folds that each channel must reach.
         """
-        signals = self.signals(effect, observations, remaining)
-        forms, bases = signals.about_mean, self.bases(remaining.residual)
-        options = forms.options
-        price = self._price(effect.name, len(options))
+        kinds, bases = self.signals(effect, observations, remaining), self.bases(remaining.residual)
+        price = self._price(effect.name, sum(len(signals.about_mean.options) for signals in kinds))
+        found = [self._best(effect, signals, bases, price, remaining, least_t) for signals in kinds]
+        return max(
+            (one for one in found if one is not None), key=lambda one: one.log_evidence, default=None
+        )
+
+    def _best(
+        self,
+        effect: Effect,
+        signals: Signals,
+        bases: Bases,
+        price: Price,
+        remaining: Remaining,
+        least_t: float,
+    ) -> Score | None:
+        """The likeliest change of a few channels that is in proportion to signals of one kind."""
+        forms = signals.about_mean
 
         def odds(forms: ChannelForms, channel: int, place: int) -> float:
             products = Products.of(bases.beside, forms.design({channel: place}))
             return weigh(products, TOGETHER, self._constants).log_evidence - float(price.odds[channel])
 
-        likeliest: dict[int, tuple[float, int]] = {}
-        for channel, place in options:
-            own = odds(forms, channel, place), place
-            likeliest[channel] = max(likeliest.get(channel, own), own)
+        found: dict[int, dict[int, float]] = {}
+        for channel, place in forms.options:
+            found.setdefault(channel, {})[place] = odds(forms, channel, place)
         chosen: dict[int, int] = {}
         best: Score | None = None
-        for channel, (own_odds, place) in sorted(likeliest.items(), key=lambda one: -one[1][0]):
+        for channel, own in sorted(found.items(), key=lambda one: -max(one[1].values())):
+            able = [(own[place], place) for place in forms.beside(chosen, [*own])]
+            own_odds, place = max(able, default=(0.0, 0))
             if own_odds <= 0:
                 break
             more = {**chosen, channel: place}
@@ -179,7 +194,12 @@ class CorrelatedChannels:
         alone = weigh(plain, TOGETHER, self._constants).log_evidence
         needs_constant = weighed.log_evidence + bases.constant >= alone
         found = held_out(products, TOGETHER, weighed)
-        usual = np.bincount(self._bins.fold)[:, None] * price.gain * form.included
+        bins = np.bincount(self._bins.fold).astype(np.float64)
+        if form.candidate.ages:
+            # What is usual acts where the form does.
+            change = found.squared_change.sum(axis=1)
+            bins = bins.sum() * change / max(change.sum(), 1e-12)
+        usual = bins[:, None] * price.gain * form.included
         # Channels are not free of each other: one more is given what it adds to the gain of all.
         gain = np.zeros_like(usual) if before is None else before.gain.copy()
         gain[:, form.places[-1][0]] = (found.gain - usual - gain).sum(axis=1)
@@ -260,8 +280,12 @@ class CorrelatedChannels:
             image = image / np.where(size > 1e-9, size, np.inf)[:, None, :]
         return Design(self._whitening(image), self._bins.fold)
 
-    def signals(self, effect: Effect, observations: Observations, remaining: Remaining) -> Signals:
-        """The forms of an effect that `follows` signals, of each channel."""
+    def signals(self, effect: Effect, observations: Observations, remaining: Remaining) -> list[Signals]:
+        """The forms of an effect that `follows` signals, of each channel, by kinds of signals.
+
+        What the others foretell of a channel has their errors. Where these are not those of the held-out
+        residual, a gain follows the prediction alone more closely.
+        """
         own = self.conditional_residual(remaining.residual)
         # What the other channels and the model foretell has no part of the channel's own error.
         expected = observations.measured - own
@@ -274,7 +298,10 @@ class CorrelatedChannels:
         forms = (
             ChannelForms(own, self._root, self._whitening) for own in (about_mean, about_rest, predicted)
         )
-        return Signals(*forms)
+        signals = Signals(*forms)
+        if effect.follows == "measured":
+            return [signals]
+        return [signals, Signals(signals.predicted, signals.predicted, signals.predicted)]
 
     def _usual_odds(self, label: str) -> Floats:
         known = self._known.structure.get(label)

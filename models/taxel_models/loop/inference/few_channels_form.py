@@ -77,6 +77,15 @@ class ChannelForms:
         places = range(len(self._candidates))
         return [(one, place) for one in electrodes for place in places if self._image(place, one)[1].all()]
 
+    def beside(self, chosen: dict[int, int], places: Sequence[int]) -> list[int]:
+        """The places whose forms one candidate can hold together with the chosen ones.
+
+        What a form with a single regressor has stands first in all others.
+        """
+        sizes = [candidate.basis.size for candidate in self._candidates]
+        larger = {place for place in chosen.values() if sizes[place] > 1}
+        return [place for place in places if not larger or place in larger or sizes[place] == 1]
+
     def _image(self, place: int, channel: int) -> tuple[Floats, Floats]:
         """A channel's regressors as all whitened channels show them (21, bins, k), and their sizes (k,)."""
         if (place, channel) not in self._images:

@@ -116,11 +116,15 @@ def _of_few(
     confidence: float,
 ) -> OwnStructure:
     """What an effect explains in each electrode alone: log odds and gain over the noise, by bins."""
-    forms = channels.signals(effect, observations, remaining).about_mean
     base = channels.bases(remaining.residual).beside
     log_evidence, gain = np.zeros((2, len(CHANNELS)))
-    for channel, place in forms.options:
-        products = Products.of(base, forms.design({channel: place}))
+    options = [
+        (channel, signals.about_mean.design({channel: place}))
+        for signals in channels.signals(effect, observations, remaining)
+        for channel, place in signals.about_mean.options
+    ]
+    for channel, design in options:
+        products = Products.of(base, design)
         weighed = weigh(products, TOGETHER, constants)
         seen, unseen = (
             held_out(products, TOGETHER, weighed, seen=one).gain.sum(axis=1, keepdims=True)

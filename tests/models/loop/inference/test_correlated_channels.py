@@ -36,17 +36,21 @@ COMMON = 40.0
 """SD of the error that all electrodes have in common, counts; each one's own has 4."""
 
 
-def errs_alike(recording: Recording, seed: int, *, common: float = COMMON, white: float = 0.0) -> Recording:
+def errs_alike(
+    recording: Recording, seed: int, *, common: float = COMMON, white: float = 0.0, opposite: bool = False
+) -> Recording:
     """With an error that wanders within a second, of the electrodes together, each to its own degree.
 
     Args:
         white: SD of further noise of each channel, counts.
+        opposite: every other electrode errs to the other side.
     """
     random = np.random.default_rng(seed)
     rows = len(recording)
     knots = random.normal(size=rows // 40 + 2)
     wander = np.interp(np.arange(rows) / 40.0, np.arange(len(knots)), knots)
     degree = np.random.default_rng(77).uniform(0.5, 1.5, 19) * common
+    degree[1::2] *= -1.0 if opposite else 1.0
     counts = recording.channels + white * random.normal(size=recording.channels.shape)
     counts[:, 2:] += wander[:, None] * degree
     return replace(recording, channels=np.clip(np.rint(counts), 0, COUNTS_MAX))
@@ -154,6 +158,58 @@ def test_a_change_of_one_electrode_stands_out_from_errors_that_all_have(
     assert "e4, beside all others" in form
     alone = reference.model_copy(update={"correlated": None})
     assert named(smooth, dying, alone) == []
+
+
+def test_an_electrode_that_fades_where_the_others_err_otherwise_than_usual_follows_the_prediction(
+    smooth: Any, make: Make, reference: HeldOutResidual, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording = errs_alike(make(12_000, seed=4), seed=2, opposite=True)
+    column = CHANNELS.index("e4")
+    own = recording.channels[:, column]
+    counts = recording.channels.copy()
+    counts[:, column] = np.rint(own - np.linspace(0.0, 0.7, len(own)) * (own - own.mean()))
+    observations = gather(smooth, [replace(recording, channels=counts)])
+    blocks = cut(observations, seed=0)
+    assert reference.correlated is not None
+    left = observations.residual
+    bins = Bins.of(blocks, DECLARED.bin_s)
+    channels = CorrelatedChannels(left, bins, reference.correlated, DECLARED)
+    remaining = Remaining(left, blocks.fit, np.ones(len(observations)))
+    best = channels.best(Gain(), observations, remaining, least_t=DECLARED.least_t)
+    assert best is not None
+    assert best.form.channels == [column]
+    foretold, _ = channels.signals(Gain(), observations, remaining)
+    monkeypatch.setattr(channels, "signals", lambda *_: [foretold])
+    assert channels.best(Gain(), observations, remaining, least_t=DECLARED.least_t) is None
+
+
+def test_electrodes_that_age_each_in_its_own_way_are_put_right(
+    smooth: Any, make: Make, reference: HeldOutResidual
+) -> None:
+    """A straight fade and a step have other pieces of the session's time, and one form that holds both."""
+    recording = errs_alike(make(12_000, seed=4), seed=2)
+    time = np.linspace(0.0, 1.0, len(recording))
+    lost = np.zeros(recording.channels.shape)
+    columns = [CHANNELS.index(name) for name in ("e4", "e9")]
+    lost[:, columns] = np.column_stack([0.7 * time, 0.5 * (time > 0.4)])
+    about = recording.channels - recording.channels.mean(axis=0)
+    changed = replace(recording, channels=np.rint(recording.channels - lost * about))
+    observations = gather(smooth, [changed])
+    blocks = cut(observations, seed=0)
+    bins = Bins.of(blocks, DECLARED.bin_s)
+    assert reference.correlated is not None
+    left = observations.residual
+    channels = CorrelatedChannels(left, bins, reference.correlated, DECLARED)
+    remaining = Remaining(left, blocks.fit, np.ones(len(observations)))
+    best = channels.best(Gain(), observations, remaining, least_t=DECLARED.least_t)
+    assert best is not None
+    assert best.form.channels == columns
+    weights = channels.weights(best.form, left, UNSHRUNK, None)
+    found = best.form.candidate.basis.times(weights)[:, columns]
+    rows = observations.rows[0]
+    true = (changed.channels - recording.channels)[rows][:, columns]
+    off = (found - found.mean(axis=0)) - (true - true.mean(axis=0))
+    assert (off.std(axis=0) < 0.35 * true.std(axis=0)).all(), off.std(axis=0) / true.std(axis=0)
 
 
 def test_what_repeats_in_its_own_channel_may_repeat_half_as_surely_beside_all_others(
