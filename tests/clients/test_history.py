@@ -204,6 +204,14 @@ def test_given_columns_of_another_length_are_refused() -> None:
         extra_columns(samples, [extra], {"tdc": np.zeros(3)})
 
 
+@pytest.mark.parametrize("rows", [0, 1])
+def test_few_ticks_have_as_many_values(rows: int) -> None:
+    for feature in FEATURES:
+        found = feature.column(np.ones((rows, 7)))
+        assert found.shape == (rows,)
+        assert np.isfinite(found).all()
+
+
 def test_no_samples_give_no_rows() -> None:
     empty = Samples.of([], np.empty((0, 3)), np.empty((0, 3)))
     assert history_columns(empty, FEATURES).shape == (0, len(FEATURES))

@@ -76,9 +76,9 @@ class Recursive(Schema, ABC):
     def column(self, ticks: NDArray[np.float64]) -> NDArray[np.float64]:
         """The feature, (n,), at each tick (n, 7) of one segment."""
         u = followed(self.of, ticks)
-        first, *others = u.tolist()
-        settled = self.settled(u[:1]).item()
-        y = [settled, *self.rule()(settled, first, others)]
+        course, y = u.tolist(), self.settled(u[:1]).tolist()
+        if len(course) > 1:
+            y += self.rule()(y[0], course[0], course[1:])
         return self.value(np.array(y, np.float64), u)
 
 

@@ -26,11 +26,11 @@ def has_long_pauses(observations: Observations) -> bool:
 
 
 def recorded(observations: Observations) -> tuple[Floats, Floats]:
-    """Edges of the session's time (k + 1,), s, and how much was recorded until each, s."""
+    """Edges of the session's time (k + 1,), s, and how much was recorded until each, s, in all sessions."""
     time = observations.time_s
     pauses = np.flatnonzero(np.diff(time) > LONG_PAUSE * time.max())
     edges = np.union1d(evenly_filled(observations, RECORDED), [time[pauses], time[pauses + 1]])
-    return edges, np.searchsorted(time, edges) * PERIOD_NS / 1e9
+    return edges, np.searchsorted(np.sort(time), edges) * PERIOD_NS / 1e9
 
 
 def along(
