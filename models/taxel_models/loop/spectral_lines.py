@@ -100,7 +100,8 @@ def coherence(first: Floats, second: Floats, wanted: list[slice], frequency: flo
     """
     pieces = _pieces(wanted)
     window = signal.get_window("hann", PIECE_ROWS)
-    # Taking off a line is a symmetric projection: a wave without its own line does not see a signal's.
+    # The line is taken off the wave once, not off each piece. The products are the same, since taking off a
+    # line is a symmetric projection.
     wave = signal.detrend(window * np.exp(-2j * np.pi * frequency * TICK_S * np.arange(PIECE_ROWS)))
     one, other = (np.array([wave @ values[piece] for piece in pieces]) for values in (first, second))
     cross = np.abs(one.T @ other.conj()) ** 2

@@ -76,9 +76,9 @@ class Recursive(Schema, ABC):
     def column(self, ticks: NDArray[np.float64]) -> NDArray[np.float64]:
         """The feature, (n,), at each tick (n, 7) of one segment."""
         u = followed(self.of, ticks)
-        course, y = u.tolist(), self.settled(u[:1]).tolist()
-        if len(course) > 1:
-            y += self.rule()(y[0], course[0], course[1:])
+        signal, y = u.tolist(), self.settled(u[:1]).tolist()
+        if len(signal) > 1:
+            y += self.rule()(y[0], signal[0], signal[1:])
         return self.value(np.array(y, np.float64), u)
 
 
@@ -102,7 +102,7 @@ class _Relaxing(Recursive):
     @override
     def rule(self) -> Rule:
         step = -expm1(-TICK_S / self.time_constant_s)
-        return lambda y, _, course: [y := y + step * (u - y) for u in course]
+        return lambda y, _, signal: [y := y + step * (u - y) for u in signal]
 
     @override
     def follow(
@@ -147,8 +147,8 @@ class Play(Recursive):
     def rule(self) -> Rule:
         width = self.width_n
         # `min` and `max` take six times as long.
-        return lambda y, _, course: [
-            y := u - width if y < u - width else u + width if y > u + width else y for u in course
+        return lambda y, _, signal: [
+            y := u - width if y < u - width else u + width if y > u + width else y for u in signal
         ]
 
     @override
@@ -175,16 +175,17 @@ class Friction(Recursive):
 
     @override
     def rule(self) -> Rule:
-        def course_of(y: float, before: float, course: Iterable[float]) -> list[float]:
-            states = []
-            for u in course:
+        width = self.width_n
+
+        def states(y: float, before: float, signal: Iterable[float]) -> list[float]:
+            found = []
+            for u in signal:
                 y = u + (y - u) / (1.0 + abs(u - before) / width)
                 before = u
-                states.append(y)
-            return states
+                found.append(y)
+            return found
 
-        width = self.width_n
-        return course_of
+        return states
 
     @override
     def follow(
@@ -215,8 +216,8 @@ class Warmth(Recursive):
     @override
     def rule(self) -> Rule:
         warming, cooling = -expm1(-TICK_S / self.warming_s), -expm1(-TICK_S / self.cooling_s)
-        return lambda y, _, course: [
-            y := y + warming * (1.0 - y) if u > TOUCH_N else y - cooling * y for u in course
+        return lambda y, _, signal: [
+            y := y + warming * (1.0 - y) if u > TOUCH_N else y - cooling * y for u in signal
         ]
 
     @override

@@ -30,6 +30,7 @@ from taxel_models.loop.inference.evidence import (
 )
 from taxel_models.loop.inference.few_channels_form import TOGETHER, ChannelForms, FewChannelsForm
 from taxel_models.loop.inference.score import Score
+from taxel_models.loop.inference.usual import bins_that_count
 from taxel_models.loop.inference.whitening import ROUNDING, Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations
 
@@ -194,12 +195,9 @@ class CorrelatedChannels:
         alone = weigh(plain, TOGETHER, self._constants).log_evidence
         needs_constant = weighed.log_evidence + bases.constant >= alone
         found = held_out(products, TOGETHER, weighed)
-        bins = np.bincount(self._bins.fold).astype(np.float64)
-        if form.candidate.ages:
-            # What is usual acts where the form does.
-            change = found.squared_change.sum(axis=1)
-            bins = bins.sum() * change / max(change.sum(), 1e-12)
-        usual = bins[:, None] * price.gain * form.included
+        change = found.squared_change.sum(axis=1, keepdims=True)
+        bins = bins_that_count(form.candidate, np.bincount(self._bins.fold)[:, None], change)
+        usual = bins * price.gain * form.included
         # Channels are not free of each other: one more is given what it adds to the gain of all.
         gain = np.zeros_like(usual) if before is None else before.gain.copy()
         gain[:, form.places[-1][0]] = (found.gain - usual - gain).sum(axis=1)

@@ -128,7 +128,7 @@ class Base:
 class Sums:
     """Products over some folds of a base and of new regressors: what all inference needs.
 
-    Any axes before a product's own are of several choices of folds.
+    For several choices of folds, the choices are the first axis of each.
     """
 
     base_gram: Floats

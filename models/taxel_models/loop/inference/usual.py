@@ -48,8 +48,19 @@ class Usual:
             return 0.0
         _, part = counted(effect, self._std, self._scale)
         gain = part * np.array(self._structure[effect].gain)
-        bins = self._bins_each[:, None]
-        if candidate.ages:
-            change = tested.squared_change
-            bins = bins.sum() * change / np.maximum(change.sum(axis=0), 1e-12)
+        bins = bins_that_count(candidate, self._bins_each[:, None], tested.squared_change)
         return np.asarray(bins * gain / (tested.noise * self._scale**2))
+
+
+def bins_that_count(candidate: Candidate, bins: NDArray[np.int64], squared_change: Floats) -> Floats:
+    """(folds, c) how many bins of each fold have what is usual of a form.
+
+    Of a form that ages, a fold counts by how much the form acts there.
+
+    Args:
+        bins: (folds, 1) of each fold.
+        squared_change: (folds, c) that the form foretells.
+    """
+    if not candidate.ages:
+        return bins.astype(np.float64)
+    return np.asarray(bins.sum() * squared_change / np.maximum(squared_change.sum(axis=0), 1e-12))
