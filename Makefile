@@ -48,7 +48,7 @@ check:
 unit:
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
-# Apart from `make test`: what some pages train or measure takes minutes, even made small.
+# Apart from `make test`: what takes long, even made small, such as what some pages train or measure.
 long: $(VENV)/.all $(VENV)/.ros2 $(VENV)/.typescript
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 -m long
 

@@ -35,17 +35,24 @@ MEASURED: Final = (
 
 SLOW: Final = frozenset(
     {
+        "clients/typescript/README.md",
+        "docs/calibration.md",
         "docs/cluster.md",
         "docs/gazebo_bridge.md",
+        "docs/install.md",
+        "docs/loop.md",
         "docs/models.md",
+        "docs/next_recording.md",
         "docs/operations.md",
         "docs/recovery.md",
         "docs/ros2.md",
         "docs/search.md",
         "docs/study.md",
+        "docs/versions.md",
+        "docs/your_recordings.md",
     }
 )
-"""Pages that take half a minute or more: `make long` follows them. Their commands have their own tests."""
+"""Pages that take ten seconds or more: `make long` follows them. Their commands have their own tests."""
 
 MISSING: Final[dict[str, str]] = {}
 """Lines that are not run because this machine lacks what they need, by how they begin."""

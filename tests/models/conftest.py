@@ -59,18 +59,19 @@ def smooth() -> SmoothModel:
 def make(smooth: SmoothModel) -> Make:
     """Recordings of the twin's contacts whose channels are the smooth model's with white noise.
 
-    A column `material` takes one of five values for three seconds at a time.
+    With `materials`, a column `material` takes one of five values for three seconds at a time.
     """
 
-    def made(rows: int = ROWS, seed: int = 3, noise: float = NOISE) -> Recording:
+    def made(rows: int = ROWS, seed: int = 3, noise: float = NOISE, *, materials: bool = True) -> Recording:
         recording = simulate(rows, seed)
         random = np.random.default_rng(seed)
         counts = smooth.counts(recording.samples.position, recording.samples.force)
         counts += random.normal(size=counts.shape) * noise
-        material = np.repeat(random.integers(1, 6, rows // 300 + 1), 300)[:rows].astype(np.float64)
-        return replace(
-            recording, channels=np.clip(np.rint(counts), 0, 4095), covariates={"material": material}
-        )
+        recording = replace(recording, channels=np.clip(np.rint(counts), 0, 4095))
+        if not materials:
+            return recording
+        material = np.repeat(random.integers(1, 6, rows // 300 + 1), 300)[:rows]
+        return replace(recording, covariates={"material": material.astype(np.float64)})
 
     return made
 

@@ -182,6 +182,7 @@ def test_chains_to_the_right_have_small_distances_and_many_blocks(tmp_path: Path
     check_file(path, shape, LARGE, (1, 9, 64))
 
 
+@pytest.mark.long
 def test_lesser_processors_give_the_same_bits(tmp_path: Path, lesser_processor: Any) -> None:
     looks_up = lesser_processor.name != "SSE2"
     complaints = lesser_processor.complaints(f"""

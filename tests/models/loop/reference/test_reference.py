@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -40,8 +41,30 @@ def with_effect(make: Make, name: str, seed: int, *, draw: int = 9, strength: fl
 
 
 @pytest.fixture(scope="module")
+def make(make: Make) -> Make:
+    """Recordings without materials: each would be compared by itself, which takes most of the time."""
+    return partial(make, materials=False)
+
+
+@pytest.fixture(scope="module")
 def reference(smooth: Any, make: Make) -> HeldOutResidual:
     found = held_out_residual(smooth, [make(seed=8)])
+    assert found is not None
+    return found
+
+
+@pytest.fixture(scope="module")
+def lacks(smooth: Any, make: Make) -> HeldOutResidual:
+    """Of a model that lacks hysteresis."""
+    found = held_out_residual(smooth, [with_effect(make, "hysteresis", 8)])
+    assert found is not None
+    return found
+
+
+@pytest.fixture(scope="module")
+def scattered(smooth: Any, make: Make) -> HeldOutResidual:
+    """Of contacts that scatter."""
+    found = held_out_residual(smooth, [apart(make)])
     assert found is not None
     return found
 
@@ -71,9 +94,9 @@ def test_there_is_none_of_recordings_that_are_too_short(smooth: Any, make: Make)
     assert held_out_residual(smooth, [make(900)]) is None
 
 
-def test_the_same_structure_in_new_recordings_is_not_named(smooth: Any, make: Make) -> None:
-    lacks = held_out_residual(smooth, [with_effect(make, "hysteresis", 8)])
-    assert lacks is not None
+def test_the_same_structure_in_new_recordings_is_not_named(
+    smooth: Any, make: Make, lacks: HeldOutResidual
+) -> None:
     again = with_effect(make, "hysteresis", 4)
     alone = run_loop(smooth, [again], LoopSettings()).findings
     assert [effect.name for effect in alone.effects] == ["hysteresis"]
@@ -81,8 +104,9 @@ def test_the_same_structure_in_new_recordings_is_not_named(smooth: Any, make: Ma
     assert known.effects == ()
 
 
-def test_other_effects_are_named_beside_what_is_known(smooth: Any, make: Make) -> None:
-    lacks = held_out_residual(smooth, [with_effect(make, "hysteresis", 8)])
+def test_other_effects_are_named_beside_what_is_known(
+    smooth: Any, make: Make, lacks: HeldOutResidual
+) -> None:
     injection = Injection.into(with_effect(make, "hysteresis", 4), 3, np.full(21, 12.0))
     inject(injection, "offset", 1.0)
     findings = run_loop(smooth, [injection.recording], LoopSettings(), reference=lacks).findings
@@ -114,9 +138,9 @@ def test_a_delay_that_the_model_never_had_is_named_beside_one_that_it_had(smooth
     assert named(6) == [("lag", "60 ms")]
 
 
-def test_where_the_residual_is_smaller_so_is_what_is_usual_of_it(smooth: Any, make: Make) -> None:
-    lacks = held_out_residual(smooth, [with_effect(make, "hysteresis", 8)])
-    assert lacks is not None
+def test_where_the_residual_is_smaller_so_is_what_is_usual_of_it(
+    smooth: Any, make: Make, lacks: HeldOutResidual
+) -> None:
     larger = {
         name: own.model_copy(update={"gain": tuple(9.0 * gain for gain in own.gain)})
         for name, own in lacks.structure.items()
@@ -150,15 +174,15 @@ def scoring_of(
     return Scoring(observations, blocks, effects, reference, DECLARED, lambda _: None)
 
 
-def test_nothing_is_left_of_what_is_known_of_the_same_recording(smooth: Any, make: Make) -> None:
+def test_nothing_is_left_of_what_is_known_of_the_same_recording(
+    smooth: Any, make: Make, scattered: HeldOutResidual
+) -> None:
     """What each effect takes off is kept in the units in which it is subtracted."""
     recording = apart(make)
-    known = held_out_residual(smooth, [recording])
-    assert known is not None
     effects = [Offset(), Gain(), Hysteresis()]
-    without = known.model_copy(update={"structure": {}})
+    without = scattered.model_copy(update={"structure": {}})
     gains = {}
-    for name, reference in {"unknown": without, "known": known}.items():
+    for name, reference in {"unknown": without, "known": scattered}.items():
         scoring = scoring_of(smooth, recording, effects, reference)
         gains[name] = {score.name: score.taken_off for score in scoring.scores([])}
     assert set(gains["unknown"]) == {"offset", "gain", "hysteresis", "offset:contact"}
@@ -167,7 +191,7 @@ def test_nothing_is_left_of_what_is_known_of_the_same_recording(smooth: Any, mak
     left, known_gain = gains["known"]["offset:contact"], gains["unknown"]["offset:contact"]
     assert left.sum() < 0.0
     assert (left + known_gain).min() > 0.0
-    # The form of another effect may be another one where its evidence is known.
+    # The form of another effect may be another one where its evidence is scattered.
     assert max(taken_off.sum() for taken_off in gains["known"].values()) < 1e-3
 
 
@@ -245,21 +269,21 @@ def always_pressed(smooth: Any, recording: Recording) -> Recording:
     return replace(recording, samples=replace(recording.samples, force=force), channels=channels)
 
 
-def test_the_fewer_contacts_are_known_the_more_is_usual(smooth: Any, make: Make) -> None:
-    known = held_out_residual(smooth, [apart(make)])
-    assert known is not None
-    nothing = known.model_copy(update={"structure": {}})
+def test_the_fewer_contacts_are_known_the_more_is_usual(
+    smooth: Any, make: Make, scattered: HeldOutResidual
+) -> None:
+    nothing = scattered.model_copy(update={"structure": {}})
     scoring = scoring_of(smooth, apart(make), [Offset()], nothing)
     (score,) = (score for score in scoring.scores([]) if score.name == "offset:contact")
     own = np.maximum(own_gain(scoring, score), 0.0) / len(scoring.bins)
-    np.testing.assert_allclose(known.structure["offset:contact"].gain, times_for_few(29, OPEN) * own)
+    np.testing.assert_allclose(scattered.structure["offset:contact"].gain, times_for_few(29, OPEN) * own)
 
 
-def test_a_calibration_that_makes_it_worse_leaves_open_how_much_is_usual(smooth: Any, make: Make) -> None:
+def test_a_calibration_that_makes_it_worse_leaves_open_how_much_is_usual(
+    smooth: Any, make: Make, scattered: HeldOutResidual
+) -> None:
     """One odd contact can cost more than all others gain. That says little, not that nothing is usual."""
-    known = held_out_residual(smooth, [apart(make)])
-    assert known is not None
-    scoring = scoring_of(smooth, apart(make), [Offset()], known)
+    scoring = scoring_of(smooth, apart(make), [Offset()], scattered)
     (score,) = (score for score in scoring.scores([]) if score.name == "offset:contact")
     unit = score.taken_off / score.gain.sum(axis=0)
     gain = np.full_like(score.gain, 5.0)
