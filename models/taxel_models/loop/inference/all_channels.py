@@ -4,9 +4,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 
+from taxel.channels import CHANNELS
 from taxel_models.loop.effects.effect import Candidate, Effect, Remaining
 from taxel_models.loop.inference.constants import Constants
-from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
+from taxel_models.loop.inference.correlated_channels import MOST_CHANNELS, CorrelatedChannels
 from taxel_models.loop.inference.proof import stands
 from taxel_models.loop.inference.score import Score
 from taxel_models.loop.observations import Observations
@@ -66,8 +67,11 @@ class AllChannels:
         stand = few is not None and stands(few, self._beside_others, self._constants)
         return few if stand else None
 
-    def _best(self, effect: Effect, least_t: float) -> Score | None:
-        return self._correlated.best(effect, self._observations, self._remaining, least_t=least_t)
+    def _best(self, effect: Effect, least_t: float, most_channels: int = MOST_CHANNELS) -> Score | None:
+        observations, remaining = self._observations, self._remaining
+        return self._correlated.best(
+            effect, observations, remaining, least_t=least_t, most_channels=most_channels
+        )
 
     def _shows(self, score: Score, few: Score | None) -> bool:
         """Whether a proven effect shows in all channels together, too."""
@@ -75,9 +79,11 @@ class AllChannels:
         if score.form.candidate.certain or not self._correlated.knows(effect.label):
             return True
         changes_few = effect.follows is not None and score.worth.mean() < self._constants.least_share
-        if changes_few and few is None and self._best(effect, self._constants.least_t / 2) is None:
+        if changes_few and few is None:
             # What few channels show must show beside all others. By itself it repeats already.
-            return False
+            least_t = self._constants.least_t / 2
+            if self._best(effect, least_t, most_channels=len(CHANNELS)) is None:
+                return False
         least = self._rival(effect) if effect.follows == "measured" else 0.0
         return self._evidence(effect) > least
 

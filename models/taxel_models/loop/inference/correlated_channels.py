@@ -30,6 +30,7 @@ from taxel_models.loop.inference.evidence import (
 )
 from taxel_models.loop.inference.few_channels_form import TOGETHER, ChannelForms, FewChannelsForm
 from taxel_models.loop.inference.score import Score
+from taxel_models.loop.inference.shape import is_added
 from taxel_models.loop.inference.usual import bins_that_count
 from taxel_models.loop.inference.whitening import ROUNDING, Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations
@@ -116,7 +117,13 @@ class CorrelatedChannels:
         return Bases.of(base, self._ones, self._constants)
 
     def best(
-        self, effect: Effect, observations: Observations, remaining: Remaining, *, least_t: float
+        self,
+        effect: Effect,
+        observations: Observations,
+        remaining: Remaining,
+        *,
+        least_t: float,
+        most_channels: int = MOST_CHANNELS,
     ) -> Score | None:
         """The likeliest change of a few channels by an effect that `follows` signals; None without one.
 
@@ -125,10 +132,16 @@ class CorrelatedChannels:
             observations: the recordings with the model's predictions.
             remaining: what no named effect explains.
             least_t: t over held-out folds that each channel must reach.
+            most_channels: where more of them change, there is none either.
         """
         kinds, bases = self.signals(effect, observations, remaining), self.bases(remaining.residual)
         price = self._price(effect.name, sum(len(signals.about_mean.options) for signals in kinds))
-        found = [self._best(effect, signals, bases, price, remaining, least_t) for signals in kinds]
+        found = [
+            self._best(
+                effect, signals, bases, price, observations.measured, remaining, least_t, most_channels
+            )
+            for signals in kinds
+        ]
         return max(
             (one for one in found if one is not None), key=lambda one: one.log_evidence, default=None
         )
@@ -139,11 +152,13 @@ class CorrelatedChannels:
         signals: Signals,
         bases: Bases,
         price: Price,
+        measured: Floats,
         remaining: Remaining,
         least_t: float,
+        most_channels: int,
     ) -> Score | None:
         """The likeliest change of a few channels that is in proportion to signals of one kind."""
-        forms = signals.about_mean
+        forms, left = signals.about_mean, remaining.residual
 
         def odds(forms: ChannelForms, channel: int, place: int) -> float:
             products = Products.of(bases.beside, forms.design({channel: place}))
@@ -164,9 +179,10 @@ class CorrelatedChannels:
             least = self._constants.foretold * own_odds
             proven = score.channel_t[channel] >= least_t and odds(signals.predicted, channel, place) > least
             likelier = score.log_evidence > (0.0 if best is None else best.log_evidence)
-            if proven and likelier and self._is_possible(score, remaining.residual, channel):
+            added = is_added(signals.predicted.candidate(place), channel, measured, left, self._bins)
+            if proven and likelier and not added and self._is_possible(score, left, channel):
                 chosen, best = more, score
-            if not chosen or len(chosen) > MOST_CHANNELS:
+            if not chosen or len(chosen) > most_channels:
                 # Where the likeliest one proves nothing, those that do may only stand for its cause.
                 return None
         return best

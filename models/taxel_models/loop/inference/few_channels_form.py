@@ -77,6 +77,10 @@ class ChannelForms:
         places = range(len(self._candidates))
         return [(one, place) for one in electrodes for place in places if self._image(place, one)[1].all()]
 
+    def candidate(self, place: int) -> Candidate:
+        """The form at a place, of any channel."""
+        return self._candidates[place]
+
     def beside(self, chosen: dict[int, int], places: Sequence[int]) -> list[int]:
         """The places whose forms one candidate can hold together with the chosen ones.
 

@@ -120,8 +120,12 @@ class JointSelection:
             return certain[0] if certain else None
         best = able[0]
         constant = next((score for score in able if score.effect.is_constant), None)
+        if best.effect.is_constant:
+            # Others stand beside a constant, so that it is likeliest beside changes of few channels alone,
+            # whose gain is not on its scale.
+            return best
         # Others stand beside a constant, so that they are always likelier than it is alone.
-        if not best.effect.is_constant and any(self._casts_doubt(score, best) for score in scores):
+        if any(self._casts_doubt(score, best) for score in scores):
             return constant
         if not best.effect.is_predictable:
             # Offsets of contacts contain whatever is steady within them.

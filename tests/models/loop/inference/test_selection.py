@@ -310,7 +310,7 @@ def test_a_share_of_a_contribution_is_taken_where_it_lowers_the_error(smooth: An
 
 def test_a_drift_is_named_before_offsets_of_contacts_that_contain_it(smooth: Any, make: Make) -> None:
     def in_contacts(seed: int) -> Recording:
-        ticks = make(15_000, seed=seed).ticks()
+        ticks = make(15_000, seed=seed, materials=False).ticks()
         return ticks.rows(np.arange(len(ticks)) % 600 >= 20)
 
     random = np.random.default_rng(4)
@@ -365,6 +365,34 @@ def test_a_constant_is_named_where_the_likeliest_effect_is_in_doubt(has_constant
     selection._casts_doubt = lambda other, best: JointSelection._casts_doubt(selection, other, best)
     scores = [gain, saturation, offset] if has_constant else [gain, saturation]
     assert JointSelection.choose(selection, scores) is (offset if has_constant else None)
+
+
+def test_a_likelier_constant_is_named_before_changes_of_a_few_channels() -> None:
+    """They have fewer figures, and their gain is on another scale."""
+
+    def score(name: str, evidence: float, freedom: int, gain: float) -> Any:
+        fitting = Fitting(few_channels=name == "gain")
+        form = SimpleNamespace(candidate=SimpleNamespace(form="a form", certain=False, fitting=fitting))
+        effect = SimpleNamespace(is_constant=name == "offset", is_predictable=True)
+        return SimpleNamespace(
+            name=name,
+            form=form,
+            effect=effect,
+            freedom=freedom,
+            log_evidence=evidence,
+            needs_constant=name == "gain",
+            t_with_usual=6.0,
+            total_gain=gain,
+            evidence_within=lambda figures: evidence if freedom <= figures else -np.inf,
+        )
+
+    offset, gain = score("offset", 300.0, 21, 500.0), score("gain", 200.0, 1, 900.0)
+    selection: Any = SimpleNamespace(_constants=DECLARED, _tried=set())
+    selection.proves_itself = lambda *_: True
+    selection._casts_doubt = lambda *_: False
+    assert JointSelection.choose(selection, [offset, gain]) is offset
+    likelier = score("gain", 700.0, 1, 900.0)
+    assert JointSelection.choose(selection, [likelier, offset]) is likelier
 
 
 def test_a_fault_of_one_channel_comes_behind_what_explains_more(smooth: Any, make: Make) -> None:
