@@ -68,6 +68,28 @@ class Price(NamedTuple):
     gain: Floats
 
 
+class FewChannelsTest(NamedTuple):
+    """What changes of a few channels are tested with.
+
+    Attributes:
+        effect: that changes them.
+        measured: (n, 21) counts.
+        left: (n, 21) what no named effect explains of them, counts.
+        bases: what forms are weighed beside.
+        price: of a change.
+        least_t: t over held-out folds that each channel must reach.
+        most_channels: where more of them change, nothing is found.
+    """
+
+    effect: Effect
+    measured: Floats
+    left: Floats
+    bases: Bases
+    price: Price
+    least_t: float
+    most_channels: int
+
+
 class CorrelatedChannels:
     """Weighs and tests changes of a few channels on the fit part.
 
@@ -134,35 +156,28 @@ class CorrelatedChannels:
             least_t: t over held-out folds that each channel must reach.
             most_channels: where more of them change, there is none either.
         """
-        kinds, bases = self.signals(effect, observations, remaining), self.bases(remaining.residual)
-        price = self._price(effect.name, sum(len(signals.about_mean.options) for signals in kinds))
-        found = [
-            self._best(
-                effect, signals, bases, price, observations.measured, remaining, least_t, most_channels
-            )
-            for signals in kinds
-        ]
+        kinds = self.signals(effect, observations, remaining)
+        test = FewChannelsTest(
+            effect=effect,
+            measured=observations.measured,
+            left=remaining.residual,
+            bases=self.bases(remaining.residual),
+            price=self._price(effect.name, sum(len(signals.about_mean.options) for signals in kinds)),
+            least_t=least_t,
+            most_channels=most_channels,
+        )
+        found = [self._best(test, signals) for signals in kinds]
         return max(
             (one for one in found if one is not None), key=lambda one: one.log_evidence, default=None
         )
 
-    def _best(
-        self,
-        effect: Effect,
-        signals: Signals,
-        bases: Bases,
-        price: Price,
-        measured: Floats,
-        remaining: Remaining,
-        least_t: float,
-        most_channels: int,
-    ) -> Score | None:
+    def _best(self, test: FewChannelsTest, signals: Signals) -> Score | None:
         """The likeliest change of a few channels that is in proportion to signals of one kind."""
-        forms, left = signals.about_mean, remaining.residual
+        forms = signals.about_mean
 
         def odds(forms: ChannelForms, channel: int, place: int) -> float:
-            products = Products.of(bases.beside, forms.design({channel: place}))
-            return weigh(products, TOGETHER, self._constants).log_evidence - float(price.odds[channel])
+            products = Products.of(test.bases.beside, forms.design({channel: place}))
+            return weigh(products, TOGETHER, self._constants).log_evidence - float(test.price.odds[channel])
 
         found: dict[int, dict[int, float]] = {}
         for channel, place in forms.options:
@@ -175,52 +190,50 @@ class CorrelatedChannels:
             if own_odds <= 0:
                 break
             more = {**chosen, channel: place}
-            score = self._scored(effect, signals, more, bases, price, best)
+            score = self._scored(test, signals, more, best)
             least = self._constants.foretold * own_odds
-            proven = score.channel_t[channel] >= least_t and odds(signals.predicted, channel, place) > least
+            proven = score.channel_t[channel] >= test.least_t
+            proven = proven and odds(signals.predicted, channel, place) > least
             likelier = score.log_evidence > (0.0 if best is None else best.log_evidence)
-            added = is_added(signals.predicted.candidate(place), channel, measured, left, self._bins)
-            if proven and likelier and not added and self._is_possible(score, left, channel):
+            if proven and likelier and self._is_possible(test, score, signals.predicted, channel, place):
                 chosen, best = more, score
-            if not chosen or len(chosen) > most_channels:
+            if not chosen or len(chosen) > test.most_channels:
                 # Where the likeliest one proves nothing, those that do may only stand for its cause.
                 return None
         return best
 
-    def _is_possible(self, score: Score, left: Floats, channel: int) -> bool:
-        """Whether a channel's weights are not larger than its effect can make them."""
+    def _is_possible(
+        self, test: FewChannelsTest, score: Score, predicted: ChannelForms, channel: int, place: int
+    ) -> bool:
+        """Whether its effect can make a channel's weights, and added counts explain it no better."""
         assert isinstance(score.form, FewChannelsForm)
-        weights = self.weights(score.form, left, score.weighed.strength, None)[channel]
-        return bool((np.abs(weights) <= score.effect.most_weight).all())
+        weights = self.weights(score.form, test.left, score.weighed.strength, None)[channel]
+        if (np.abs(weights) > test.effect.most_weight).any():
+            return False
+        return not is_added(predicted.candidate(place), channel, test.measured, test.left, self._bins)
 
     def _scored(
-        self,
-        effect: Effect,
-        signals: Signals,
-        chosen: dict[int, int],
-        bases: Bases,
-        price: Price,
-        before: Score | None,
+        self, test: FewChannelsTest, signals: Signals, chosen: dict[int, int], before: Score | None
     ) -> Score:
         """A change of one channel, the last of the chosen ones, more than there were before."""
         form, about_rest = signals.about_mean.form(chosen), signals.about_rest.form(chosen)
-        products = Products.of(bases.beside, form.design)
+        products = Products.of(test.bases.beside, form.design)
         weighed = weigh(products, TOGETHER, self._constants)
-        log_evidence = weighed.log_evidence - float(price.odds[form.channels].sum())
-        plain = replace(Products.of(bases.beside, about_rest.design), base=bases.plain)
+        log_evidence = weighed.log_evidence - float(test.price.odds[form.channels].sum())
+        plain = replace(Products.of(test.bases.beside, about_rest.design), base=test.bases.plain)
         alone = weigh(plain, TOGETHER, self._constants).log_evidence
-        needs_constant = weighed.log_evidence + bases.constant >= alone
+        needs_constant = weighed.log_evidence + test.bases.constant >= alone
         found = held_out(products, TOGETHER, weighed)
         change = found.squared_change.sum(axis=1, keepdims=True)
         bins = bins_that_count(form.candidate, np.bincount(self._bins.fold)[:, None], change)
-        usual = bins * price.gain * form.included
+        usual = bins * test.price.gain * form.included
         # Channels are not free of each other: one more is given what it adds to the gain of all.
         gain = np.zeros_like(usual) if before is None else before.gain.copy()
         gain[:, form.places[-1][0]] = (found.gain - usual - gain).sum(axis=1)
         # A channel that errs less than on the reference is not judged by that little.
         error = np.maximum(found.before.sum(axis=0), len(self._bins))
         return Score(
-            effect=effect,
+            effect=test.effect,
             form=form if needs_constant else replace(about_rest, design=form.design, sizes=form.sizes),
             weighed=replace(weighed, included=form.included),
             log_evidence=log_evidence,

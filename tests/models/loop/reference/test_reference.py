@@ -191,7 +191,7 @@ def test_nothing_is_left_of_what_is_known_of_the_same_recording(
     left, known_gain = gains["known"]["offset:contact"], gains["unknown"]["offset:contact"]
     assert left.sum() < 0.0
     assert (left + known_gain).min() > 0.0
-    # The form of another effect may be another one where its evidence is scattered.
+    # The form of another effect may be another one where its evidence is known.
     assert max(taken_off.sum() for taken_off in gains["known"].values()) < 1e-3
 
 
