@@ -121,10 +121,9 @@ class JointSelection:
         best = able[0]
         constant = next((score for score in able if score.effect.is_constant), None)
         if best.effect.is_constant:
-            # Others stand beside a constant, so that it is likeliest beside changes of few channels alone,
-            # whose gain is not on its scale.
+            # All others stand beside a constant and are likelier than it is alone, but for changes of few
+            # channels. Their gain is on another scale, so that it does not say which of the two is simpler.
             return best
-        # Others stand beside a constant, so that they are always likelier than it is alone.
         if any(self._casts_doubt(score, best) for score in scores):
             return constant
         if not best.effect.is_predictable:

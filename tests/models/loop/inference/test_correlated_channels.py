@@ -160,6 +160,17 @@ def test_a_change_of_one_electrode_stands_out_from_errors_that_all_have(
     assert named(smooth, dying, alone) == []
 
 
+def test_a_gain_of_all_electrodes_is_no_less_one_because_more_than_a_few_show_it(
+    smooth: Any, recording: Recording, reference: HeldOutResidual
+) -> None:
+    """By itself it is less than 3 % of the error, so that it must show beside all others."""
+    gains = np.random.default_rng(6).uniform(-0.3, 0.3, len(CHANNELS))
+    gains[:2] = 0.0
+    about = recording.channels - recording.channels.mean(axis=0)
+    changed = replace(recording, channels=np.rint(recording.channels + gains * about))
+    assert [name for name, _ in named(smooth, changed, reference)] == ["gain"]
+
+
 def test_an_electrode_that_fades_where_the_others_err_otherwise_than_usual_follows_the_prediction(
     smooth: Any, make: Make, reference: HeldOutResidual, monkeypatch: pytest.MonkeyPatch
 ) -> None:
