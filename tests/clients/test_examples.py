@@ -40,6 +40,7 @@ def test_pybullet(order: tuple[str, ...]) -> None:
     assert np.abs(found["change"]).max() > 100.0
 
 
+@pytest.mark.long
 @pytest.mark.skipif(find_spec("mujoco") is None, reason="MuJoCo is not installed")
 def test_the_loop_in_mujoco_finds_what_the_model_lacks() -> None:
     found = run("loop_in_mujoco.py", "--seconds", "60")

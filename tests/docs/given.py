@@ -47,6 +47,7 @@ SLOW: Final = frozenset(
         "docs/recovery.md",
         "docs/ros2.md",
         "docs/search.md",
+        "docs/start.md",
         "docs/study.md",
         "docs/versions.md",
         "docs/your_recordings.md",
