@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from taxel.channels import CHANNELS
 from taxel.corrections import Correction
-from taxel.windows import WindowSpec
+from taxel.windows import Relaxation, WindowSpec
 from taxel_models.loop.effects.crosstalk import Crosstalk
 from taxel_models.loop.effects.effect import ABOUT_MEAN, Remaining
 from taxel_models.loop.effects.fault import Fault
@@ -254,6 +254,21 @@ def test_an_electrode_that_fades_while_it_is_used_ages_in_recorded_time(smooth: 
     (told,) = case.result.changes
     # Of the last block to the first, each in its middle.
     assert told.sentence() == "e4 lost 68% of its sensitivity over this session."
+
+
+@pytest.mark.parametrize(("relaxes_s", "name"), [(0.05, "rate"), (0.08, "rate"), (0.3, "creep")])
+def test_what_relaxes_within_a_tenth_of_a_second_is_a_rate(
+    smooth: Any, make: Make, relaxes_s: float, name: str
+) -> None:
+    """The force's rate through a low-pass is the force less its low-pass."""
+    injection = Injection.into(make(12_000), 2, np.full(21, STRENGTH))
+    injection.begin(name, 1.0)
+    relaxation = injection.history(Relaxation(of="force", time_constant_s=relaxes_s))
+    weights = injection.random.normal(size=21) * STRENGTH / relaxation.std()
+    injection.add(relaxation[:, None] * weights, {"weight": weights})
+    case = Case(run_loop(smooth, [injection.recording], LoopSettings()), {}, np.empty(0))
+    assert [effect.name for effect in case.result.findings.effects] == [name]
+    np.testing.assert_allclose(served(smooth, case), case.result.after, atol=0.02)
 
 
 def test_a_delay_of_half_a_tick_is_named_and_not_served(smooth: Any, make: Make) -> None:

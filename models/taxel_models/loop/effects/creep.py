@@ -12,6 +12,9 @@ from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past,
 from taxel_models.loop.observations import Observations
 
 SHORTEST_S: Final = 0.08
+SHORTEST_BY_FORCE_S: Final = 0.12
+"""What a force makes relax faster is over within a few samples, and cannot be told from its rate."""
+
 LONGEST_S: Final = 40.0
 """The load changes often, so a longer time constant looks like a gain."""
 
@@ -37,7 +40,8 @@ class Creep(Effect):
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
         for tau in GRID[_longest_s(observations) >= GRID]:
-            yield self._by_force(observations, float(tau))
+            if tau >= SHORTEST_BY_FORCE_S:
+                yield self._by_force(observations, float(tau))
             yield self._of_signal(observations, float(tau))
 
     @override
@@ -47,6 +51,8 @@ class Creep(Effect):
         for factor in FINER[tau * FINER <= longest]:
             if best.form.startswith(_OF_SIGNAL):
                 yield self._of_signal(observations, tau * float(factor))
+            elif tau * factor < SHORTEST_BY_FORCE_S:
+                continue
             elif _DIRECTION in best.form:
                 yield self._by_force(observations, tau * float(factor), _EVERY)
             else:

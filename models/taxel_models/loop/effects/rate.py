@@ -6,13 +6,16 @@ from typing import Final
 import numpy as np
 from typing_extensions import override
 
-from taxel.windows import BoundedRate, Speed, history
+from taxel.windows import BoundedRate, Relaxation, Speed, history
 from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past, weighted
 from taxel_models.loop.observations import Observations
 
 HALVES_N_S: Final = tuple(np.geomspace(0.5, 32.0, 7).tolist())
+SMOOTHED_S: Final = (0.05, 0.1)
+"""Time constants of the low-pass that a rate goes through; what relaxes more slowly is creep."""
+
 FINER: Final = (0.71, 1.41)
-"""Factors of finer rates; neighbours on the grid differ by a factor of 2."""
+"""Factors of finer figures; neighbours on the grid differ by a factor of 2."""
 
 
 class Rate(Effect):
@@ -21,7 +24,7 @@ class Rate(Effect):
     name = "rate"
     equation = (
         "delta_c = sum_u w_cu du/dt, u of |F|, Fx, Fy, Fz; w_c r / (half + |r|), r = d|F|/dt; "
-        "or w_c |dx/dt|"
+        "w_c (L_T |F| - |F|), L_T a low-pass of at most 0.1 s; or w_c |dx/dt|"
     )
     source = (
         "Kelvin-Voigt element; a fluid that thins (Cross 1965); "
@@ -45,12 +48,30 @@ class Rate(Effect):
             yield weighted(observations, self.name, form, "unit", drivers, weight_unit=unit)
         for half in HALVES_N_S:
             yield self._bounded(observations, half)
+        for smoothed_s in SMOOTHED_S:
+            yield self._smoothed(observations, smoothed_s)
 
     @override
     def finer(self, observations: Observations, best: Candidate) -> Iterable[Candidate]:
         if "half" in best.form_parameters:
             for factor in FINER:
                 yield self._bounded(observations, best.form_parameters["half"][0] * factor)
+        if "smoothed" in best.form_parameters:
+            for factor in FINER:
+                finer = best.form_parameters["smoothed"][0] * factor
+                yield self._smoothed(observations, min(finer, max(SMOOTHED_S)))
+
+    def _smoothed(self, observations: Observations, smoothed_s: float) -> Candidate:
+        feature = Relaxation(of="force", time_constant_s=smoothed_s)
+        return weighted(
+            observations,
+            self.name,
+            f"of force, over {1000 * smoothed_s:.0f} ms",
+            "unit",
+            [past(observations, feature, f"relaxation[{smoothed_s:.3g}s].force", "N")],
+            form_parameters={"smoothed": (smoothed_s, "s")},
+            weight_unit="counts/N",
+        )
 
     def _bounded(self, observations: Observations, half: float) -> Candidate:
         feature = BoundedRate(of="force", half_n_s=half)

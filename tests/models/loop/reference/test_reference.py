@@ -146,10 +146,10 @@ def test_where_the_residual_is_smaller_so_is_what_is_usual_of_it(
         for name, own in lacks.structure.items()
     }
     update = {"std": tuple(3.0 * std for std in lacks.std), "structure": larger}
-    recording = with_effect(make, "rate", 4)
+    recording = with_effect(make, "gain", 4)
     for reference in (lacks, lacks.model_copy(update=update)):
         findings = run_loop(smooth, [recording], LoopSettings(), reference=reference).findings
-        assert [effect.name for effect in findings.effects] == ["rate"]
+        assert [effect.name for effect in findings.effects] == ["gain"]
 
 
 def apart(make: Make, rows: int = 300) -> Recording:
