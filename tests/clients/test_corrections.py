@@ -20,6 +20,7 @@ from taxel.corrections import (
     Calibrated,
     Composition,
     Correction,
+    CountLimits,
     Crosstalk,
     Fault,
     Frame,
@@ -244,6 +245,25 @@ def test_terms_may_be_added_to_other_counts_than_the_base() -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-12)
     zero = composition.counts(p, columns, start=np.zeros_like(p))
     np.testing.assert_allclose(composition.counts(p, columns)[:, :4] - zero[:, :4], p[:, :4], rtol=1e-9)
+
+
+@given(st.integers(0, 2**32))
+def test_limits_keep_what_the_terms_add_up_to_and_faults_come_last(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    p = rng.uniform(0, 4095, (4, 21))
+    columns = dict(zip(NAMES, some_windows(rng).astype(np.float64).T, strict=True))
+    limits = CountLimits(channels=("e3", "e5", "pdc"), low=100.0, high=3000.0)
+    some = [*terms(rng), Fault(channel="e3", value=12.0)]
+    free, kept = (Composition(each).counts(p, columns) for each in (some, [limits, *some]))
+    expected = free.copy()
+    within = [CHANNELS.index(channel) for channel in ("e5", "pdc")]
+    expected[:, within] = np.clip(free[:, within], 100.0, 3000.0)
+    np.testing.assert_array_equal(kept, expected)
+
+
+def test_limits_in_the_wrong_order_are_refused() -> None:
+    with pytest.raises(ValidationError, match="low 5, high 5: expected low below high"):
+        CountLimits(channels=("e3",), low=5.0, high=5.0)
 
 
 def test_a_manifest_of_0_1_gives_the_same_counts() -> None:

@@ -6,11 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel.corrections import (
     CALIBRATION_AGE,
     CALIBRATION_EXTRAS,
     AppliedEffect,
     Composition,
+    CountLimits,
     Parameter,
     Term,
 )
@@ -18,6 +20,7 @@ from taxel.windows import ExtraFeature
 from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Online
+from taxel_models.loop.limits import Limits
 from taxel_models.loop.observations import Observations
 
 Windows = NDArray[np.float32]
@@ -49,7 +52,23 @@ class NewEffects:
                 continue
             effects.append(_applied(named, online, parameters.get(named.name, [])))
             extras.update({extra.name: extra for extra in online.extras})
+        limits = _limits(attribution)
+        if effects and limits is not None:
+            effects[-1] = effects[-1].model_copy(update={"terms": (*effects[-1].terms, limits)})
         return cls(tuple(effects), tuple(extras.values()))
+
+
+def _limits(attribution: Attribution) -> CountLimits | None:
+    """Those of channels that are at one where the named effects lead beyond it; None without any."""
+    observations = attribution.observations
+    limits = Limits.of(observations.measured)
+    predicted = observations.predicted.copy()
+    for named in attribution.named:
+        if not named.candidate.moves:
+            predicted += named.contribution
+    beyond = limits.beyond(observations.measured, predicted)
+    channels = tuple(CHANNELS[column] for column in np.flatnonzero(beyond.any(axis=0)))
+    return CountLimits(channels=channels, low=0.0, high=COUNTS_MAX) if channels else None
 
 
 def _applied(named: Named, online: Online, parameters: Iterable[Parameter]) -> AppliedEffect:

@@ -4,6 +4,7 @@ from taxel.corrections.calibrated import Calibrated
 from taxel.corrections.calibration import CALIBRATION_AGE, CALIBRATION_EXTRAS, OffsetCalibration
 from taxel.corrections.compose import Composition
 from taxel.corrections.correction import Correction
+from taxel.corrections.count_limits import CountLimits
 from taxel.corrections.crosstalk import Crosstalk, Leak
 from taxel.corrections.effect import AppliedEffect, Parameter, Term
 from taxel.corrections.fault import Fault
@@ -21,6 +22,7 @@ __all__ = [
     "Calibrated",
     "Composition",
     "Correction",
+    "CountLimits",
     "Crosstalk",
     "Fault",
     "Frame",

@@ -1,17 +1,18 @@
-"""The only place where terms are summed and faulty channels are replaced."""
+"""The only place where terms are summed, kept within limits, and faulty channels are replaced."""
 
 from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel.corrections.count_limits import CountLimits
 from taxel.corrections.effect import Term
 from taxel.corrections.fault import Fault
 from taxel.corrections.term import Columns
 
 
 class Composition:
-    """The terms of a correction, ready to be added: counts = start + Σ delta(p), then the faults.
+    """The terms of a correction, ready to be added: counts = start + Σ delta(p), then limits, then faults.
 
     Args:
         terms: in the order of the effects. Only the order of faults on one channel matters.
@@ -19,7 +20,8 @@ class Composition:
 
     def __init__(self, terms: Iterable[Term]) -> None:
         everything = tuple(terms)
-        self._added = [term for term in everything if not isinstance(term, Fault)]
+        self._added = [term for term in everything if not isinstance(term, CountLimits | Fault)]
+        self._limits = [term for term in everything if isinstance(term, CountLimits)]
         self._faults = [term for term in everything if isinstance(term, Fault)]
 
     def counts(
@@ -39,6 +41,8 @@ class Composition:
         counts = (p if start is None else start).copy()
         for term in self._added:
             counts += term.delta(p, columns)
+        for limits in self._limits:
+            limits.keep(counts)
         for fault in self._faults:
             counts[:, fault.column] = fault.value
         return counts

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Final
 from pydantic import BeforeValidator, Field, FiniteFloat
 
 from taxel.corrections.calibrated import Calibrated
+from taxel.corrections.count_limits import CountLimits
 from taxel.corrections.crosstalk import Crosstalk
 from taxel.corrections.fault import Fault
 from taxel.corrections.frame import Frame
@@ -32,7 +33,7 @@ def _with_present_kind(fields: Any) -> Any:
 
 
 Term = Annotated[
-    Weighted | Calibrated | Location | Crosstalk | Saturation | RandomFeatures | Fault,
+    Weighted | Calibrated | Location | Crosstalk | Saturation | RandomFeatures | CountLimits | Fault,
     Field(discriminator="kind"),
     BeforeValidator(_with_present_kind),
 ]

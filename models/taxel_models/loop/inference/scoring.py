@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from taxel.channels import CHANNELS, COUNTS_MAX, ELECTRODE_COLUMNS
+from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
 from taxel.held_out_residual import HeldOutResidual
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
@@ -37,6 +37,7 @@ from taxel_models.loop.inference.score import Score, Taken
 from taxel_models.loop.inference.usual import Usual
 from taxel_models.loop.inference.weighing import Weighing
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
+from taxel_models.loop.limits import Limits
 from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
 
 Progress = Callable[[str], None]
@@ -63,6 +64,7 @@ class Scoring:
 
     Attributes:
         out_of_scope: effects that these observations cannot show, with the reason.
+        limits: of the channels' counts.
         bins: of the fit part.
         constants: of the inference.
     """
@@ -85,6 +87,7 @@ class Scoring:
         self._reference = reference
         self._beyond: Floats | float = 0.0
         """(n, 21) how far the named effects lead beyond the limits of counts where a channel is at one."""
+        self.limits = Limits.of(observations.measured)
         self.bins = Bins.of(blocks, constants.bin_s)
         shape = NoiseShape.usual()
         if reference is not None:
@@ -140,7 +143,15 @@ class Scoring:
 
     def bases(self, taken: Sequence[Taken]) -> Bases:
         """The base, the same beside a constant of each channel, and the constant's own evidence."""
-        return Bases.of(self.base(taken), self._ones, self.constants)
+        return Bases.of(self.base(taken), self._constant(self.residual(taken)), self.constants)
+
+    def _constant(self, left: Floats) -> Design:
+        """The regressor of a constant of each channel, as large as its residual, where channels show it."""
+        measured, rows = self.observations.measured, self.bins.order
+        shown = np.ones_like(left)
+        shown[rows] = self.limits.share_of_constants(measured[rows], (measured - left)[rows])
+        means = self.bins.means(shown.T[:, :, None]) * self.whitening.scale[:, None, None]
+        return Design(self.whitening(means), self.bins.fold)
 
     def _remaining(self, left: Floats) -> Remaining:
         waves = () if self._reference is None else self._reference.waves
@@ -154,7 +165,11 @@ class Scoring:
                 for candidate in effect.forms(self.observations, remaining)
                 for form in prepared(candidate, self.whitening)
             ]
-        return self._forms[effect.label]
+        forms = self._forms[effect.label]
+        if effect.is_constant:
+            constant, *calibrated = forms
+            return [replace(constant, design=self._constant(left)), *calibrated]
+        return forms
 
     def forms_of(self, effect: Effect) -> list[WhitenedForm]:
         """The forms of an effect while nothing is named."""
@@ -279,7 +294,7 @@ class Scoring:
             worth = taken_off / np.maximum(before[order].sum(axis=0), 1e-9)
             return replace(score, gain=gain, worth=worth, taken_off=taken_off)
 
-        return tested(lambda counts: counts), tested(lambda counts: np.clip(counts, 0, COUNTS_MAX))
+        return tested(lambda counts: counts), tested(self.limits.shown)
 
     def _predicted(self, taken: Sequence[Taken]) -> Floats:
         """(n, 21) counts with some named effects."""
@@ -289,9 +304,7 @@ class Scoring:
     def settle_limits(self, taken: Sequence[Taken]) -> None:
         """A channel that is at a limit of the counts does not contradict effects that lead beyond it."""
         predicted, measured = self._predicted(taken), self.observations.measured
-        below = np.where(measured <= 0, np.minimum(predicted, 0.0), 0.0)
-        above = np.where(measured >= COUNTS_MAX, np.maximum(predicted - COUNTS_MAX, 0.0), 0.0)
-        self._beyond = np.asarray(below + above)
+        self._beyond = self.limits.beyond(measured, predicted)
 
     def weights(self, taken: Taken, others: Sequence[Taken], fold: int | None = None) -> Floats:
         """(21, k) weights of a named effect beside others, by the fit part or all of it but one fold."""

@@ -66,7 +66,9 @@ class JointSelection:
         while True:
             scores = self._scoring.scores(self._taken)
             alone = alone or scores
-            chosen = self.choose(scores) or self.proven_by_limits(scores)
+            chosen = self.choose(scores)
+            if chosen is None and not self._taken:
+                chosen = self.proven_by_limits(scores)
             if chosen is None:
                 break
             self._take(chosen)
@@ -167,7 +169,12 @@ class JointSelection:
         if candidate.moved is not None:
             taken = replace(taken, contribution=self._scoring.move_inputs(candidate.moved))
             self._taken = [self._again(each) for each in self._taken]
+        if score.effect.is_constant:
+            # It was weighed by what channels show of it. What it foretells beyond their limits is no error.
+            found = self._scoring.weights(taken, self._taken)
+            taken = replace(self._again(taken), weights=found, contribution=candidate.basis.times(found))
         self._taken.append(taken)
+        self._scoring.settle_limits(self._taken)
         self._refit()
 
     def _again(self, taken: Taken) -> Taken:
@@ -227,6 +234,8 @@ class JointSelection:
                 place += 1
                 continue
             others = [each for each in self._taken if each is not taken]
+            # Where only this effect leads beyond a limit, others must not be judged by what it says there.
+            self._scoring.settle_limits(others)
             scores = self._scoring.scores(others)
             own = next((score for score in scores if score.name == taken.name), None)
             chosen = self.choose(scores, own)
@@ -237,6 +246,7 @@ class JointSelection:
                 self._drop()
                 place, either = 0, {}
                 continue
+            self._scoring.settle_limits(self._taken)
             either[taken.name] = () if own is None else self._alike(own, scores)
             place += 1
         shares = self._fit_to_rows()

@@ -2,13 +2,10 @@
 
 import numpy as np
 
-from taxel.channels import COUNTS_MAX
 from taxel_models.loop.basis import Floats, Shared
 from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.inference.whitening import Bins
-
-_ROUNDS = 4
-"""Fits, each by the rows that the one before kept within the limits of counts."""
+from taxel_models.loop.limits import Limits
 
 
 def is_added(candidate: Candidate, channel: int, measured: Floats, left: Floats, bins: Bins) -> bool:
@@ -28,21 +25,14 @@ def is_added(candidate: Candidate, channel: int, measured: Floats, left: Floats,
     basis, rows = candidate.basis, bins.order
     if not isinstance(basis, Shared) or basis.shape is None:
         return False
+    limits = Limits.of(measured)
     counts, error = measured[rows, channel], left[rows, channel]
     signal, course = basis.shape[rows, channel, None], basis.features[rows]
-    about_rest, about_mean, added = (
-        _squared_error(regressors, counts, counts - error)
-        for regressors in (signal * course, (signal - signal.mean()) * course, course)
-    )
-    return added < min(about_rest, about_mean)
 
+    def squared_error(regressors: Floats) -> float:
+        weights = limits.fitted(channel, regressors, counts, counts - error)
+        found = counts - error + regressors @ weights
+        return float(((counts - np.clip(found, limits.low[channel], limits.high[channel])) ** 2).sum())
 
-def _squared_error(regressors: Floats, measured: Floats, predicted: Floats) -> float:
-    """Of the best weights of the regressors (n, k), within the limits of counts."""
-    within = np.ones(len(measured), np.bool_)
-    found = predicted
-    for _ in range(_ROUNDS):
-        weights = np.linalg.lstsq(regressors[within], (measured - predicted)[within], rcond=None)[0]
-        found = predicted + regressors @ weights
-        within = (found > 0) & (found < COUNTS_MAX)
-    return float(((measured - np.clip(found, 0, COUNTS_MAX)) ** 2).sum())
+    about_mean = (signal - signal.mean()) * course
+    return squared_error(course) < min(squared_error(signal * course), squared_error(about_mean))

@@ -111,7 +111,7 @@ class Weighing:
                 options.append(Option(value, form, products, second, alone, needs_constant=True))
             logs.append(mean_odds([option.log_evidence for option in options]))
             weighed.append(max(options, key=lambda option: option.log_evidence))
-        return weighed, mean_odds(logs)
+        return about_mean_or_not(weighed), mean_odds(logs)
 
     def scored(
         self,
@@ -144,3 +144,19 @@ class Weighing:
         shares = (gain, worth, taken_off, usual)
         score = Score(effect, form, weighed, log_evidence, False, *shares, most_gain=0.0)
         return replace(score, most_gain=score.total_gain)
+
+
+def about_mean_or_not(weighed: Sequence[Option]) -> list[Option]:
+    """The same, but one of each two forms that are there with their mean and without it, beside a constant.
+
+    The constant stands for the mean. It is not served with the form, so that the likelier one alone counts.
+    """
+    kept: dict[str, Option] = {}
+    for option in weighed:
+        own = option.form.candidate.form_itself
+        other = kept.get(own)
+        if other is None or not (option.needs_constant and other.needs_constant):
+            kept[own if other is None else option.form.candidate.form] = option
+        elif option.alone > other.alone:
+            kept[own] = option
+    return list(kept.values())

@@ -6,9 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from taxel.channels import COUNTS_MAX
 from taxel_models.loop.attribution import Attribution
 from taxel_models.loop.blocks import Blocks, cut
 from taxel_models.loop.effects.registry import candidates
@@ -18,13 +16,10 @@ from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.observations import gather
 from taxel_models.recordings import Recording
 
+from .tared import Tared, with_counts
+
 Make = Callable[..., Recording]
-Floats = NDArray[np.float64]
 ROWS = 12_000
-
-
-def with_counts(recording: Recording, counts: Floats) -> Recording:
-    return replace(recording, channels=np.clip(np.rint(counts), 0, COUNTS_MAX))
 
 
 def attributed(smooth: Any, recording: Recording, *names: str) -> tuple[Attribution, Blocks]:
@@ -35,26 +30,10 @@ def attributed(smooth: Any, recording: Recording, *names: str) -> tuple[Attribut
     return JointSelection(observations, blocks, effects).run(), blocks
 
 
-class Tared:
-    """A model of a sensor that reads small counts, with none below 0, as slide recordings have."""
-
-    def __init__(self, smooth: Any) -> None:
-        self._smooth, self.manifest = smooth, smooth.manifest
-
-    def of_size(self, counts: Floats) -> Floats:
-        rest = self._smooth.counts(np.zeros((1, 3)), np.zeros((1, 3)))
-        return np.asarray(np.abs(counts - rest) / 5.0)
-
-    def predict(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
-        return self.of_size(self._smooth.predict(windows).astype(np.float64)).astype(np.float32)
-
-    predict_base = predict
-
-
 @pytest.mark.parametrize("slope", [-4.0, -8.0])
 def test_an_effect_that_leads_beyond_a_limit_is_still_found(smooth: Any, make: Make, slope: float) -> None:
     """Counts that are cut off fit no line: the fold that holds the most of them speaks against it."""
-    model, recording = Tared(smooth), make(ROWS, seed=4)
+    model, recording = Tared(smooth, share=0.2), make(ROWS, seed=4)
     amount = np.repeat(np.random.default_rng(5).normal(size=ROWS // 500), 500)
     amount[3_000:3_500] = 12.0
     recording = replace(recording, covariates={"load": amount + 0.001 * np.arange(ROWS) / ROWS})
