@@ -9,6 +9,7 @@ from taxel_bench.compare.command import compare
 from taxel_bench.forms.command import forms
 from taxel_bench.lane.command import lane
 from taxel_bench.load.command import load
+from taxel_bench.planted.command import planted
 from taxel_bench.reload.command import reload
 from taxel_bench.replicas.command import replicas
 from taxel_bench.report.command import report
@@ -24,6 +25,7 @@ for command in (
     *(run, table, choice, forms, report),
     *(load, compare, lane, capacity, scale, simulator),
     *(churn, reload, replicas, chaos, soak),
+    planted,
 ):
     app.command(command.__name__)(failing_clearly(command))
 

@@ -1,0 +1,62 @@
+"""`bench planted`: a stranger's try of training, exporting and the loop, with causes planted in files."""
+
+from dataclasses import asdict
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated
+
+import typer
+
+from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+
+
+@needs("bench", "xgboost", "scipy", "psutil")
+def planted(
+    data: Annotated[Path, typer.Option(metavar="FOLDER", envvar="TAXEL_DATA", help="Holds biotac_slide.")],
+    seed: Annotated[int, typer.Option(min=0, help="Of the trials, and of what is planted.")] = 0,
+    only: Annotated[
+        str, typer.Option(help='Causes, with commas between, such as "offset,creep"; all if not given.')
+    ] = "",
+    one_material: Annotated[
+        bool, typer.Option(help="Plant in trials of one material, in place of 60 of all.")
+    ] = False,
+    jobs: Annotated[int, typer.Option(min=1, help="Recordings at a time.")] = 1,
+    as_json: Json = False,
+) -> None:
+    """Plant causes in copies of slide recordings, and ask the released commands for their names."""
+    from rich.table import Table
+
+    from taxel_bench.machine import describe_machine
+    from taxel_bench.options import parse_names
+    from taxel_bench.planted.causes import EVERY, PLANTED
+    from taxel_bench.planted.measurement import Planted
+
+    chosen = [(name,) for name in parse_names("--only", only, list(PLANTED), "cause")] if only else EVERY
+    # TAXEL_DATA may name the folder or the one above.
+    recordings = (data / "data" if (data / "data").is_dir() else data) / "biotac_slide"
+    with TemporaryDirectory() as folder, ERR.status("training") as status:
+        asked = Planted(recordings, Path(folder), seed, one_material=one_material)
+        asked.train()
+        found = []
+        for one in asked.ask(chosen, jobs):
+            found.append(one)
+            status.update(f"{len(found)} of {len(chosen)} recordings")
+    right = sum(one.right for one in found)
+    if as_json:
+        print_json(
+            {
+                "machine": describe_machine(),
+                "seed": seed,
+                "one_material": one_material,
+                "right": right,
+                "recordings": [asdict(one) for one in found],
+            }
+        )
+        return
+    table = Table("planted", "named", "right", "error before", "after")
+    for one in found:
+        figures = f"{one.before:.3f}", f"{one.after:.3f}"
+        planted_, named = (", ".join(names) or "nothing" for names in (one.planted, one.named))
+        table.add_row(planted_, named, "yes" if one.right else "no", *figures)
+    OUT.print(table)
+    OUT.print(f"{right} of {len(found)} have the right name first.")
