@@ -58,7 +58,7 @@ def test_a_bar_is_drawn_in_its_own_time_and_by_no_thread(monkeypatch: pytest.Mon
     assert "75%" in screen.getvalue().removeprefix(drawn)
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", ["run", pytest.param("table", marks=pytest.mark.long)])
 def test_a_terminal_shows_a_bar_and_json_stays_clean(command: str, tmp_path: Path) -> None:
     ours, theirs = pty.openpty()
     process = subprocess.Popen(

@@ -3,6 +3,7 @@
 import shutil
 from pathlib import Path
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -69,6 +70,7 @@ def test_a_late_generator_makes_a_row_invalid() -> None:
     assert "more were not tried" in result_of("xgb", "lane", 100, 64, good[:1], 64)["reasons"][0]
 
 
+@pytest.mark.long
 def test_a_real_server_is_asked_over_both_transports(tmp_path: Path) -> None:
     shutil.copytree(shipped_repository() / "xgb", tmp_path / "xgb")
     with generator(tmp_path, 2, 0.1) as asking:

@@ -20,7 +20,9 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningServer]:
         yield running
 
 
-@pytest.mark.parametrize(("transport", "clients"), [("lane", 30), ("zenoh", 30)])
+@pytest.mark.parametrize(
+    ("transport", "clients"), [("lane", 30), pytest.param("zenoh", 30, marks=pytest.mark.long)]
+)
 def test_clients_that_come_and_go_or_are_killed_leave_nothing(
     server: RunningServer, transport: Transport, clients: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

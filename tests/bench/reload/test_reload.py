@@ -4,6 +4,8 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from taxel_bench.reload.measurement import Loop, Reloads, load_again, reasons_against
 from taxel_bench.server_process import running_server_process
 from taxel_models.shipped import shipped_repository
@@ -12,6 +14,7 @@ QUIET = Loop(10, 0, 0, {}, {})
 FLAT = Reloads(QUIET, QUIET, [1.0] * 20, [100.0] * 11 + [130.0] * 10, [9] * 21, [50] * 21)
 
 
+@pytest.mark.long
 def test_a_loop_is_measured_beside_loads(tmp_path: Path) -> None:
     shutil.copytree(shipped_repository() / "ffnn", tmp_path / "ffnn")
     told: list[int] = []

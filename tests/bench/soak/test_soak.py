@@ -52,6 +52,7 @@ def test_p99_needs_enough_answers() -> None:
     assert np.isfinite(p99).sum() == 1
 
 
+@pytest.mark.long
 def test_a_short_run_against_a_real_server(tmp_path: Path) -> None:
     shutil.copytree(shipped_repository() / "xgb", tmp_path / "repository" / "xgb")
     told: list[float] = []

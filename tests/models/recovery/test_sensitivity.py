@@ -53,6 +53,7 @@ def test_what_a_constant_decides_is_shown(benchmark: RecoveryBenchmark, rounds: 
     assert below.summary.right_first == 0.0
 
 
+@pytest.mark.long
 def test_a_round_ends_where_simpler_could_mean_as_large(
     benchmark: RecoveryBenchmark, rounds: list[Round]
 ) -> None:

@@ -28,6 +28,7 @@ def here(benchmark: RecoveryBenchmark) -> list[Round]:
     return list(run_rounds_on(benchmark, ROUNDS))
 
 
+@pytest.mark.long
 def test_processes_play_the_same_rounds_each_with_its_constants(
     benchmark: RecoveryBenchmark, here: list[Round]
 ) -> None:

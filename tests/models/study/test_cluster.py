@@ -20,6 +20,7 @@ def study(twin: Recording) -> Study:
     return Study.of(StudySettings(("xgb",), (1, 8), folds=3, overrides=overrides), [twin])
 
 
+@pytest.mark.long
 def test_two_workers_find_what_one_process_finds(study: Study, tmp_path: Path) -> None:
     told: list[float] = []
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:

@@ -234,6 +234,7 @@ def check_shipped() -> None:
         np.testing.assert_allclose(result, expected, atol=0.01, rtol=0)
 
 
+@pytest.mark.long
 def test_lesser_processors_agree(lesser_processor: Any) -> None:
     complaints = lesser_processor.complaints(f"""
 import importlib.util

@@ -277,6 +277,7 @@ def test_one_row_takes_the_first_evaluator_where_eight_would_not() -> None:
     assert [chosen_for(rows, *sizes)[0][0] for rows in (1, 2, 3, 4, 8, 9)] == [0, 0, 0, 1, 1, 1]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(os.uname().machine != "x86_64", reason="names x86 processors")
 def test_code_for_greater_processors_compiles() -> None:
     # It is not run: the processor at hand may not have the instructions.
