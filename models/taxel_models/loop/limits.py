@@ -61,13 +61,17 @@ class Limits:
             measured: (n, 21) counts.
             predicted: (n, 21) counts, without the constants.
         """
-        one = np.ones((len(measured), 1))
-        constants = np.array(
-            [self.fitted(c, one, measured[:, c], predicted[:, c])[0] for c in range(len(self.low))]
-        )
-        before, after = (self.shown(counts) for counts in (predicted, predicted + constants))
-        share = np.ones_like(before)
+        left, constants = measured - predicted, np.zeros(len(self.low))
+        kept = np.ones(left.shape, np.bool_)
+        for _ in range(_ROUNDS):
+            constants = np.where(kept, left, 0.0).sum(axis=0) / np.maximum(kept.sum(axis=0), 1)
+            found = predicted + constants
+            before, kept = kept, (found > self.low) & (found < self.high)
+            if (kept == before).all():
+                break
+        first, last = (self.shown(counts) for counts in (predicted, predicted + constants))
+        share = np.ones_like(left)
         # Elsewhere it is exactly 1.
-        at_limit = (before != predicted) | (after != predicted + constants)
-        np.divide(after - before, constants, out=share, where=at_limit & (np.abs(constants) > 1e-9))
+        at_limit = (first != predicted) | (last != predicted + constants)
+        np.divide(last - first, constants, out=share, where=at_limit & (np.abs(constants) > 1e-9))
         return share

@@ -148,8 +148,11 @@ class Scoring:
     def _constant(self, left: Floats) -> Design:
         """The regressor of a constant of each channel, as large as its residual, where channels show it."""
         measured, rows = self.observations.measured, self.bins.order
+        share = self.limits.share_of_constants(measured[rows], (measured - left)[rows])
+        if (share == 1.0).all():
+            return self._ones
         shown = np.ones_like(left)
-        shown[rows] = self.limits.share_of_constants(measured[rows], (measured - left)[rows])
+        shown[rows] = share
         means = self.bins.means(shown.T[:, :, None]) * self.whitening.scale[:, None, None]
         return Design(self.whitening(means), self.bins.fold)
 
