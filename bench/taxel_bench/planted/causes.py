@@ -7,9 +7,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
+
 Floats = NDArray[np.float64]
 
-ELECTRODES: Final = slice(2, 21)
+ELECTRODES: Final = np.arange(len(CHANNELS))[ELECTRODE_COLUMNS]
 """The columns of `Planting.counts` that are changed; `pac0` and `pdc` stay as they are."""
 
 SMALL, LARGE = 0.35, 0.7
@@ -43,7 +45,7 @@ class Planting:
 
     def electrode(self) -> int:
         """The column of an electrode by chance."""
-        return int(self.random.integers(ELECTRODES.start, ELECTRODES.stop))
+        return int(self.random.choice(ELECTRODES))
 
     def add(self, course: Floats) -> None:
         """To each electrode, a course (n,) about its mean, with a weight of its own."""
@@ -53,7 +55,7 @@ class Planting:
     def constants(self) -> Floats:
         """(21,) counts by chance; 0 for channels that stay as they are."""
         weights = np.zeros(len(self.std))
-        weights[ELECTRODES] = self.random.normal(size=ELECTRODES.stop - ELECTRODES.start)
+        weights[ELECTRODES] = self.random.normal(size=len(ELECTRODES))
         return np.asarray(weights * self.random.uniform(SMALL, LARGE) * self.std)
 
     def by_trial(self, values: Floats, of_trial: Callable[[Floats, Floats], Floats]) -> Floats:
@@ -85,7 +87,9 @@ def _contact_offset(one: Planting) -> None:
 
 
 def _creep(one: Planting) -> None:
-    one.add(one.low_passed(float(one.random.choice([1.0, 2.0]))) - one.force_n)
+    """The force's low-pass, or what the force is ahead of it: of both, the model has absorbed the mean."""
+    late = one.low_passed(float(one.random.choice([1.0, 2.0, 4.0])))
+    one.add(late - one.random.choice([0.0, 1.0]) * one.force_n)
 
 
 def _hysteresis(one: Planting) -> None:
@@ -118,7 +122,7 @@ def _temperature(one: Planting) -> None:
 
 def _gain(one: Planting) -> None:
     gain = np.ones(len(one.std))
-    gain[ELECTRODES] = one.random.uniform(0.6, 1.5, size=ELECTRODES.stop - ELECTRODES.start)
+    gain[ELECTRODES] = one.random.uniform(0.6, 1.5, size=len(ELECTRODES))
     one.counts = one.rest + (one.counts - one.rest) * gain
 
 
@@ -141,9 +145,9 @@ def _stuck(one: Planting) -> None:
 
 
 def _crosstalk(one: Planting) -> None:
-    to, source = one.random.permutation(np.arange(ELECTRODES.start, ELECTRODES.stop))[:2]
+    to, source = one.random.permutation(ELECTRODES)[:2]
     share = one.random.uniform(SMALL, LARGE) * one.std[to] / one.std[source]
-    one.counts[:, to] += min(share, 1.0) * (one.counts[:, source] - one.rest[source])
+    one.counts[:, to] += share * (one.counts[:, source] - one.rest[source])
 
 
 def _saturation(one: Planting) -> None:
@@ -154,7 +158,7 @@ def _saturation(one: Planting) -> None:
 
 def _interference(one: Planting) -> None:
     wave = np.sin(2.0 * np.pi * one.random.uniform(2.0, 40.0) * one.time_s)
-    some = one.random.permutation(np.arange(ELECTRODES.start, ELECTRODES.stop))[:4]
+    some = one.random.permutation(ELECTRODES)[:4]
     one.counts[:, some] += LARGE * wave[:, None] * one.std[some]
 
 

@@ -30,10 +30,10 @@ def planted(
     from taxel_bench.options import parse_names
     from taxel_bench.planted.causes import EVERY, PLANTED
     from taxel_bench.planted.measurement import Planted
+    from taxel_models.ground.real import SLIDE, real_data
 
     chosen = [(name,) for name in parse_names("--only", only, list(PLANTED), "cause")] if only else EVERY
-    # TAXEL_DATA may name the folder or the one above.
-    recordings = (data / "data" if (data / "data").is_dir() else data) / "biotac_slide"
+    recordings = real_data(data) / SLIDE
     with TemporaryDirectory() as folder, ERR.status("training") as status:
         asked = Planted(recordings, Path(folder), seed, one_material=one_material)
         asked.train()
@@ -56,7 +56,7 @@ def planted(
     table = Table("planted", "named", "right", "error before", "after")
     for one in found:
         figures = f"{one.before:.3f}", f"{one.after:.3f}"
-        planted_, named = (", ".join(names) or "nothing" for names in (one.planted, one.named))
-        table.add_row(planted_, named, "yes" if one.right else "no", *figures)
+        causes, named = (", ".join(names) or "nothing" for names in (one.planted, one.named))
+        table.add_row(causes, named, "yes" if one.right else "no", *figures)
     OUT.print(table)
     OUT.print(f"{right} of {len(found)} have the right name first.")

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from taxel.errors import TaxelError
 from taxel_bench.planted.causes import PLANTED, Planting
 from taxel_bench.planted.trials import Tables, Trial, copy, found_in
 
@@ -121,11 +122,11 @@ def _taxel(*words: Any) -> str:
     """What a command prints.
 
     Raises:
-        RuntimeError: it failed; the text is what it said.
+        TaxelError: it failed; the text is what it said.
     """
     command = [str(Path(sys.executable).with_name("taxel")), *map(str, words)]
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     if done.returncode:
-        raise RuntimeError(f"{' '.join(command)}: {done.stderr.strip()}")
+        raise TaxelError(f"{' '.join(command)}: {done.stderr.strip()}")
     return done.stdout

@@ -10,11 +10,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel.channels import COUNTS_MAX
 from taxel.errors import RecordingError
 from taxel_bench.planted.causes import Planting
 
 _CHANNELS: Final = ("pac1", "pdc", *(f"ele{number}" for number in range(1, 20)))
-_MOST: Final = 4095
 
 
 @dataclass(frozen=True, order=True)
@@ -70,24 +70,24 @@ class Tables:
         self._tables = [values for _, _, values in read]
         self._folder = folder
         self._columns = [self._names.index(name) for name in _CHANNELS]
+        self._force_n = np.concatenate([self._force_of(trial, values[:, 0]) for trial, _, values in read])
 
     def planting(self, random: np.random.Generator) -> Planting:
         """To plant causes in."""
         every = np.concatenate(self._tables)
-        forces = []
-        for trial, values in zip(self._trials, self._tables, strict=True):
-            names, wrench = _table(trial.file(self._folder, "cw"))
-            columns = [names.index(name) for name in ("fx", "fy", "fz")]
-            size = np.linalg.norm(wrench[:, columns], axis=1)
-            forces.append(np.interp(values[:, 0], wrench[:, 0], size))
         return Planting(
             counts=every[:, self._columns],
             trial=np.repeat(np.arange(len(self._tables)), [len(values) for values in self._tables]),
             time_s=every[:, 0],
-            force_n=np.concatenate(forces),
+            force_n=self._force_n,
             tdc=every[:, self._names.index("tdc")],
             random=random,
         )
+
+    def _force_of(self, trial: Trial, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        names, wrench = _table(trial.file(self._folder, "cw"))
+        columns = [names.index(name) for name in ("fx", "fy", "fz")]
+        return np.asarray(np.interp(time_s, wrench[:, 0], np.linalg.norm(wrench[:, columns], axis=1)))
 
     def write(self, planting: Planting, into: Path) -> None:
         """The trials with planted counts: whole ones from 0 to 4095, as the sensor has."""
@@ -95,7 +95,7 @@ class Tables:
         for number, (trial, values) in enumerate(zip(self._trials, self._tables, strict=True)):
             changed = values.copy()
             changed[:, self._columns] = np.clip(
-                np.rint(planting.counts[planting.trial == number]), 0, _MOST
+                np.rint(planting.counts[planting.trial == number]), 0, COUNTS_MAX
             )
             with trial.file(into, "bio").open("w", encoding="utf-8") as file:
                 file.write(",".join(self._names) + "\n")

@@ -57,6 +57,11 @@ _NOT_MEASURED: Final = {"pac0": (2040.0, 4.5), "pdc": (1973.0, 1.0)}
 """What stands for LASA's missing channels: mean and SD of an untouched finger, counts."""
 
 
+def real_data(folder: Path) -> Path:
+    """The folder that holds the real recordings: the given one, or its folder `data`."""
+    return folder / "data" if (folder / "data").is_dir() else folder
+
+
 @dataclass(frozen=True)
 class Session:
     """Recordings of one finger on one day, or of one kind, with a model that saw neither.

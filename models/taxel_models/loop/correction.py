@@ -20,7 +20,6 @@ from taxel.windows import ExtraFeature
 from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Online
-from taxel_models.loop.limits import Limits
 from taxel_models.loop.observations import Observations
 
 Windows = NDArray[np.float32]
@@ -61,12 +60,11 @@ class NewEffects:
 def _limits(attribution: Attribution) -> CountLimits | None:
     """Those of channels that are at one where the named effects lead beyond it; None without any."""
     observations = attribution.observations
-    limits = Limits.of(observations.measured)
     predicted = observations.predicted.copy()
     for named in attribution.named:
         if not named.candidate.moves:
             predicted += named.contribution
-    beyond = limits.beyond(observations.measured, predicted)
+    beyond = observations.limits.beyond(observations.measured, predicted)
     channels = tuple(CHANNELS[column] for column in np.flatnonzero(beyond.any(axis=0)))
     return CountLimits(channels=channels, low=0.0, high=COUNTS_MAX) if channels else None
 

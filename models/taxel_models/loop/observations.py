@@ -15,6 +15,7 @@ from taxel.manifest import Manifest
 from taxel.windows import HistoryFeature, Samples, build_windows, extra_columns, history_columns
 from taxel.windows.history import TICK_S, TOUCH_N
 from taxel_models.loop.basis import Floats
+from taxel_models.loop.limits import Limits
 from taxel_models.loop.resting import are_raw, resting
 from taxel_models.model import Model, predict_all
 from taxel_models.recordings import Recording
@@ -99,6 +100,11 @@ class Observations:
     def residual(self) -> Floats:
         """(n, 21) measured less predicted, counts."""
         return self.measured - self.predicted
+
+    @cached_property
+    def limits(self) -> Limits:
+        """Of the channels' counts."""
+        return Limits.of(self.measured)
 
     @cached_property
     def pressed(self) -> Floats:

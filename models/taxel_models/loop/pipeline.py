@@ -31,7 +31,6 @@ from taxel_models.loop.inference.kinds import new_kinds, of_its_kinds
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.inference.stability import on_halves
 from taxel_models.loop.intervals import parameters
-from taxel_models.loop.limits import Limits
 from taxel_models.loop.noise import NoiseFloor
 from taxel_models.loop.observations import Observations, gather
 from taxel_models.loop.residual_correlation import autocorrelations, cross_correlations
@@ -312,7 +311,6 @@ def _found(
     rows: NDArray[np.bool_],
 ) -> tuple[FoundEffect, ...]:
     """Named effects in their order, with what each adds to those before it on the evaluation part."""
-    limits = Limits.of(observations.measured)
     measured, counts = observations.measured[rows], observations.predicted[rows]
     left = measured - counts
     first = np.maximum((left**2).mean(axis=0), 1e-9)
@@ -320,7 +318,7 @@ def _found(
     found = []
     for named in attribution.named:
         counts = counts + named.contribution[rows]
-        left_after = measured - counts + limits.beyond(measured, counts)
+        left_after = measured - counts + observations.limits.beyond(measured, counts)
         explained = float((((left**2).mean(axis=0) - (left_after**2).mean(axis=0)) / first).mean())
         left = left_after
         applied = served.get(named.name)

@@ -64,10 +64,9 @@ class ChosenGround:
                 return CleanTwins(self.model, self.seed, self.rows)
             return TwinGround(self.model, self.seed, self.rows)
         require(f"--ground {self.name}", "train", "xgboost")
-        from taxel_models.ground.real import RealGround
+        from taxel_models.ground.real import RealGround, real_data
 
-        # TAXEL_DATA may name the folder or the one above.
-        folder = self.data / "data" if (self.data / "data").is_dir() else self.data
+        folder = real_data(self.data)
         if self.name == "lasa":
             return RealGround.lasa(folder, self.seed, self.jobs)
         return RealGround.slide(

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel.channels import CHANNELS
 from taxel.corrections.count_limits import CountLimits
 from taxel.corrections.effect import Term
 from taxel.corrections.fault import Fault
@@ -21,7 +22,12 @@ class Composition:
     def __init__(self, terms: Iterable[Term]) -> None:
         everything = tuple(terms)
         self._added = [term for term in everything if not isinstance(term, CountLimits | Fault)]
-        self._limits = [term for term in everything if isinstance(term, CountLimits)]
+        self._low, self._high = np.full(len(CHANNELS), -np.inf), np.full(len(CHANNELS), np.inf)
+        for term in everything:
+            if isinstance(term, CountLimits):
+                self._low[term.columns] = np.maximum(self._low[term.columns], term.low)
+                self._high[term.columns] = np.minimum(self._high[term.columns], term.high)
+        self._limited = bool(np.isfinite(self._low).any())
         self._faults = [term for term in everything if isinstance(term, Fault)]
 
     def counts(
@@ -41,8 +47,8 @@ class Composition:
         counts = (p if start is None else start).copy()
         for term in self._added:
             counts += term.delta(p, columns)
-        for limits in self._limits:
-            limits.keep(counts)
+        if self._limited:
+            np.clip(counts, self._low, self._high, out=counts)
         for fault in self._faults:
             counts[:, fault.column] = fault.value
         return counts

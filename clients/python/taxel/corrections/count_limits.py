@@ -2,8 +2,6 @@
 
 from typing import Literal, Self
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import FiniteFloat, model_validator
 
 from taxel.channels import CHANNELS
@@ -30,10 +28,10 @@ class CountLimits(Schema):
             raise ValueError(f"low {self.low:g}, high {self.high:g}: expected low below high")
         return self
 
-    def keep(self, counts: NDArray[np.float64]) -> None:
-        """Bring counts (n, 21) within the limits, in place."""
-        columns = [CHANNELS.index(channel) for channel in self.channels]
-        counts[:, columns] = np.clip(counts[:, columns], self.low, self.high)
+    @property
+    def columns(self) -> list[int]:
+        """Where the channels stand among `CHANNELS`."""
+        return [CHANNELS.index(channel) for channel in self.channels]
 
     @property
     def takes(self) -> tuple[str, ...]:

@@ -59,7 +59,8 @@ class Rate(Effect):
         if "smoothed" in best.form_parameters:
             for factor in FINER:
                 finer = best.form_parameters["smoothed"][0] * factor
-                yield self._smoothed(observations, min(finer, max(SMOOTHED_S)))
+                if finer <= max(SMOOTHED_S):
+                    yield self._smoothed(observations, finer)
 
     def _smoothed(self, observations: Observations, smoothed_s: float) -> Candidate:
         feature = Relaxation(of="force", time_constant_s=smoothed_s)

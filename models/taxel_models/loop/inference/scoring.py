@@ -37,7 +37,6 @@ from taxel_models.loop.inference.score import Score, Taken
 from taxel_models.loop.inference.usual import Usual
 from taxel_models.loop.inference.weighing import Weighing
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
-from taxel_models.loop.limits import Limits
 from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
 
 Progress = Callable[[str], None]
@@ -64,7 +63,6 @@ class Scoring:
 
     Attributes:
         out_of_scope: effects that these observations cannot show, with the reason.
-        limits: of the channels' counts.
         bins: of the fit part.
         constants: of the inference.
     """
@@ -87,7 +85,6 @@ class Scoring:
         self._reference = reference
         self._beyond: Floats | float = 0.0
         """(n, 21) how far the named effects lead beyond the limits of counts where a channel is at one."""
-        self.limits = Limits.of(observations.measured)
         self.bins = Bins.of(blocks, constants.bin_s)
         shape = NoiseShape.usual()
         if reference is not None:
@@ -148,7 +145,7 @@ class Scoring:
     def _constant(self, left: Floats) -> Design:
         """The regressor of a constant of each channel, as large as its residual, where channels show it."""
         measured, rows = self.observations.measured, self.bins.order
-        share = self.limits.share_of_constants(measured[rows], (measured - left)[rows])
+        share = self.observations.limits.share_of_constants(measured[rows], (measured - left)[rows])
         if (share == 1.0).all():
             return self._ones
         shown = np.ones_like(left)
@@ -297,7 +294,7 @@ class Scoring:
             worth = taken_off / np.maximum(before[order].sum(axis=0), 1e-9)
             return replace(score, gain=gain, worth=worth, taken_off=taken_off)
 
-        return tested(lambda counts: counts), tested(self.limits.shown)
+        return tested(lambda counts: counts), tested(self.observations.limits.shown)
 
     def _predicted(self, taken: Sequence[Taken]) -> Floats:
         """(n, 21) counts with some named effects."""
@@ -307,7 +304,7 @@ class Scoring:
     def settle_limits(self, taken: Sequence[Taken]) -> None:
         """A channel that is at a limit of the counts does not contradict effects that lead beyond it."""
         predicted, measured = self._predicted(taken), self.observations.measured
-        self._beyond = self.limits.beyond(measured, predicted)
+        self._beyond = self.observations.limits.beyond(measured, predicted)
 
     def weights(self, taken: Taken, others: Sequence[Taken], fold: int | None = None) -> Floats:
         """(21, k) weights of a named effect beside others, by the fit part or all of it but one fold."""
