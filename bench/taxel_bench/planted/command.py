@@ -1,12 +1,14 @@
 """`bench planted`: a stranger's try of training, exporting and the loop, with causes planted in files."""
 
+import json
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from taxel.atomic import check_file_place, whole_file
 from taxel.commands.cli import ERR, OUT, Json, needs, print_json
 
 
@@ -21,6 +23,10 @@ def planted(
         bool, typer.Option(help="Plant in trials of one material, in place of 60 of all.")
     ] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Recordings at a time.")] = 1,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="JSON of all recordings, kept after each."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Plant causes in copies of slide recordings, and ask the released commands for their names."""
@@ -29,29 +35,27 @@ def planted(
     from taxel_bench.machine import describe_machine
     from taxel_bench.options import parse_names
     from taxel_bench.planted.causes import EVERY, PLANTED
-    from taxel_bench.planted.measurement import Planted
+    from taxel_bench.planted.measurement import Asked, Planted
     from taxel_models.ground.real import SLIDE, real_data
 
     chosen = [(name,) for name in parse_names("--only", only, list(PLANTED), "cause")] if only else EVERY
     recordings = real_data(data) / SLIDE
+    if output is not None:
+        check_file_place(output)
+    contents: dict[str, Any] = {"machine": describe_machine(), "seed": seed, "one_material": one_material}
+    found: list[Asked] = []
     with TemporaryDirectory() as folder, ERR.status("training") as status:
         asked = Planted(recordings, Path(folder), seed, one_material=one_material)
         asked.train()
-        found = []
         for one in asked.ask(chosen, jobs):
             found.append(one)
+            contents |= {"right": sum(one.right for one in found), "recordings": [*map(asdict, found)]}
+            if output is not None:
+                with whole_file(output) as file:
+                    file.write_text(json.dumps(contents, indent=1) + "\n", encoding="utf-8")
             status.update(f"{len(found)} of {len(chosen)} recordings")
-    right = sum(one.right for one in found)
     if as_json:
-        print_json(
-            {
-                "machine": describe_machine(),
-                "seed": seed,
-                "one_material": one_material,
-                "right": right,
-                "recordings": [asdict(one) for one in found],
-            }
-        )
+        print_json(contents)
         return
     table = Table("planted", "named", "right", "error before", "after")
     for one in found:
@@ -59,4 +63,4 @@ def planted(
         causes, named = (", ".join(names) or "nothing" for names in (one.planted, one.named))
         table.add_row(causes, named, "yes" if one.right else "no", *figures)
     OUT.print(table)
-    OUT.print(f"{right} of {len(found)} have the right name first.")
+    OUT.print(f"{contents['right']} of {len(found)} have the right name first.")
