@@ -53,6 +53,15 @@ class Stage:
         """That is compared with measurements."""
         return self.observations.model
 
+    def reference_for(self, causes: Sequence[Fitted]) -> HeldOutResidual | None:
+        """The reference, with its correlated channels only if a cause changes few channels.
+
+        To judge few channels beside all others takes most of the time of a decision.
+        """
+        if self.reference is None or any(cause.candidate.fitting.few_channels for cause in causes):
+            return self.reference
+        return self.reference.model_copy(update={"correlated": None})
+
     def noise(self, rows: int, random: np.random.Generator) -> Floats:
         """(rows, 21) counts: whole blocks of what is left, drawn at random (Künsch 1989)."""
         parts, length = [], 0
@@ -130,10 +139,7 @@ def _found(
 ) -> Attribution:
     names = dict.fromkeys([*(cause.name for cause in causes), Offset.name])
     effects = [effect_named(name) for name in names]
-    reference = stage.reference
-    if reference is not None and not any(cause.candidate.fitting.few_channels for cause in causes):
-        # Changes of few channels beside all others take two thirds of the time, and no cause here is one.
-        reference = reference.model_copy(update={"correlated": None})
+    reference = stage.reference_for(causes)
     return JointSelection(
         observations, blocks, effects, reference=reference, constants=stage.constants
     ).run()
