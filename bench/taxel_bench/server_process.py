@@ -77,7 +77,15 @@ def start_server(
     Raises:
         Unavailable: the server stopped before it was ready; its last output says why.
     """
-    command = [*serve_command(repository, endpoint), *arguments, "--json"]
+    return start_command([*serve_command(repository, endpoint), *arguments, "--json"], errors)
+
+
+def start_command(command: list[str], errors: Path | None = None) -> subprocess.Popen[str]:
+    """Start a server that prints one JSON object when it is ready; it is ready when this returns.
+
+    Raises:
+        Unavailable: the server stopped before it was ready; its last output says why.
+    """
     with ExitStack() as files:
         stderr = subprocess.PIPE if errors is None else files.enter_context(errors.open("w"))
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=stderr, text=True)

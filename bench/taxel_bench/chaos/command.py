@@ -32,6 +32,10 @@ def chaos(
         str | None,
         typer.Option(metavar="ENDPOINT", help="A server on this machine; if none, one is started."),
     ] = None,
+    arrivals: Annotated[
+        bool,
+        typer.Option("--arrivals", help="Count refusals from their arrival, in a server that notes it."),
+    ] = False,
     repository: Annotated[
         Path | None,
         typer.Option(help="What a server that is started serves; the shipped models if not set."),
@@ -39,9 +43,10 @@ def chaos(
     as_json: Json = False,
 ) -> None:
     """Flood a server, send it bad requests, be a bad client: a table of figures, each VALID or INVALID."""
-    from taxel.errors import TaxelError
+    from taxel.errors import SettingsError, TaxelError
+    from taxel_bench.chaos.arrivals import noting_server, server_that_notes_nothing
     from taxel_bench.chaos.bars import Bar
-    from taxel_bench.chaos.flood import bars_of, client_processes, flood_of, oversize_of
+    from taxel_bench.chaos.flood import bars_of_floods, client_processes, floods_of, oversize_of
     from taxel_bench.chaos.flooders import FLOODERS
     from taxel_bench.chaos.hostile import (
         bars_of_full_disk,
@@ -52,12 +57,15 @@ def chaos(
         mutated_of,
     )
     from taxel_bench.chaos.printing import bars_table, verdict_of_bars
-    from taxel_bench.load.drive import server_at
     from taxel_bench.load.usage import listening_process
     from taxel_bench.machine import describe_machine
     from taxel_bench.options import parse_names
     from taxel_models.shipped import shipped_repository
 
+    if arrivals and (only != "flood" or connect is not None):
+        raise SettingsError(
+            "--arrivals: a server is started for it; expected --only flood, and no --connect"
+        )
     faults = [only] if only else _ALL
     who = parse_names("--flooders", flooders, FLOODERS, "flooder")
     # Told to stop, it still stops its server and clients.
@@ -65,7 +73,8 @@ def chaos(
     served = repository or shipped_repository()
     results: dict[str, Any] = {}
     bars: list[Bar] = []
-    with ERR.status("asking") as status, server_at(connect, served) as endpoint:
+    start = noting_server(served) if arrivals else server_that_notes_nothing(connect, served)
+    with ERR.status("asking") as status, start as (endpoint, refused):
         server = listening_process(endpoint)
         if server is None:
             raise TaxelError(
@@ -75,12 +84,7 @@ def chaos(
             with client_processes(endpoint) as pool:
                 if "flood" in faults:
                     sizes = [int(size) for size in rows.split(",")]
-                    results["flood"] = [
-                        flood_of(pool, server, model, size, seconds, flooder)
-                        for size in sizes
-                        for flooder in who
-                    ]
-                    bars += [bar for result in results["flood"] for bar in bars_of(result)]
+                    results["flood"] = floods_of(pool, server, model, sizes, seconds, who)
                 if "oversize" in faults:
                     results["oversize"] = held = oversize_of(pool, server, model)
                     more_mib = held["peak_mib"] - held["calm_mib"]
@@ -94,6 +98,7 @@ def chaos(
             results["clients"] = misbehaviour_of(endpoint, model, server)
             bars += bars_of_misbehaviour(results["clients"])
         bars.append(Bar("servers that have ended", float(not server.is_running()), 0))
+    bars = bars_of_floods(results.get("flood", []), refused) + bars
     if "full-disk" in faults:
         results["full-disk"] = full_disk_of(served, model, seed)
         bars += bars_of_full_disk(results["full-disk"])

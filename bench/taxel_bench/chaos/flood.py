@@ -12,13 +12,20 @@ import numpy as np
 import psutil
 
 from taxel_bench.chaos.bars import Bar
-from taxel_bench.chaos.senders import Sent, be_polite, connect, flood, oversize, saturate
+from taxel_bench.chaos.senders import Sent, be_polite, connect, flood, oversize, run_delay, saturate
 
 _FLOODING: Final = 2
 """Processes that flood."""
 
 TIMES_CAPACITY: Final = 3.0
 POLITE_HZ: Final = 100.0
+
+_MOST_WAITING: Final = 0.05
+"""A server whose evaluating thread waits for a processor for more of the time has no core of its own.
+
+Then refusals must not take time from answers, and how soon they come is not judged.
+"""
+
 OVERSIZE: Final = 400 * 2**20
 
 _TIMEOUT_S: Final = 5.0
@@ -72,6 +79,7 @@ def flood_of(
     flooder: str,
 ) -> dict[str, Any]:
     """Measure the capacity for requests of so many windows, flood with them, and wait for calm."""
+    began = time.monotonic()
     calm_mib = Memory(server).close()
     in_flight = min(max(_IN_FLIGHT_ROWS // rows, 4), 64)
     start = time.perf_counter() + _HEAD_START_S
@@ -81,12 +89,14 @@ def flood_of(
     capacity_cpu_s = _cpu_s(server) - used
     rate = TIMES_CAPACITY * capacity / _FLOODING
     memory = Memory(server)
+    delay, asked = pool.submit(run_delay).result(), time.perf_counter()
     start = time.perf_counter() + _HEAD_START_S
     used = _cpu_s(server)
     polite: Future[Sent] = pool.submit(be_polite, model, POLITE_HZ, start, seconds)
     flooding = [pool.submit(flood, flooder, model, rows, rate, start, seconds) for _ in range(_FLOODING)]
     floods, courtesy = [done.result() for done in flooding], polite.result()
     flood_cpu_s = _cpu_s(server) - used
+    waited = _share(delay, pool.submit(run_delay).result(), time.perf_counter() - asked)
     peak_mib = memory.close()
     time.sleep(_SETTLE_S)
     return {
@@ -97,22 +107,62 @@ def flood_of(
         "answered_per_s": sum(each.answered for each in floods) / seconds,
         "errors": _added(floods),
         "refusal_ms": _percentiles([ms for each in floods for ms in each.refusal_ms]),
+        "refusal_after_sending_ms": _percentiles(
+            [ms for each in floods for ms in each.refusal_after_sending_ms]
+        ),
         "polite": {
             "requests": courtesy.requests,
             "errors": dict(courtesy.errors),
             "latency_ms": _percentiles(courtesy.latency_ms),
         },
+        "waited_for_core": waited,
         "server_cpu_s": {"capacity": capacity_cpu_s, "flood": flood_cpu_s},
         "calm_mib": calm_mib,
         "peak_mib": peak_mib,
         "after_mib": Memory(server).close(),
+        "monotonic_s": [began, time.monotonic()],
     }
+
+
+def floods_of(
+    pool: ProcessPoolExecutor,
+    server: psutil.Process,
+    model: str,
+    sizes: list[int],
+    seconds: float,
+    flooders: list[str],
+) -> list[dict[str, Any]]:
+    """A flood for each size and each kind of flooder."""
+    return [flood_of(pool, server, model, size, seconds, flooder) for size in sizes for flooder in flooders]
+
+
+def bars_of_floods(
+    results: list[dict[str, Any]], refused: list[tuple[float, float]] | None = None
+) -> list[Bar]:
+    """What must be true of floods; adds to them how long after their arrival requests were refused.
+
+    Args:
+        results: of `floods_of`.
+        refused: when, on `time.monotonic`, and how many ms after the arrival; None if nobody noted it.
+    """
+    for result in results if refused is not None else ():
+        first, last = result["monotonic_s"]
+        result["refusal_after_arrival_ms"] = _percentiles(
+            [ms for at, ms in refused or () if first <= at <= last]
+        )
+    return [bar for result in results for bar in bars_of(result)]
 
 
 def bars_of(result: dict[str, Any]) -> list[Bar]:
     """What must be true of a flood."""
     what = f"{result['flooder']}, {result['rows']} windows a request"
-    refusal = result["refusal_ms"]["p99"] if result["refusal_ms"] else 0.0
+    # Before it has been sent, a large request cannot have arrived.
+    since = "arrival" if "refusal_after_arrival_ms" in result else "sending"
+    refusals = result[f"refusal_after_{since}_ms"]
+    waited = result["waited_for_core"]
+    no_core = (
+        "" if waited is None or waited <= _MOST_WAITING else f"no core: it waited {waited:.0%} of the time"
+    )
     return [
         Bar(
             f"{what}: answered, of the capacity",
@@ -120,7 +170,12 @@ def bars_of(result: dict[str, Any]) -> list[Bar]:
             0.8,
             at_least=True,
         ),
-        Bar(f"{what}: refusals, p99 ms from asking", refusal, 5.0),
+        Bar(
+            f"{what}: refusals, p99 ms from {since}",
+            refusals["p99"] if refusals else 0.0,
+            5.0,
+            excused=no_core,
+        ),
         Bar(f"{what}: polite requests that failed", float(sum(result["polite"]["errors"].values())), 0.0),
         Bar(f"{what}: memory afterwards, of calm", result["after_mib"] / result["calm_mib"], 1.1),
     ]
@@ -131,6 +186,10 @@ def oversize_of(pool: ProcessPoolExecutor, server: psutil.Process, model: str) -
     calm_mib, memory = Memory(server).close(), Memory(server)
     code, seconds = pool.submit(oversize, model, OVERSIZE).result()
     return {"code": code, "seconds": seconds, "calm_mib": calm_mib, "peak_mib": memory.close()}
+
+
+def _share(before: float | None, after: float | None, seconds: float) -> float | None:
+    return None if before is None or after is None else (after - before) / seconds
 
 
 def _cpu_s(process: psutil.Process) -> float:

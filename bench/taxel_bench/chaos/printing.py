@@ -16,5 +16,5 @@ def bars_table(bars: Sequence[Bar]) -> Table:
     """A row for each figure."""
     table = Table("figure", "measured", "must be", "verdict")
     for bar in bars:
-        table.add_row(bar.what, f"{bar.figure:.3g}", bar.wanted, "VALID" if bar.holds else "INVALID")
+        table.add_row(bar.what, f"{bar.figure:.3g}", bar.wanted, bar.verdict)
     return table

@@ -14,7 +14,7 @@ from threading import Semaphore
 from typing import Final
 
 from taxel.errors import RequestError
-from taxel.protocol import model_key, pack_infer_request
+from taxel.protocol import model_key, pack_infer_request, unpackb
 from taxel.remote import RemoteSource
 from taxel_bench.chaos.flooders import sender
 from taxel_bench.windows import random_windows
@@ -31,6 +31,14 @@ _LANDING_S: Final = 1.0
 
 
 @dataclass
+class Asked:
+    """When a request was asked, and when its sender had given all of it to zenoh; 0 until then."""
+
+    at: float
+    sent: float = 0.0
+
+
+@dataclass
 class Sent:
     """What became of the requests of one process.
 
@@ -39,7 +47,9 @@ class Sent:
         answered: with predictions, within the measured time.
         errors: by code.
         latency_ms: of each answer with predictions.
-        refusal_ms: of each refusal, from sending it.
+        refusal_ms: of each refusal, from asking.
+        refusal_after_sending_ms: the same, from when the request had been given to zenoh, or 0 if it was
+            refused before.
     """
 
     requests: int = 0
@@ -47,16 +57,18 @@ class Sent:
     errors: Counter[str] = field(default_factory=Counter)
     latency_ms: list[float] = field(default_factory=list)
     refusal_ms: list[float] = field(default_factory=list)
+    refusal_after_sending_ms: list[float] = field(default_factory=list)
 
-    def add(self, sent: float, ends: float, result: bytes | RequestError) -> None:
+    def add(self, asked: Asked, ends: float, result: bytes | RequestError) -> None:
         """Note an answer that has come now."""
         now = time.perf_counter()
         if isinstance(result, RequestError):
             self.errors[result.code] += 1
             if result.code == "RESOURCE_EXHAUSTED":
-                self.refusal_ms.append((now - sent) * 1e3)
+                self.refusal_ms.append((now - asked.at) * 1e3)
+                self.refusal_after_sending_ms.append((now - asked.sent) * 1e3 if asked.sent else 0.0)
             return
-        self.latency_ms.append((now - sent) * 1e3)
+        self.latency_ms.append((now - asked.at) * 1e3)
         self.answered += now <= ends
 
 
@@ -68,6 +80,14 @@ def connect(endpoint: str, timeout_s: float) -> None:
     with suppress(OSError):
         os.nice(_NICE)
     _connected.append(RemoteSource(endpoint, timeout=timeout_s, transport="zenoh"))
+
+
+def run_delay() -> float | None:
+    """Seconds that the server's evaluating thread has waited for a processor; None if it does not tell."""
+    source = _connected[0]
+    told = unpackb(source.get(f"{source.prefix}/v2/stats"))
+    delay: float | None = told.get("run_delay_s") if isinstance(told, dict) else None
+    return delay
 
 
 def _request(model: str, rows: int, timeout_s: float, seed: int) -> tuple[str, bytes]:
@@ -87,15 +107,15 @@ def saturate(model: str, rows: int, in_flight: int, start: float, seconds: float
     free = Semaphore(in_flight)
     ends = start + seconds
 
-    def back(sent: float, result: bytes | RequestError) -> None:
-        outcome.add(sent, ends, result)
+    def back(asked: Asked, result: bytes | RequestError) -> None:
+        outcome.add(asked, ends, result)
         free.release()
 
     _sleep_until(start)
     while (sent := time.perf_counter()) < ends:
         if free.acquire(timeout=0.1):
             outcome.requests += 1
-            source.connection.send(key, payload, source.timeout, partial(back, sent))
+            source.connection.send(key, payload, source.timeout, partial(back, Asked(sent)))
     _land(outcome, source.timeout)
     return outcome
 
@@ -116,7 +136,9 @@ def flood(flooder: str, model: str, rows: int, rate: float, start: float, second
                 time.sleep(max(due - sent, _NAP_S))
                 continue
             outcome.requests += 1
-            send(payload, partial(outcome.add, sent, ends))
+            asked = Asked(sent)
+            send(payload, partial(outcome.add, asked, ends))
+            asked.sent = time.perf_counter()
             due += 1 / rate
         _land(outcome, source.timeout)
     return outcome
@@ -135,7 +157,7 @@ def be_polite(model: str, rate: float, start: float, seconds: float) -> Sent:
         except RequestError as error:
             result = error
         # The wait counts from when the window was due: a late answer also delays the next windows.
-        outcome.add(due, ends, result)
+        outcome.add(Asked(due), ends, result)
         due = max(due + 1 / rate, time.perf_counter())
     return outcome
 

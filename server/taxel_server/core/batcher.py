@@ -23,6 +23,7 @@ from taxel_server.core.answers import Answers, tell
 from taxel_server.core.jobs import Job, Work, too_late
 from taxel_server.core.policy import Policy, Slice, Ticket
 from taxel_server.core.refusals import Refusals
+from taxel_server.core.run_delay import RunDelay
 from taxel_server.core.shadows import Shadows
 from taxel_server.core.shares import Amounts
 from taxel_server.engine import LoadedModel
@@ -82,10 +83,12 @@ class Batcher:
         self._stopping = False
         self._give_up_at = inf
         self._worker = Thread(target=self._run, name="taxel-batcher", daemon=True)
+        self._run_delay: RunDelay | None = None
 
     def start(self) -> None:
         """Start the worker."""
         self._worker.start()
+        self._run_delay = RunDelay(self._worker)
 
     def submit(self, job: Job) -> None:
         """Queue a job; returns at once.
@@ -201,6 +204,10 @@ class Batcher:
     def answered(self) -> int:
         """Jobs that got an answer or a refusal since the start; it rises as long as there is progress."""
         return self._answers.given
+
+    def run_delay(self) -> float | None:
+        """Seconds that the worker was ready to run and waited for a processor; None if nobody tells."""
+        return self._run_delay.seconds() if self._run_delay else None
 
     def statistics(self, model: LoadedModel) -> dict[str, Any]:
         """The statistics of a model."""

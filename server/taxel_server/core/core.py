@@ -72,6 +72,8 @@ class Core:
         """Raises if a request would be refused now: asked before its windows are read."""
         self.wait_until_idle: Callable[[float], bool] = self._batcher.wait_until_idle
         """Returns once nothing waits, at the latest after so many seconds: whether nothing waits."""
+        self.run_delay: Callable[[], float | None] = self._batcher.run_delay
+        """Seconds that the worker was ready to run and waited for a processor; None if nobody tells."""
 
     @property
     def progress(self) -> tuple[bool, int, int]:

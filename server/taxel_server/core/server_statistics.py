@@ -46,6 +46,7 @@ class ServerStatistics:
             "refusals": [list(each) for each in self._refusals.counts()],
             "loads": dict(self.loads),
             "resident_bytes": resident_bytes(),
+            "run_delay_s": self._batcher.run_delay(),
             "models": [
                 {
                     "name": model.manifest.name,

@@ -66,6 +66,12 @@ class _ServerCollector(Collector):
         yield _gauge("uptime_seconds", "Since the core was made.", told["uptime_s"])
         yield _gauge("queue_rows", "Windows accepted and not yet answered.", told["queue"]["rows"])
         yield _gauge("queue_requests", "Requests accepted and not yet answered.", told["queue"]["requests"])
+        if (delay := told["run_delay_s"]) is not None:
+            yield CounterMetricFamily(
+                "taxel_worker_run_delay_seconds",
+                "Time that the evaluating thread was ready to run and waited for a processor.",
+                value=delay,
+            )
         connections = GaugeMetricFamily("taxel_connections", "Connected clients.", labels=["transport"])
         for transport, count in told["connections"].items():
             connections.add_metric([transport], count)

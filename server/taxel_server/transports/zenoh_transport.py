@@ -24,7 +24,7 @@ from taxel.protocol import CANCEL_PATH, REPLICAS, InferRequest, InferResponse, p
 from taxel.zenoh_process import close_session
 from taxel_server.core.core import Core
 from taxel_server.core.jobs import Job
-from taxel_server.core.policy import SLICE_S
+from taxel_server.core.pacing import RefusalPace
 from taxel_server.engine import LoadedModel
 from taxel_server.options import ServerOptions
 from taxel_server.transports.access import security_settings
@@ -39,21 +39,12 @@ _NOTHING: Final = zenoh.ZBytes(b"")
 CLIENT: Final = "zenoh"
 """What clients over zenoh are called in logs."""
 
-_CHANNEL: Final = 2
+CHANNEL: Final = 2
 """The most queries in the channel; if it is full, zenoh reads no more, and clients wait to send.
 
 What is in it is neither counted nor refused yet. While the queue is full, all of it is refused between two
 pauses. A longer one makes a client that asks for little wait for the refusals of others.
 """
-
-_REFUSALS: Final = 2
-"""After so many refusals, nothing more is read for a while, unless nothing waits any more.
-
-To refuse a small request costs as much as to answer it. What is not read waits in the connection of its
-client, which slows a flood down and nobody else: zenoh reads each connection by itself.
-"""
-
-_PAUSE_S: Final = SLICE_S
 
 _MORE_BYTES: Final = 32 * 2**20
 """A message that is larger than a request by less gets its error; zenoh drops larger ones unread."""
@@ -106,10 +97,7 @@ class ZenohTransport:
         self._core = core
         self._options = options
         self._reader = RequestReader(core.max_request_rows)
-        self._refused = 0
-        """Requests that found the queue full since the last pause …"""
-        self._first_refused = 0.0
-        """… and when the first of them did."""
+        self._pace = RefusalPace(core.run_delay)
         self._below_prefix = len(options.prefix) + 1
         self._own_keys = ""
         self._clients = ZenohClients(core.gone)
@@ -146,9 +134,7 @@ class ZenohTransport:
         # With `complete`, one replica answers each query; by default all would.
         # Its own keys first: a client takes silence there for a denial once it knows of the common ones.
         keys = f"{own}/**", f"{self._options.prefix}/**"
-        self._queryables = [
-            self._session.declare_queryable(key, FifoChannel(_CHANNEL), complete=True) for key in keys
-        ]
+        self._queryables = [self.declare(self._session, key) for key in keys]
         # Last: who sees the token may ask.
         self._token = self._session.liveliness().declare_token(own)
         self._receivers = [
@@ -157,6 +143,10 @@ class ZenohTransport:
         ]
         for receiver in self._receivers:
             receiver.start()
+
+    def declare(self, session: zenoh.Session, key: str) -> zenoh.Queryable[Handler[zenoh.Query]]:
+        """Begin to take the queries for a key, each of which one replica answers."""
+        return session.declare_queryable(key, FifoChannel(CHANNEL), complete=True)
 
     def withdraw(self) -> None:
         """Tell clients of several servers to ask the others from now on."""
@@ -223,18 +213,10 @@ class ZenohTransport:
             # Here and now: in a queue of refusals, a flood would grow in another place.
             self._core.refusals.add(error, client=CLIENT, model=model.label)
             reply(query, error)
-            if isinstance(error, ResourceExhausted):
-                self._slow_down()
-
-    def _slow_down(self) -> None:
-        """After some refusals, read nothing more for a while."""
-        now = time.monotonic()
-        if not self._refused:
-            self._first_refused = now
-        self._refused += 1
-        if self._refused >= _REFUSALS:
-            self._refused = 0
-            self._core.wait_until_idle(max(self._first_refused + _PAUSE_S - now, 0.0))
+            if isinstance(error, ResourceExhausted) and (pause_s := self._pace.refused(time.monotonic())):
+                # What is not read waits in the connection of its client, which slows a flood down and
+                # nobody else: zenoh reads each connection by itself.
+                self._core.wait_until_idle(pause_s)
 
 
 def _taken(take: Callable[[], zenoh.Query | None]) -> zenoh.Query | None:

@@ -40,6 +40,7 @@ def rounds(benchmark: RecoveryBenchmark) -> list[Round]:
     return played
 
 
+@pytest.mark.long
 def test_what_a_constant_decides_is_shown(benchmark: RecoveryBenchmark, rounds: list[Round]) -> None:
     """With a share that is asked for and that nothing could remove."""
     strict = DECLARED.moved("least_t", 1e6)

@@ -133,6 +133,8 @@ def test_a_server_under_a_service_manager(
         assert found["taxel_version_loads_total", "loaded"] == 3
         assert found["taxel_connections", "zenoh"] == 1
         assert found["process_resident_memory_bytes",] > 2**20
+        if sys.platform == "linux":
+            assert 0 <= found["taxel_worker_run_delay_seconds_total",] < found["taxel_uptime_seconds",]
         assert samples(get(address, "/metrics", Accept="application/openmetrics-text"), open_metrics)
 
         make_artifact(own_repository, "skin", "11")

@@ -187,6 +187,7 @@ def test_a_models_error_on_one_material_is_no_gain_of_the_sensor(
     assert second.one_kind == ()
 
 
+@pytest.mark.long
 def test_a_kind_is_judged_by_the_noise_of_all(smooth: Any, make: Make) -> None:
     """The others scatter from contact to contact. A gain of this kind is judged as if it did, too."""
     recording = make(9_000, seed=8)
@@ -215,6 +216,7 @@ def test_a_kind_is_judged_by_the_noise_of_all(smooth: Any, make: Make) -> None:
     assert DECLARED.usual_of_kind * 0.8 < may < DECLARED.usual_of_kind * 1.4
 
 
+@pytest.mark.long
 def test_a_wave_that_a_kind_has_is_usual_of_it(smooth: Any, make: Make) -> None:
     """The texture of a material gives a wave wherever the finger slides over it as fast."""
 
@@ -299,6 +301,7 @@ def test_a_stand_in_never_saw_what_it_predicts(observations: Observations) -> No
     assert np.median(np.abs(second - first)[values != 2.0]) > 50.0
 
 
+@pytest.mark.long
 def test_what_a_new_material_may_show_is_told_and_is_less_evidence(
     smooth: Any, make: Make, trained: Trained, reference: HeldOutResidual
 ) -> None:
