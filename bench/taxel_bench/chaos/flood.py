@@ -4,27 +4,23 @@ import multiprocessing
 import time
 from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from threading import Event, Thread
 from typing import Any, Final
 
 import numpy as np
 import psutil
 
+from taxel.errors import Unavailable
 from taxel_bench.chaos.bars import Bar
 from taxel_bench.chaos.senders import Sent, be_polite, connect, flood, oversize, run_delay, saturate
+from taxel_server.core.pacing import MOST_WAITING
 
 _FLOODING: Final = 2
 """Processes that flood."""
 
 TIMES_CAPACITY: Final = 3.0
 POLITE_HZ: Final = 100.0
-
-_MOST_WAITING: Final = 0.05
-"""A server whose evaluating thread waits for a processor for more of the time has no core of its own.
-
-Then refusals must not take time from answers, and how soon they come is not judged.
-"""
 
 OVERSIZE: Final = 400 * 2**20
 
@@ -56,8 +52,9 @@ class Memory:
         return self.peak
 
     def _look(self) -> None:
-        while not self._stop.wait(0.02):
-            self.peak = max(self.peak, self.now())
+        with suppress(psutil.NoSuchProcess):
+            while not self._stop.wait(0.02):
+                self.peak = max(self.peak, self.now())
 
 
 @contextmanager
@@ -132,8 +129,17 @@ def floods_of(
     seconds: float,
     flooders: list[str],
 ) -> list[dict[str, Any]]:
-    """A flood for each size and each kind of flooder."""
-    return [flood_of(pool, server, model, size, seconds, flooder) for size in sizes for flooder in flooders]
+    """A flood for each size and each kind of flooder.
+
+    Raises:
+        Unavailable: the server has ended.
+    """
+    try:
+        return [
+            flood_of(pool, server, model, size, seconds, flooder) for size in sizes for flooder in flooders
+        ]
+    except psutil.NoSuchProcess:
+        raise Unavailable(f"the server, process {server.pid}, ended in the flood") from None
 
 
 def bars_of_floods(
@@ -160,8 +166,9 @@ def bars_of(result: dict[str, Any]) -> list[Bar]:
     since = "arrival" if "refusal_after_arrival_ms" in result else "sending"
     refusals = result[f"refusal_after_{since}_ms"]
     waited = result["waited_for_core"]
+    # Then refusals must not take time from answers, and how soon they come is not judged.
     no_core = (
-        "" if waited is None or waited <= _MOST_WAITING else f"no core: it waited {waited:.0%} of the time"
+        "" if waited is None or waited <= MOST_WAITING else f"no core: it waited {waited:.0%} of the time"
     )
     return [
         Bar(

@@ -13,8 +13,9 @@ from functools import partial
 from threading import Semaphore
 from typing import Final
 
+from taxel.commands.top import read_statistics
 from taxel.errors import RequestError
-from taxel.protocol import model_key, pack_infer_request, unpackb
+from taxel.protocol import model_key, pack_infer_request
 from taxel.remote import RemoteSource
 from taxel_bench.chaos.flooders import sender
 from taxel_bench.windows import random_windows
@@ -84,9 +85,7 @@ def connect(endpoint: str, timeout_s: float) -> None:
 
 def run_delay() -> float | None:
     """Seconds that the server's evaluating thread has waited for a processor; None if it does not tell."""
-    source = _connected[0]
-    told = unpackb(source.get(f"{source.prefix}/v2/stats"))
-    delay: float | None = told.get("run_delay_s") if isinstance(told, dict) else None
+    delay: float | None = read_statistics(_connected[0]).get("run_delay_s")
     return delay
 
 

@@ -22,7 +22,7 @@ _MOST: Final = 2**10
 _LOOK_S: Final = 25 * SLICE_S
 """How often it is looked whether the worker has a core. Over a few slices, chance decides."""
 
-_MOST_WAITING: Final = 0.05
+MOST_WAITING: Final = 0.05
 """If the worker waits for a processor for more of its time, it has no core of its own."""
 
 
@@ -65,7 +65,7 @@ class RefusalPace:
         elif since > 2 * _LOOK_S:
             # How it was without refusals says nothing of how it is with them.
             self._allowed = _FIRST
-        elif delay - self._delay_then > _MOST_WAITING * since:
+        elif delay - self._delay_then > MOST_WAITING * since:
             self._allowed = _FEWEST
         else:
             self._allowed = min(4 * self._allowed, _MOST)

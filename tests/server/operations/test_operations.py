@@ -170,7 +170,7 @@ def test_histograms_agree_with_their_definition() -> None:
 
 
 def test_top_shows_what_happened_between_two_looks() -> None:
-    def looked(requests: int, times: list[int], **more: Any) -> dict[str, Any]:
+    def looked(requests: int, times: list[int], delay: float | None = None, **more: Any) -> dict[str, Any]:
         histogram = Histogram()
         for value in times:
             histogram.add(value)
@@ -178,6 +178,7 @@ def test_top_shows_what_happened_between_two_looks() -> None:
         model = {"name": "skin", "version": "1", "requests": requests, "rows": 2 * requests, "errors": {}}
         return {
             **dict.fromkeys(("uptime_s", "queue", "connections", "refusals", "loads", "resident_bytes"), 0),
+            "run_delay_s": delay,
             "models": [model | more | {"queue_us": told, "compute_us": told, "batch_rows": told}],
         }
 
@@ -185,6 +186,11 @@ def test_top_shows_what_happened_between_two_looks() -> None:
     (shown,) = compared(looked(10, [900] * 10), after, 2.0)["models"]
     assert (shown["requests_per_s"], shown["rows_per_s"], shown["cancelled_per_s"]) == (10, 20, 3)
     assert (shown["queue_us_p50"], shown["queue_us_p99"]) == (32, 64)
+    waited = [
+        compared(looked(1, [], before), looked(2, [], now), 2.0)["waited_for_core"]
+        for before, now in ((1.0, 1.5), (None, 1.5), (None, None))
+    ]
+    assert waited == [0.25, None, None]
 
 
 @pytest.fixture(scope="module")

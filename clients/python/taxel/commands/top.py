@@ -18,6 +18,9 @@ from taxel.remote import RemoteSource, connect
 
 _MOST_REFUSALS: Final = 8
 
+_MUCH_WAITING: Final = 0.05
+"""A server that waits for a processor for more of the time refuses only a few requests at once."""
+
 
 def top(
     endpoint: Annotated[str, typer.Argument(help="A running server, as tcp/HOST:PORT.")],
@@ -90,13 +93,25 @@ def compared(before: Mapping[str, Any], now: Mapping[str, Any], seconds: float) 
         if "shadow" in model
     ]
     kept = ("uptime_s", "queue", "connections", "refusals", "loads", "resident_bytes")
-    return {"seconds": seconds, **{name: now[name] for name in kept}, "models": models, "shadows": shadows}
+    return {
+        "seconds": seconds,
+        **{name: now[name] for name in kept},
+        "waited_for_core": _waited(before, now, seconds),
+        "models": models,
+        "shadows": shadows,
+    }
 
 
 def _cancelled(model: Mapping[str, Any]) -> int:
     """Requests that were dropped because nobody waited for them; older servers do not tell."""
     count: int = model.get("cancelled", {}).get("requests", 0)
     return count
+
+
+def _waited(before: Mapping[str, Any], now: Mapping[str, Any], seconds: float) -> float | None:
+    """The share of the time for which the server waited for a processor; None if it does not tell."""
+    then, delay = before.get("run_delay_s"), now.get("run_delay_s")
+    return None if then is None or delay is None else (delay - then) / seconds
 
 
 def _percentile(before: Mapping[str, Any], now: Mapping[str, Any], share: float) -> int | None:
@@ -118,6 +133,11 @@ def _drawn(endpoint: str, told: Mapping[str, Any]) -> Group:
         f"clients: {connections or 'none'}   queue: {told['queue']['requests']} requests, "
         f"{told['queue']['rows']} rows"
     )
+    waited = told["waited_for_core"]
+    if waited is not None and waited > _MUCH_WAITING:
+        head.append(
+            f"\nIt waited {waited:.0%} of the time for a processor: it has no core of its own.", "yellow"
+        )
     table = Table(
         caption="cncl: given up by clients; wait, eval: µs in the queue and in the evaluation; "
         "batch: rows evaluated together"
