@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from queue import SimpleQueue
+from typing import Any
 
 import psutil
 import pytest
@@ -16,7 +17,7 @@ import taxel
 from taxel.errors import InvalidArgument, RequestError, ResourceExhausted
 from taxel.lane.frames import pack_request_head
 from taxel.protocol import model_key, pack_infer_request
-from taxel_bench.chaos.arrivals import noting_server
+from taxel_bench.chaos.arrivals import Refused, noting_server
 from taxel_bench.chaos.flood import bars_of, bars_of_floods
 from taxel_bench.chaos.flooders import FLOODERS, sender
 from taxel_bench.chaos.hostile import (
@@ -35,28 +36,30 @@ from taxel_bench.server_process import RunningServer, running_server_process
 from taxel_bench.windows import random_windows
 from taxel_models.shipped import shipped_repository
 
+FLOOD: dict[str, Any] = {
+    "flooder": "taxel",
+    "rows": 64,
+    "capacity_per_s": 100.0,
+    "answered_per_s": 80.0,
+    "refusal_after_sending_ms": {"p50": 1.0, "p99": 5.1, "max": 9.0},
+    "waited_for_core": 0.05,
+    "polite": {"errors": {"RESOURCE_EXHAUSTED": 1}},
+    "calm_mib": 100.0,
+    "after_mib": 109.0,
+    "monotonic_s": [10.0, 20.0],
+}
+
 
 def test_each_figure_of_a_flood_is_judged_by_its_bar() -> None:
-    flood = {
-        "flooder": "taxel",
-        "rows": 64,
-        "capacity_per_s": 100.0,
-        "answered_per_s": 80.0,
-        "refusal_after_sending_ms": {"p50": 1.0, "p99": 5.1, "max": 9.0},
-        "waited_for_core": 0.05,
-        "polite": {"errors": {"RESOURCE_EXHAUSTED": 1}},
-        "calm_mib": 100.0,
-        "after_mib": 109.0,
-    }
-    assert [bar.holds for bar in bars_of(flood)] == [True, False, False, True]
+    assert [bar.holds for bar in bars_of(FLOOD)] == [True, False, False, True]
     kind = {
         "answered_per_s": 79.0,
         "refusal_after_sending_ms": None,
         "polite": {"errors": {}},
         "after_mib": 111.0,
     }
-    assert [bar.holds for bar in bars_of(flood | kind)] == [False, True, True, False]
-    _, refusals, *_ = bars_of(flood | {"waited_for_core": 0.06})
+    assert [bar.holds for bar in bars_of(FLOOD | kind)] == [False, True, True, False]
+    _, refusals, *_ = bars_of(FLOOD | {"waited_for_core": 0.06})
     assert refusals.as_dict()["verdict"] == "no core: it waited 6% of the time"
     assert refusals.holds
 
@@ -82,34 +85,18 @@ def test_only_refusals_count_as_refusals_and_only_answers_in_time_as_answers() -
 
 
 def test_refusals_count_from_their_arrival_where_a_server_notes_it() -> None:
-    flood = {
-        "flooder": "zenoh",
-        "rows": 1024,
-        "capacity_per_s": 10.0,
-        "answered_per_s": 10.0,
-        "refusal_after_sending_ms": {"p50": 100.0, "p99": 300.0, "max": 400.0},
-        "waited_for_core": None,
-        "polite": {"errors": {}},
-        "calm_mib": 100.0,
-        "after_mib": 100.0,
-        "monotonic_s": [10.0, 20.0],
-    }
-    _, sent, *_ = bars_of_floods([dict(flood)])
-    assert (sent.what, sent.figure) == (
-        "zenoh, 1024 windows a request: refusals, p99 ms from sending",
-        300.0,
-    )
-    _, arrived, *_ = bars_of_floods([flood], [(9.9, 50.0), (15.0, 2.0), (20.1, 60.0)])
-    assert (arrived.what, arrived.figure) == (
-        "zenoh, 1024 windows a request: refusals, p99 ms from arrival",
-        2.0,
-    )
+    _, sent, *_ = bars_of_floods([dict(FLOOD)])
+    assert (sent.what, sent.figure) == ("taxel, 64 windows a request: refusals, p99 ms from sending", 5.1)
+    _, arrived, *_ = bars_of_floods([dict(FLOOD)], [(9.9, 50.0), (15.0, 2.0), (20.1, 60.0)])
+    assert arrived.what == "taxel, 64 windows a request: refusals, p99 ms from arrival"
+    assert arrived.figure == 2.0
 
 
 def test_a_server_that_notes_refusals_answers_and_refuses_as_the_released_one(tmp_path: Path) -> None:
     shutil.copytree(shipped_repository() / "xgb", tmp_path / "xgb")
     results: SimpleQueue[bytes | RequestError] = SimpleQueue()
-    with noting_server(tmp_path) as (endpoint, refused):
+    refused: list[Refused] = []
+    with noting_server(tmp_path, refused) as endpoint:
         began = time.monotonic()
         with taxel.connect(endpoint, transport="zenoh", timeout=30) as source:
             predictor = source.predictor("xgb")
@@ -122,7 +109,6 @@ def test_a_server_that_notes_refusals_answers_and_refuses_as_the_released_one(tm
         ended = time.monotonic()
     kinds = Counter(type(each) for each in answers)
     assert kinds.keys() == {bytes, ResourceExhausted}
-    assert refused is not None
     assert len(refused) == kinds[ResourceExhausted]
     assert all(began <= at <= ended and 0 <= ms <= (ended - began) * 1e3 for at, ms in refused)
 

@@ -133,7 +133,7 @@ def test_a_client_sends_no_more_than_the_server_lets_it_queue(
             for _ in range(requests):
                 client.connection.send(key, payload, 10.0, answers.put)
 
-        # zenoh tells the server of a new session a moment late. Till then, its requests count as anybody's.
+        # zenoh tells the server of a new session a moment late. Until then, its requests are anonymous.
         time.sleep(0.5)
         send(1)
         assert gate.entered.wait(10)

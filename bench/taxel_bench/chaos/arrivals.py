@@ -19,7 +19,6 @@ import zenoh
 from typing_extensions import override
 from zenoh.handlers import Callback, Handler
 
-from taxel_bench.load.drive import server_at
 from taxel_bench.server_process import ADDRESS, free_port, start_command
 from taxel_server.core.core import Core
 from taxel_server.engine import Engine
@@ -32,30 +31,21 @@ Refused = tuple[float, float]
 
 
 @contextmanager
-def noting_server(repository: Path) -> Iterator[tuple[str, list[Refused] | None]]:
-    """A server that notes refusals, in a process of its own.
+def noting_server(repository: Path, refused: list[Refused]) -> Iterator[str]:
+    """The endpoint of a server that notes refusals, in a process of its own.
 
-    Yields:
-        Its endpoint, and a list that gets what it refused once the server has ended.
+    Args:
+        repository: what it serves.
+        refused: gets what it refused, once it has ended.
     """
     endpoint = f"tcp/{ADDRESS}:{free_port()}"
-    refused: list[Refused] = []
     process = start_command([sys.executable, "-m", __name__, str(repository), endpoint])
     try:
-        yield endpoint, refused
+        yield endpoint
     finally:
         process.terminate()
         told, _ = process.communicate()
         refused += [(at, ms) for at, ms in json.loads(told or "[]")]
-
-
-@contextmanager
-def server_that_notes_nothing(
-    connect: str | None, repository: Path
-) -> Iterator[tuple[str, list[Refused] | None]]:
-    """The released server, at an endpoint or started for as long as the block lasts."""
-    with server_at(connect, repository) as endpoint:
-        yield endpoint, None
 
 
 class _Query:

@@ -44,7 +44,7 @@ def chaos(
 ) -> None:
     """Flood a server, send it bad requests, be a bad client: a table of figures, each VALID or INVALID."""
     from taxel.errors import SettingsError, TaxelError
-    from taxel_bench.chaos.arrivals import noting_server, server_that_notes_nothing
+    from taxel_bench.chaos.arrivals import Refused, noting_server
     from taxel_bench.chaos.bars import Bar
     from taxel_bench.chaos.flood import bars_of_floods, client_processes, floods_of, oversize_of
     from taxel_bench.chaos.flooders import FLOODERS
@@ -57,6 +57,7 @@ def chaos(
         mutated_of,
     )
     from taxel_bench.chaos.printing import bars_table, verdict_of_bars
+    from taxel_bench.load.drive import server_at
     from taxel_bench.load.usage import listening_process
     from taxel_bench.machine import describe_machine
     from taxel_bench.options import parse_names
@@ -73,8 +74,9 @@ def chaos(
     served = repository or shipped_repository()
     results: dict[str, Any] = {}
     bars: list[Bar] = []
-    start = noting_server(served) if arrivals else server_that_notes_nothing(connect, served)
-    with ERR.status("asking") as status, start as (endpoint, refused):
+    refused: list[Refused] = []
+    start = noting_server(served, refused) if arrivals else server_at(connect, served)
+    with ERR.status("asking") as status, start as endpoint:
         server = listening_process(endpoint)
         if server is None:
             raise TaxelError(
@@ -98,7 +100,7 @@ def chaos(
             results["clients"] = misbehaviour_of(endpoint, model, server)
             bars += bars_of_misbehaviour(results["clients"])
         bars.append(Bar("servers that have ended", float(not server.is_running()), 0))
-    bars = bars_of_floods(results.get("flood", []), refused) + bars
+    bars = bars_of_floods(results.get("flood", []), refused if arrivals else None) + bars
     if "full-disk" in faults:
         results["full-disk"] = full_disk_of(served, model, seed)
         bars += bars_of_full_disk(results["full-disk"])

@@ -11,9 +11,10 @@ from typing import Any, Final
 import numpy as np
 import psutil
 
+from taxel.commands.top import waited_for_core
 from taxel.errors import Unavailable
 from taxel_bench.chaos.bars import Bar
-from taxel_bench.chaos.senders import Sent, be_polite, connect, flood, oversize, run_delay, saturate
+from taxel_bench.chaos.senders import Sent, be_polite, connect, flood, oversize, saturate, statistics
 from taxel_server.core.pacing import MOST_WAITING
 
 _FLOODING: Final = 2
@@ -86,14 +87,14 @@ def flood_of(
     capacity_cpu_s = _cpu_s(server) - used
     rate = TIMES_CAPACITY * capacity / _FLOODING
     memory = Memory(server)
-    delay, asked = pool.submit(run_delay).result(), time.perf_counter()
+    before, asked = pool.submit(statistics).result(), time.perf_counter()
     start = time.perf_counter() + _HEAD_START_S
     used = _cpu_s(server)
     polite: Future[Sent] = pool.submit(be_polite, model, POLITE_HZ, start, seconds)
     flooding = [pool.submit(flood, flooder, model, rows, rate, start, seconds) for _ in range(_FLOODING)]
     floods, courtesy = [done.result() for done in flooding], polite.result()
     flood_cpu_s = _cpu_s(server) - used
-    waited = _share(delay, pool.submit(run_delay).result(), time.perf_counter() - asked)
+    waited = waited_for_core(before, pool.submit(statistics).result(), time.perf_counter() - asked)
     peak_mib = memory.close()
     time.sleep(_SETTLE_S)
     return {
@@ -166,7 +167,7 @@ def bars_of(result: dict[str, Any]) -> list[Bar]:
     since = "arrival" if "refusal_after_arrival_ms" in result else "sending"
     refusals = result[f"refusal_after_{since}_ms"]
     waited = result["waited_for_core"]
-    # Then refusals must not take time from answers, and how soon they come is not judged.
+    # Without a core, refusals must not take time from answers: how soon they come is not judged.
     no_core = (
         "" if waited is None or waited <= MOST_WAITING else f"no core: it waited {waited:.0%} of the time"
     )
@@ -193,10 +194,6 @@ def oversize_of(pool: ProcessPoolExecutor, server: psutil.Process, model: str) -
     calm_mib, memory = Memory(server).close(), Memory(server)
     code, seconds = pool.submit(oversize, model, OVERSIZE).result()
     return {"code": code, "seconds": seconds, "calm_mib": calm_mib, "peak_mib": memory.close()}
-
-
-def _share(before: float | None, after: float | None, seconds: float) -> float | None:
-    return None if before is None or after is None else (after - before) / seconds
 
 
 def _cpu_s(process: psutil.Process) -> float:

@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from threading import Semaphore
-from typing import Final
+from typing import Any, Final
 
 from taxel.commands.top import read_statistics
 from taxel.errors import RequestError
@@ -83,10 +83,9 @@ def connect(endpoint: str, timeout_s: float) -> None:
     _connected.append(RemoteSource(endpoint, timeout=timeout_s, transport="zenoh"))
 
 
-def run_delay() -> float | None:
-    """Seconds that the server's evaluating thread has waited for a processor; None if it does not tell."""
-    delay: float | None = read_statistics(_connected[0]).get("run_delay_s")
-    return delay
+def statistics() -> dict[str, Any]:
+    """The server's, since its start."""
+    return read_statistics(_connected[0])
 
 
 def _request(model: str, rows: int, timeout_s: float, seed: int) -> tuple[str, bytes]:

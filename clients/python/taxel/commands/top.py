@@ -18,9 +18,6 @@ from taxel.remote import RemoteSource, connect
 
 _MOST_REFUSALS: Final = 8
 
-_MUCH_WAITING: Final = 0.05
-"""A server that waits for a processor for more of the time refuses only a few requests at once."""
-
 
 def top(
     endpoint: Annotated[str, typer.Argument(help="A running server, as tcp/HOST:PORT.")],
@@ -96,7 +93,7 @@ def compared(before: Mapping[str, Any], now: Mapping[str, Any], seconds: float) 
     return {
         "seconds": seconds,
         **{name: now[name] for name in kept},
-        "waited_for_core": _waited(before, now, seconds),
+        "waited_for_core": waited_for_core(before, now, seconds),
         "models": models,
         "shadows": shadows,
     }
@@ -108,7 +105,7 @@ def _cancelled(model: Mapping[str, Any]) -> int:
     return count
 
 
-def _waited(before: Mapping[str, Any], now: Mapping[str, Any], seconds: float) -> float | None:
+def waited_for_core(before: Mapping[str, Any], now: Mapping[str, Any], seconds: float) -> float | None:
     """The share of the time for which the server waited for a processor; None if it does not tell."""
     then, delay = before.get("run_delay_s"), now.get("run_delay_s")
     return None if then is None or delay is None else (delay - then) / seconds
@@ -134,10 +131,8 @@ def _drawn(endpoint: str, told: Mapping[str, Any]) -> Group:
         f"{told['queue']['rows']} rows"
     )
     waited = told["waited_for_core"]
-    if waited is not None and waited > _MUCH_WAITING:
-        head.append(
-            f"\nIt waited {waited:.0%} of the time for a processor: it has no core of its own.", "yellow"
-        )
+    if waited is not None:
+        head.append(f"   waited for a core: {waited:.0%} of the time")
     table = Table(
         caption="cncl: given up by clients; wait, eval: µs in the queue and in the evaluation; "
         "batch: rows evaluated together"
