@@ -37,15 +37,20 @@ WindowMaker = Callable[..., NDArray[np.float32]]
 ServerStarter = Callable[..., str]
 
 
-@contextmanager
-def two_sessions(place: str) -> Iterator[tuple[zenoh.Session, zenoh.Session]]:
-    """A server's session and a client's."""
-    server = open_session([place])
+def client_session(place: str) -> zenoh.Session:
+    """A client's session, without the project's client."""
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("scouting/multicast/enabled", "false")
     config.insert_json5("connect/endpoints", json.dumps([place]))
-    client = zenoh.open(config)
+    return zenoh.open(config)
+
+
+@contextmanager
+def two_sessions(place: str) -> Iterator[tuple[zenoh.Session, zenoh.Session]]:
+    """A server's session and a client's."""
+    server = open_session([place])
+    client = client_session(place)
     try:
         yield server, client
     finally:
@@ -133,8 +138,6 @@ def test_a_client_sends_no_more_than_the_server_lets_it_queue(
             for _ in range(requests):
                 client.connection.send(key, payload, 10.0, answers.put)
 
-        # zenoh tells the server of a new session a moment late. Until then, its requests are anonymous.
-        time.sleep(0.5)
         send(1)
         assert gate.entered.wait(10)
         send(19)
@@ -256,6 +259,27 @@ def test_who_is_not_known_shares_with_others_like_that(endpoint: str) -> None:
             time.sleep(0.01)
         clients.close()
     assert told == [session]
+
+
+def test_a_new_session_is_known_from_its_first_query_on(endpoint: str) -> None:
+    with two_sessions(endpoint) as (server, first):
+        queryable = server.declare_queryable("t", zenoh.handlers.FifoChannel(8))
+        clients = ZenohClients(lambda _: None)
+        # zenoh tells of `first` here, and of whoever comes later a moment after their first queries.
+        clients.watch(server)
+        assert clients.asker_of(_asked(first, queryable)).client == str(first.info.zid())
+        clients.close()
+        with client_session(endpoint) as second:
+            # `clients` hears no events any more: it must have asked zenoh.
+            assert clients.asker_of(_asked(second, queryable)).client == str(second.info.zid())
+
+
+def _asked(
+    session: zenoh.Session, queryable: zenoh.Queryable[zenoh.handlers.Handler[zenoh.Query]]
+) -> zenoh.Query:
+    """A query of a session, as it arrives."""
+    session.get("t", source_info=zenoh.SourceInfo(session.id, 0))
+    return queryable.recv()
 
 
 def test_requests_of_a_client_that_has_gone_are_not_evaluated(
