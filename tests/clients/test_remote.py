@@ -162,6 +162,23 @@ def test_a_query_whose_server_went_meanwhile_is_lost_not_denied(
             client.get("taxel/v2")
 
 
+def test_who_was_answered_before_is_not_denied(connected: Callable[[Answer], RemoteSource]) -> None:
+    asked: list[zenoh.Query] = []
+
+    def once(query: zenoh.Query) -> None:
+        asked.append(query)
+        if len(asked) == 1:
+            query.reply(query.key_expr, b"first")
+        query.drop()
+
+    client = connected(once)
+    assert client.get("taxel/v2/models") == b"first"
+    with pytest.raises(ServerLost, match="a server disconnects clients that do not read their answers"):
+        client.get("taxel/v2/models")
+    with pytest.raises(PermissionDenied):
+        client.get("taxel/v2/models/skin")
+
+
 def test_a_silent_server_exceeds_the_deadline(
     connected: Callable[[Answer], RemoteSource], manifest: Manifest
 ) -> None:

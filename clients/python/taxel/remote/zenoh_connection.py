@@ -6,6 +6,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from itertools import count
+from math import inf
 from random import randrange
 from typing import Any, ClassVar, Final, Literal
 
@@ -79,6 +80,8 @@ class Connection(QueryTransport):
         self._first_reply = FirstReply()
         self._open_requests = OpenRequests()
         self._queriers: dict[tuple[str, float], zenoh.Querier] = {}
+        self._heard: dict[str, float] = {}
+        """When each key was last answered, on `time.monotonic`."""
         # The server gives each session its share.
         self._id = self._session.id
         self._source = zenoh.SourceInfo(self._id, 0)
@@ -275,9 +278,13 @@ class Connection(QueryTransport):
     def _outcome(self, reply: zenoh.Reply, key: str, wait: float) -> bytes | RequestError:
         """The answer that a reply holds, or the error."""
         if reply.ok is not None:
+            self._heard[key] = time.monotonic()
             return reply.ok.payload.to_bytes()
         text = reply.err.payload.to_bytes() if reply.err is not None else b""
-        return self._late(key, wait) if text == TIMEOUT else unpack_error(text)
+        if text == TIMEOUT:
+            return self._late(key, wait)
+        self._heard[key] = time.monotonic()
+        return unpack_error(text)
 
     def _end(self, key: str, wait: float, started: float, stranger: zenoh.Reply | None) -> RequestError:
         """The error of a query that ended without a server's reply."""
@@ -292,6 +299,12 @@ class Connection(QueryTransport):
             # It may be connected again by now.
             return ServerLost(
                 f"{self.endpoint}: nobody answers {key}: the connection to the server was lost"
+            )
+        if self._heard.get(key, -inf) > self._known.lost_at:
+            # Answers are dropped before the connection ends.
+            return ServerLost(
+                f"{self.endpoint}: the answer to {key} was lost, as its connection is being lost: "
+                "a server disconnects clients that do not read their answers"
             )
         return self.silence(key)
 
