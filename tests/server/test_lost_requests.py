@@ -3,6 +3,7 @@
 The server runs in a process of its own: zenoh's threads are set once in a process.
 """
 
+import json
 import subprocess
 import sys
 import time
@@ -12,8 +13,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import zenoh
 
 import taxel
+from taxel.protocol import model_key, pack_infer_request
 from taxel_bench.server_process import running_server
 
 _READER = Path(__file__).with_name("stopped_reader.py")
@@ -23,6 +26,56 @@ _PAST_LEASES_S = 13.0
 
 _WAIT_S = 3.0
 """What another client waits at most; where zenoh was deafened, it waited for 10 s."""
+
+
+_SLOWLY_READ = 60
+"""Requests of a slow reader: as many as the server lets a client queue. Their answers have 5 MB."""
+
+_READ_S = 0.02
+"""Between two answers that it reads: 4 MB/s."""
+
+
+class _SlowReader:
+    """A client, written with zenoh alone, that reads its answers one by one, and not at once."""
+
+    def __init__(self, endpoint: str) -> None:
+        config = zenoh.Config()
+        config.insert_json5("mode", '"client"')
+        config.insert_json5("scouting/multicast/enabled", "false")
+        config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+        self._session = zenoh.open(config)
+        self.read = 0
+        self.outcomes: list[str] = []
+
+    def __enter__(self) -> "_SlowReader":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._session.close()
+
+    def ask(self) -> None:
+        """Send all requests."""
+        payload = pack_infer_request(np.zeros((1000, 12), dtype=np.float32))
+        for _ in range(_SLOWLY_READ):
+            self._ask(payload)
+
+    def _ask(self, payload: bytes) -> None:
+        outcome = "empty"
+
+        def read(reply: zenoh.Reply) -> None:
+            nonlocal outcome
+            outcome = "answered" if reply.ok is not None else "refused"
+            self.read += 1
+            time.sleep(_READ_S)
+
+        handler = zenoh.handlers.Callback(read, lambda: self.outcomes.append(outcome), indirect=False)
+        key = model_key("taxel", "wide", "1", "infer")
+        self._session.get(key, handler, payload=payload, timeout=20.0)
+
+    def wait(self) -> None:
+        """Until all requests have ended."""
+        while len(self.outcomes) < _SLOWLY_READ:
+            time.sleep(0.01)
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +128,33 @@ def test_clients_that_stop_reading_silence_nobody(server: str, stopped: int) -> 
         while time.monotonic() < end:
             assert predictor.predict(np.zeros((1, 12), dtype=np.float32)).shape == (1, 21)
             time.sleep(0.005)
+
+
+def test_a_client_that_reads_slowly_loses_nothing_and_holds_nobody_up(server: str) -> None:
+    with _SlowReader(server) as slow, taxel.connect(server, timeout=_WAIT_S, transport="zenoh") as source:
+        predictor = source.predictor("wide")
+        slow.ask()
+        # More than Linux keeps for a connection: the others wait in the server.
+        while slow.read < 5:
+            time.sleep(0.001)
+        for _ in range(20):
+            assert predictor.predict(np.zeros((1, 12), dtype=np.float32)).shape == (1, 21)
+        read_meanwhile = slow.read
+        slow.wait()
+    assert read_meanwhile < _SLOWLY_READ
+    assert slow.outcomes == ["answered"] * _SLOWLY_READ
+
+
+def test_stopping_gives_a_slow_reader_its_answers(repository: Path) -> None:
+    with ExitStack() as clients:
+        with running_server(repository) as endpoint:
+            slow = clients.enter_context(_SlowReader(endpoint))
+            slow.ask()
+            while slow.read < 5:
+                time.sleep(0.001)
+        # The server was asked to stop, and has ended.
+        slow.wait()
+    assert slow.outcomes == ["answered"] * _SLOWLY_READ
 
 
 @contextmanager

@@ -17,6 +17,14 @@ _PATIENCE_S: Final = 0.25
 Meanwhile the worker waits too. zenoh's default of 5 s would hold up all other clients for as long.
 """
 
+_SEND_BUFFER: Final = 64 * 2**10
+"""Bytes that Linux keeps of the answers to a client; it takes twice as much for itself.
+
+By default it is up to 4 MB, of which a third must be free again before Linux lets zenoh write. A client
+that reads 2 MB/s then seems to have stopped: it would be disconnected. Of 64 KiB, that takes some
+ten milliseconds.
+"""
+
 _RUNTIME: Final = (
     "(rx: (worker_threads: 8), net: (handover: rx), acc: (handover: rx), tx: (worker_threads: 1))"
 )
@@ -60,6 +68,7 @@ def open_session(
         "scouting/delay": 0,
         "transport/shared_memory/enabled": shared_memory,
         "transport/link/tx/queue/congestion_control/block/wait_before_close": round(_PATIENCE_S * 1e6),
+        "transport/link/tcp/so_sndbuf": _SEND_BUFFER,
     }
     if max_message_bytes is not None:
         settings["transport/link/rx/max_message_size"] = max_message_bytes

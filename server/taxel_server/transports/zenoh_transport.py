@@ -29,6 +29,7 @@ from taxel_server.engine import LoadedModel
 from taxel_server.options import ServerOptions
 from taxel_server.transports.access import security_settings
 from taxel_server.transports.metadata_thread import MetadataThread, reply
+from taxel_server.transports.outgoing import Outgoing
 from taxel_server.transports.zenoh_clients import Asker, ZenohClients
 from taxel_server.transports.zenoh_session import open_session
 
@@ -66,11 +67,14 @@ class QueryJob(Job):
         rows: int,
         reader: RequestReader,
         asker: Asker,
+        outgoing: Outgoing,
     ) -> None:
         super().__init__(model, rows, len(payload), asker.client, name=asker.name)
         self._query = query
         self._payload = payload
         self._reader = reader
+        self._asker = asker.client
+        self._outgoing = outgoing
 
     @override
     def decode(self) -> InferRequest:
@@ -82,7 +86,8 @@ class QueryJob(Job):
 
     @override
     def answer(self, result: InferResponse | RequestError) -> None:
-        reply(self._query, result if isinstance(result, RequestError) else pack_infer_response(result))
+        answer = result if isinstance(result, RequestError) else pack_infer_response(result)
+        self._outgoing.give(self._asker, self._query, answer)
 
 
 class ZenohTransport:
@@ -100,6 +105,7 @@ class ZenohTransport:
         self._pace = RefusalPace(core.run_delay)
         self._below_prefix = len(options.prefix) + 1
         self._own_keys = ""
+        self._outgoing = Outgoing()
         self._clients = ZenohClients(core.gone)
         self._metadata_thread = MetadataThread(
             lambda key: core.answer(self._path(key)),
@@ -164,6 +170,7 @@ class ZenohTransport:
         for receiver in self._receivers:
             receiver.join()
         self._metadata_thread.close()
+        self._outgoing.close(self._options.drain_seconds)
         return self.hang_up()
 
     def hang_up(self) -> bool:
@@ -206,13 +213,14 @@ class ZenohTransport:
                 self._metadata_thread.take(query)
             return
         payload = query.payload or _NOTHING
+        asker = self._clients.asker_of(query)
         try:
             rows = self._reader.rows_in(len(payload), len(model.manifest.window.features))
-            infer(QueryJob(query, payload, model, rows, self._reader, self._clients.asker_of(query)))
+            infer(QueryJob(query, payload, model, rows, self._reader, asker, self._outgoing))
         except RequestError as error:
             # Here and now: in a queue of refusals, a flood would grow in another place.
             self._core.refusals.add(error, client=CLIENT, model=model.label)
-            reply(query, error)
+            self._outgoing.give(asker.client, query, error)
             if isinstance(error, ResourceExhausted) and (pause_s := self._pace.refused(time.monotonic())):
                 # What is not read waits in the connection of its client, which slows a flood down and
                 # nobody else: zenoh reads each connection by itself.

@@ -1,0 +1,119 @@
+"""Gives answers over zenoh: a client that reads slowly holds up nobody but itself.
+
+zenoh lets who replies wait while the client's connection is full. Where that has taken long, a thread of
+the client's own gives it what follows, until nothing more waits.
+"""
+
+import logging
+import time
+from collections import deque
+from threading import Condition, Thread
+from typing import Final
+
+import zenoh
+
+from taxel.errors import RequestError
+from taxel_server.core.policy import SLICE_S
+from taxel_server.transports.metadata_thread import reply
+
+_LOG: Final = logging.getLogger(__name__)
+
+Answer = bytes | RequestError
+
+_SLOW_S: Final = SLICE_S
+"""A client reads slowly if it takes longer to give it an answer."""
+
+_IDLE_S: Final = 0.1
+"""How long a thread waits for more, before the client counts as quick again."""
+
+_LAST_S: Final = 0.2
+"""Time for what zenoh still holds of the last answers to clients that read slowly."""
+
+_MOST_BYTES: Final = 32 * 2**20
+_MOST_ANSWERS: Final = 1024
+"""What waits for one client at most. What goes beyond is given at once, and who gives it has to wait."""
+
+_MOST_CLIENTS: Final = 64
+"""Clients that have a thread of their own at the same time, at most."""
+
+
+class _Backlog:
+    """Answers that wait for one client, and their bytes."""
+
+    def __init__(self) -> None:
+        self.waiting: deque[tuple[zenoh.Query, Answer]] = deque()
+        self.bytes = 0
+
+
+class Outgoing:
+    """Gives answers to queries. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._changed = Condition()
+        self._slow: dict[str, _Backlog] = {}
+        self._closing = False
+
+    def give(self, client: str, query: zenoh.Query, answer: Answer) -> None:
+        """Answer a client's query, and release it; before this returns, if the client reads quickly."""
+        if client in self._slow and self._wait_in_line(client, query, answer):
+            return
+        started = time.monotonic()
+        reply(query, answer)
+        if time.monotonic() - started > _SLOW_S:
+            self._begin(client)
+
+    def close(self, patience_s: float) -> None:
+        """Wait until everything is given, or for so long."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
+            if not self._slow:
+                return
+            self._changed.wait_for(lambda: not self._slow, patience_s)
+        time.sleep(_LAST_S)
+
+    def _wait_in_line(self, client: str, query: zenoh.Query, answer: Answer) -> bool:
+        """Leave an answer to the client's own thread; False if it has none any more, or too much waits."""
+        with self._changed:
+            backlog = self._slow.get(client)
+            if (
+                backlog is None
+                or len(backlog.waiting) >= _MOST_ANSWERS
+                or backlog.bytes + _size(answer) > _MOST_BYTES
+            ):
+                return False
+            backlog.waiting.append((query, answer))
+            backlog.bytes += _size(answer)
+            self._changed.notify_all()
+            return True
+
+    def _begin(self, client: str) -> None:
+        with self._changed:
+            if client in self._slow or len(self._slow) >= _MOST_CLIENTS or self._closing:
+                return
+            backlog = self._slow[client] = _Backlog()
+        Thread(target=self._give_all, args=(client, backlog), name="taxel-outgoing", daemon=True).start()
+
+    def _give_all(self, client: str, backlog: _Backlog) -> None:
+        while (following := self._next(client, backlog)) is not None:
+            try:
+                reply(*following)
+            except Exception:
+                # Others wait behind it.
+                _LOG.exception("an answer could not be given")
+
+    def _next(self, client: str, backlog: _Backlog) -> tuple[zenoh.Query, Answer] | None:
+        """The next answer, once there is one; None, and the client counts as quick, if none comes."""
+        with self._changed:
+            self._changed.wait_for(lambda: backlog.waiting or self._closing, _IDLE_S)
+            if not backlog.waiting:
+                del self._slow[client]
+                self._changed.notify_all()
+                return None
+            following = backlog.waiting.popleft()
+            backlog.bytes -= _size(following[1])
+            return following
+
+
+def _size(answer: Answer) -> int:
+    return len(answer) if isinstance(answer, bytes) else 0
