@@ -8,9 +8,10 @@ from typing import Final
 import zenoh
 from zenoh.handlers import Callback
 
-from taxel.errors import RequestError, Unavailable
+from taxel.errors import DeadlineExceeded, RequestError, Unavailable
 from taxel.protocol import unpack_error
 from taxel.remote import RemoteSource
+from taxel.remote.known_servers import TIMEOUT
 from taxel.remote.query_transport import Done
 
 FLOODERS: Final = "taxel", "zenoh"
@@ -44,7 +45,8 @@ def _query(querier: zenoh.Querier, payload: bytes, done: Done) -> None:
         if reply.ok is not None:
             outcome = reply.ok.payload.to_bytes()
         elif reply.err is not None:
-            outcome = unpack_error(reply.err.payload.to_bytes())
+            text = reply.err.payload.to_bytes()
+            outcome = DeadlineExceeded("zenoh waited no longer") if text == TIMEOUT else unpack_error(text)
 
     handler: Callback[zenoh.Reply] = Callback(read, lambda: done(outcome), indirect=False)
     querier.get(handler, payload=payload)

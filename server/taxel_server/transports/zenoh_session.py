@@ -14,15 +14,16 @@ from taxel.errors import SettingsError, TaxelError
 _PATIENCE_S: Final = 0.25
 """How long an answer waits for a client that reads nothing; then that client is disconnected.
 
-Meanwhile the worker waits too. zenoh's default of 5 s would hold up all other clients for as long.
+Meanwhile the worker waits, too, for the first of that client's answers; those after it have a thread
+of their own. zenoh's default of 5 s would hold up all other clients for as long.
 """
 
-_SEND_BUFFER: Final = 64 * 2**10
-"""Bytes that Linux keeps of the answers to a client; it takes twice as much for itself.
+_SEND_BUFFER: Final = 256 * 2**10
+"""Bytes of the answers to a client that Linux keeps, before zenoh waits; it doubles this figure.
 
-By default it is up to 4 MB, of which a third must be free again before Linux lets zenoh write. A client
-that reads 2 MB/s then seems to have stopped: it would be disconnected. Of 64 KiB, that takes some
-ten milliseconds.
+By default it grows to 4 MB, of which a third must be free again before Linux lets zenoh write. A client
+that reads 2 MB/s then seems to have stopped, and would be disconnected. A smaller one than this
+disconnects clients that pause while they are given large answers.
 """
 
 _RUNTIME: Final = (
