@@ -69,11 +69,12 @@ def open_session(
         "scouting/delay": 0,
         "transport/shared_memory/enabled": shared_memory,
         "transport/link/tx/queue/congestion_control/block/wait_before_close": round(_PATIENCE_S * 1e6),
-        "transport/link/tcp/so_sndbuf": _SEND_BUFFER,
     }
     if max_message_bytes is not None:
         settings["transport/link/rx/max_message_size"] = max_message_bytes
     settings.update(security or {})
+    for link in ("tcp", "tls"):
+        settings[f"transport/link/{link}/so_sndbuf"] = _SEND_BUFFER
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
     endpoints = ", ".join(listen)
