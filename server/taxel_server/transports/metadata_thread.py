@@ -9,24 +9,13 @@ from typing import Any, Final
 import zenoh
 
 from taxel.errors import Internal, RequestError, ResourceExhausted, Unavailable
-from taxel.protocol import pack_error, packb
+from taxel.protocol import packb
+from taxel_server.transports.outgoing import reply
 
 _LOG: Final = logging.getLogger(__name__)
 
 _MAX_QUEUED: Final = 4096
 """The most queries that wait for this thread."""
-
-
-def reply(query: zenoh.Query, result: bytes | RequestError) -> None:
-    """Answer a query and release it, so that its caller does not wait longer."""
-    with query:
-        try:
-            if isinstance(result, RequestError):
-                query.reply_err(pack_error(result))
-            else:
-                query.reply(query.key_expr, result)
-        except zenoh.ZError as error:
-            _LOG.debug("a client has gone before its answer: %s", error)
 
 
 class MetadataThread:

@@ -7,14 +7,15 @@ the client's own gives it what follows, until nothing more waits.
 import logging
 import time
 from collections import deque
+from collections.abc import Hashable
 from threading import Condition, Thread
 from typing import Final
 
 import zenoh
 
 from taxel.errors import RequestError
+from taxel.protocol import pack_error
 from taxel_server.core.policy import SLICE_S
-from taxel_server.transports.metadata_thread import reply
 
 _LOG: Final = logging.getLogger(__name__)
 
@@ -37,6 +38,18 @@ _MOST_CLIENTS: Final = 64
 """Clients that have a thread of their own at the same time, at most."""
 
 
+def reply(query: zenoh.Query, answer: Answer) -> None:
+    """Answer a query and release it, so that its caller does not wait longer."""
+    with query:
+        try:
+            if isinstance(answer, RequestError):
+                query.reply_err(pack_error(answer))
+            else:
+                query.reply(query.key_expr, answer)
+        except zenoh.ZError as error:
+            _LOG.debug("a client has gone before its answer: %s", error)
+
+
 class _Backlog:
     """Answers that wait for one client, and their bytes."""
 
@@ -50,10 +63,10 @@ class Outgoing:
 
     def __init__(self) -> None:
         self._changed = Condition()
-        self._slow: dict[str, _Backlog] = {}
+        self._slow: dict[Hashable, _Backlog] = {}
         self._closing = False
 
-    def give(self, client: str, query: zenoh.Query, answer: Answer) -> None:
+    def give(self, client: Hashable, query: zenoh.Query, answer: Answer) -> None:
         """Answer a client's query, and release it; before this returns, if the client reads quickly."""
         if client in self._slow and self._wait_in_line(client, query, answer):
             return
@@ -72,7 +85,7 @@ class Outgoing:
             self._changed.wait_for(lambda: not self._slow, patience_s)
         time.sleep(_LAST_S)
 
-    def _wait_in_line(self, client: str, query: zenoh.Query, answer: Answer) -> bool:
+    def _wait_in_line(self, client: Hashable, query: zenoh.Query, answer: Answer) -> bool:
         """Leave an answer to the client's own thread; False if it has none any more, or too much waits."""
         with self._changed:
             backlog = self._slow.get(client)
@@ -87,14 +100,14 @@ class Outgoing:
             self._changed.notify_all()
             return True
 
-    def _begin(self, client: str) -> None:
+    def _begin(self, client: Hashable) -> None:
         with self._changed:
             if client in self._slow or len(self._slow) >= _MOST_CLIENTS or self._closing:
                 return
             backlog = self._slow[client] = _Backlog()
         Thread(target=self._give_all, args=(client, backlog), name="taxel-outgoing", daemon=True).start()
 
-    def _give_all(self, client: str, backlog: _Backlog) -> None:
+    def _give_all(self, client: Hashable, backlog: _Backlog) -> None:
         while (following := self._next(client, backlog)) is not None:
             try:
                 reply(*following)
@@ -102,7 +115,7 @@ class Outgoing:
                 # Others wait behind it.
                 _LOG.exception("an answer could not be given")
 
-    def _next(self, client: str, backlog: _Backlog) -> tuple[zenoh.Query, Answer] | None:
+    def _next(self, client: Hashable, backlog: _Backlog) -> tuple[zenoh.Query, Answer] | None:
         """The next answer, once there is one; None, and the client counts as quick, if none comes."""
         with self._changed:
             self._changed.wait_for(lambda: backlog.waiting or self._closing, _IDLE_S)

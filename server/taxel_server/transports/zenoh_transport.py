@@ -28,8 +28,8 @@ from taxel_server.core.pacing import RefusalPace
 from taxel_server.engine import LoadedModel
 from taxel_server.options import ServerOptions
 from taxel_server.transports.access import security_settings
-from taxel_server.transports.metadata_thread import MetadataThread, reply
-from taxel_server.transports.outgoing import Outgoing
+from taxel_server.transports.metadata_thread import MetadataThread
+from taxel_server.transports.outgoing import Outgoing, reply
 from taxel_server.transports.zenoh_clients import Asker, ZenohClients
 from taxel_server.transports.zenoh_session import open_session
 
@@ -73,7 +73,6 @@ class QueryJob(Job):
         self._query = query
         self._payload = payload
         self._reader = reader
-        self._asker = asker.client
         self._outgoing = outgoing
 
     @override
@@ -87,7 +86,7 @@ class QueryJob(Job):
     @override
     def answer(self, result: InferResponse | RequestError) -> None:
         answer = result if isinstance(result, RequestError) else pack_infer_response(result)
-        self._outgoing.give(self._asker, self._query, answer)
+        self._outgoing.give(self.client, self._query, answer)
 
 
 class ZenohTransport:
