@@ -17,6 +17,7 @@ from taxel.windows import (
     ExtraFeature,
     Friction,
     HistoryFeature,
+    Load,
     Play,
     Rate,
     Relaxation,
@@ -35,12 +36,18 @@ from taxel.windows.history import Followed, Lagged, Recursive
 FOLLOWED: tuple[Followed, ...] = ("fx", "fy", "fz", "force")
 FEATURES: tuple[HistoryFeature, ...] = (
     *(Relaxation(of=of, time_constant_s=0.07) for of in FOLLOWED),
+    Relaxation(of="force", time_constant_s=0.07, starts="rest"),
+    Relaxation(of="force", time_constant_s=0.3, whole=True),
+    Relaxation(of="fz", time_constant_s=0.3, starts="rest", whole=True),
     RelaxationShare(of="force", time_constant_s=3.0),
     RelaxationShare(of="fy", time_constant_s=0.2),
     Play(of="force", width_n=0.4),
     Play(of="fx", width_n=1.5),
+    Play(of="force", width_n=0.4, whole=True),
     Friction(of="force", width_n=0.4),
     Friction(of="fy", width_n=3.0),
+    Friction(of="force", width_n=0.4, whole=True),
+    Load(of="fz"),
     Warmth(of="force", warming_s=0.3, cooling_s=2.0),
     Warmth(of="fz", warming_s=5.0, cooling_s=0.2),
     Rate(of="fz"),
@@ -67,7 +74,7 @@ def obvious_memory(feature: Recursive, course: list[float]) -> float:
         behind = 0.0
         for before, now in pairwise(course):
             behind = (behind - (now - before)) / (1 + abs(now - before) / feature.width_n)
-        return behind
+        return behind + u if feature.whole else behind
     if isinstance(feature, Warmth):
         warmth = float(course[0] > 0.1)
         for now in course[1:]:
@@ -75,13 +82,17 @@ def obvious_memory(feature: Recursive, course: list[float]) -> float:
             warmth = goal + (warmth - goal) * math.exp(-0.01 / tau)
         return warmth
     y = course[0]
-    for now in course[1:]:
-        if isinstance(feature, Play):
+    if isinstance(feature, Play):
+        for now in course[1:]:
             y = min(max(y, now - feature.width_n), now + feature.width_n)
-        else:
-            assert isinstance(feature, (Relaxation, RelaxationShare))
-            y += (1 - math.exp(-0.01 / feature.time_constant_s)) * (now - y)
-    return (y - u) / (abs(u) + 0.5) if isinstance(feature, RelaxationShare) else y - u
+        return y if feature.whole else y - u
+    assert isinstance(feature, (Relaxation, RelaxationShare))
+    y = 0.0 if feature.starts == "rest" else y
+    for now in course[1:]:
+        y += (1 - math.exp(-0.01 / feature.time_constant_s)) * (now - y)
+    if isinstance(feature, RelaxationShare):
+        return (y - u) / (abs(u) + 0.5)
+    return y if feature.whole else y - u
 
 
 def obvious(feature: HistoryFeature, samples: Samples, t: int) -> float:
@@ -98,6 +109,8 @@ def obvious(feature: HistoryFeature, samples: Samples, t: int) -> float:
         force = samples.force[row]
         return math.hypot(*force) if feature.of == "force" else force[FOLLOWED.index(feature.of)]
 
+    if isinstance(feature, Load):
+        return u(t)
     if isinstance(feature, Lagged):
         rate = (u(t) - u(max(t - 3, segment.start))) / 0.03
         if isinstance(feature, BoundedRate):

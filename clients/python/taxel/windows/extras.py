@@ -17,7 +17,8 @@ class ExtraFeature(Schema):
     """A value that a model takes in addition to its window, such as the sensor's temperature `tdc`.
 
     The window builder computes an extra that has a `history`. The caller gives any other extra. If the
-    caller leaves it out, it takes its `default`. For a history the default is 0, which means settled.
+    caller leaves it out, it takes its `default`. For a history the default is 0, which means settled; what
+    has the load itself in it defaults to its mean in the recordings.
 
     Attributes:
         taken_by: what uses it: the model file, or the effects that correct its prediction.

@@ -89,9 +89,8 @@ class FingerWindows:
         self._first_ns[ids] = 0
         start = -self._depth * PERIOD_NS
         for tick in range(self._depth):
-            self._tick(
-                ids, np.full(len(ids), start + tick * PERIOD_NS), sample, new=np.full(len(ids), not tick)
-            )
+            times, first = np.full(len(ids), start + tick * PERIOD_NS), np.full(len(ids), not tick)
+            self._tick(ids, times, sample, new=first, for_long=True)
         self._previous[ids], self._started[ids] = sample, True
         self._next_tick_ns[ids] = 0
 
@@ -182,8 +181,14 @@ class FingerWindows:
         values: NDArray[np.float64],
         *,
         new: NDArray[np.bool_],
+        for_long: bool = False,
     ) -> None:
-        """Take a tick of some fingertips; `new` where it is the first of a segment."""
+        """Take a tick of some fingertips.
+
+        Args:
+            new: where it is the first of a segment.
+            for_long: whether the first of a segment has been there for long.
+        """
         self._count[ids[new]] = 0
         count = self._count[ids]
         tick = np.empty((len(ids), _SECONDS + 1))
@@ -199,7 +204,8 @@ class FingerWindows:
                 before = followed(history.of, self._ticks[(count - 1) % self._depth, ids])
                 u = followed(history.of, tick)
                 next_state = history.follow(self._states[column, ids], before, u)
-                state = np.where(new, history.settled(u), next_state)
+                first = history.settled(u) if for_long else history.started(u)
+                state = np.where(new, first, next_state)
                 self._states[column, ids] = state
                 self._features[slot, ids, column] = history.value(state, u)
             elif isinstance(history, Lagged):

@@ -1,7 +1,7 @@
 """History features: what a model may know of the past in addition to its window.
 
-Every feature starts settled, as if the first sample of the segment had always been there. So a stream
-may begin anywhere. A feature restarts at a gap; only `Elapsed` continues.
+Features start settled, as if the first sample of the segment had always been there, so a stream may begin
+anywhere; a relaxation may start from rest instead. A feature restarts at a gap; only `Elapsed` continues.
 
 A tick is a row of seven values: position, m, force, N, and seconds since the recording's first tick.
 """
@@ -45,7 +45,7 @@ Rule = Callable[[float, float, Iterable[float]], list[float]]
 
 
 class Recursive(Schema, ABC):
-    """A feature with a state y that follows u, starting settled at the segment's first u.
+    """A feature with a state y that follows u, starting at the segment's first u.
 
     The u of the tick before is called `before`; at the first tick it is u itself.
 
@@ -58,6 +58,10 @@ class Recursive(Schema, ABC):
     def settled(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         """The y after u has stayed the same for long, element by element."""
         return u
+
+    def started(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The y at a segment's first u, element by element."""
+        return self.settled(u)
 
     @abstractmethod
     def rule(self) -> Rule:
@@ -76,7 +80,7 @@ class Recursive(Schema, ABC):
     def column(self, ticks: NDArray[np.float64]) -> NDArray[np.float64]:
         """The feature, (n,), at each tick (n, 7) of one segment."""
         u = followed(self.of, ticks)
-        signal, y = u.tolist(), self.settled(u[:1]).tolist()
+        signal, y = u.tolist(), self.started(u[:1]).tolist()
         if len(signal) > 1:
             y += self.rule()(y[0], signal[0], signal[1:])
         return self.value(np.array(y, np.float64), u)
@@ -96,8 +100,33 @@ class Lagged(Schema, ABC):
         return self.value(ticks, ticks[np.maximum(np.arange(len(ticks)) - self.lag, 0)])
 
 
+class _Behind(Recursive):
+    """A state y that stays behind u.
+
+    Attributes:
+        whole: y itself, in place of what it is ahead of u, y - u.
+    """
+
+    whole: bool = False
+
+    @override
+    def value(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+        return y if self.whole else y - u
+
+
 class _Relaxing(Recursive):
+    """A first-order low-pass y: at each tick, y += (1 - exp(-10 ms / time_constant_s)) (u - y).
+
+    Attributes:
+        starts: `settled`, y at the segment's first u; or from `rest`, y at 0, as if it were touched then.
+    """
+
     time_constant_s: Positive
+    starts: Literal["settled", "rest"] = "settled"
+
+    @override
+    def started(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self.settled(u) if self.starts == "settled" else np.zeros_like(u)
 
     @override
     def rule(self) -> Rule:
@@ -111,17 +140,10 @@ class _Relaxing(Recursive):
         return y + -expm1(-TICK_S / self.time_constant_s) * (u - y)
 
 
-class Relaxation(_Relaxing):
-    """The part of a first-order response to u that is still to come: y - u.
-
-    At each tick y += (1 - exp(-10 ms / time_constant_s)) (u - y).
-    """
+class Relaxation(_Behind, _Relaxing):
+    """The part of a first-order response to u that is still to come: y - u; or the response y."""
 
     kind: Literal["relaxation"] = "relaxation"
-
-    @override
-    def value(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
-        return y - u
 
 
 class RelaxationShare(_Relaxing):
@@ -134,8 +156,8 @@ class RelaxationShare(_Relaxing):
         return (y - u) / (np.abs(u) + SHARE_FORCE_N)
 
 
-class Play(Recursive):
-    """The play operator (backlash): H - u, with H = min(max(H, u - w), u + w).
+class Play(_Behind):
+    """The play operator (backlash): H - u, or H, with H = min(max(H, u - w), u + w).
 
     It tells loading from unloading, at any speed: -w after u rose, +w after it fell.
     """
@@ -157,13 +179,9 @@ class Play(Recursive):
     ) -> NDArray[np.float64]:
         return np.minimum(np.maximum(y, u - self.width_n), u + self.width_n)
 
-    @override
-    def value(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
-        return y - u
 
-
-class Friction(Recursive):
-    """The friction of Dahl's model (1968): y - u, from -w where u rose long to +w where it fell.
+class Friction(_Behind):
+    """The friction of Dahl's model (1968): y - u, from -w where u rose long to +w where it fell; or y.
 
     Over a step du, h = y - u becomes (h - du) / (1 + |du| / w): Dahl's dh = -du - |du| h / w, solved
     implicitly. It turns gradually after a reversal, and small movements to and fro let it fade, which
@@ -192,10 +210,6 @@ class Friction(Recursive):
         self, y: NDArray[np.float64], before: NDArray[np.float64], u: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         return u + (y - u) / (1.0 + np.abs(u - before) / self.width_n)
-
-    @override
-    def value(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
-        return y - u
 
 
 class Warmth(Recursive):
@@ -230,6 +244,18 @@ class Warmth(Recursive):
     @override
     def value(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
         return y
+
+
+class Load(Lagged):
+    """u itself, N."""
+
+    kind: Literal["load"] = "load"
+    of: Followed
+    lag: ClassVar[int] = 0
+
+    @override
+    def value(self, now: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
+        return followed(self.of, now)
 
 
 class _Changing(Lagged):
@@ -314,6 +340,7 @@ HistoryFeature = Annotated[
     | Play
     | Friction
     | Warmth
+    | Load
     | Rate
     | BoundedRate
     | Direction

@@ -47,7 +47,7 @@ class Memory:
         for column, feature in enumerate(self._features):
             if isinstance(feature, Recursive):
                 u = followed(feature.of, tick)
-                state = self._followed(column, u) if column in self._states else feature.settled(u).tolist()
+                state = self._followed(column, u) if column in self._states else feature.started(u).tolist()
                 self._states[column] = list(zip(state, u.tolist(), strict=True))
                 values[:, column] = feature.value(np.array(state), u)
             elif isinstance(feature, Lagged):
