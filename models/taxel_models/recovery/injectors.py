@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel.errors import SettingsError
-from taxel.windows import Play, Relaxation
+from taxel.windows import Load, Play, Relaxation
 from taxel.windows.history import TICK_S, TOUCH_N, Rate
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.location import farthest_points
@@ -61,6 +61,11 @@ def _gain(injection: Injection) -> None:
     gains = np.ones(len(CHANNELS)) if alike else injection.random.normal(1.0, 0.4, len(CHANNELS))
     gains *= injection.random.choice([-1.0, 1.0])
     injection.add(injection.signal * gains, {"gain": gains})
+
+
+def _load(injection: Injection) -> None:
+    weights = _channel_weights(injection)
+    injection.add(injection.history(Load(of="force"))[:, None] * weights, {"weight": weights})
 
 
 def _drift(injection: Injection) -> None:
@@ -230,6 +235,7 @@ def _covariate(injection: Injection, column: str) -> None:
 INJECTORS: Final[Mapping[str, Callable[[Injection], None]]] = {
     "offset": _offset,
     "gain": _gain,
+    "load": _load,
     "drift": _drift,
     "temperature": _temperature,
     "creep": _creep,

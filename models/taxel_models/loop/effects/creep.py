@@ -1,81 +1,132 @@
 """Creep: after the load changes, a channel relaxes with a time constant."""
 
 from collections.abc import Iterable
-from typing import Final
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from typing_extensions import override
 
 from taxel.windows import Relaxation, RelaxationShare
-from taxel.windows.history import Followed
-from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past, weighted
-from taxel_models.loop.observations import Observations
+from taxel.windows.history import TICK_S, TOUCH_N, Followed
+from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, is_nearly_load, past, weighted
+from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
 
 SHORTEST_S: Final = 0.08
 SHORTEST_BY_FORCE_S: Final = 0.12
 """What a force makes relax faster is over within a few samples, and cannot be told from its rate."""
 
+SHORTEST_OTHER_S: Final = 0.3
+"""A faster low-pass is as good as the force, and a faster start from rest as the edge of a delayed file."""
+
 LONGEST_S: Final = 40.0
 """The load changes often, so a longer time constant looks like a gain."""
+
+RECORDED: Final = 0.1
+"""The longest time constant of a low-pass over the recorded time: a slower one looks like a drift."""
 
 OBSERVED: Final = 0.5
 """The longest time constant over the usual length of a segment."""
 
 GRID: Final = np.geomspace(SHORTEST_S, LONGEST_S, 11)
 _OF_SIGNAL: Final = "of the channel's signal"
-_DIRECTION: Final = "and its direction"
 _EVERY: Final[tuple[Followed, ...]] = ("force", "fx", "fy", "fz")
 FINER: Final = np.array([0.72, 0.85, 1.18, 1.39])
 """Factors of finer time constants; neighbours on the grid differ by a factor of 1.9."""
 
 
+class ByForce(NamedTuple):
+    """How a channel follows the force's low-pass.
+
+    Attributes:
+        less_force: whether it follows what the low-pass is ahead of the force, or the low-pass itself.
+            A trained model has the one or the other, since both end at the same place.
+        starts: what a segment begins with: a load that has been there for long, or a new one.
+        directions: whether it also follows fx, fy and fz.
+    """
+
+    less_force: bool
+    starts: Literal["settled", "rest"]
+    directions: bool = False
+
+    def feature(self, tau: float, of: Followed = "force") -> Relaxation:
+        """What is followed, with a time constant, s."""
+        return Relaxation(of=of, time_constant_s=tau, starts=self.starts, whole=not self.less_force)
+
+    def allows(self, tau: float, observations: Observations) -> bool:
+        """Whether a time constant, s, can be told from a gain and from a drift."""
+        usual = self.less_force and self.starts == "settled"
+        if tau < (SHORTEST_BY_FORCE_S if usual else SHORTEST_OTHER_S):
+            return False
+        if self.less_force:
+            return True
+        slow = tau > RECORDED * len(observations) * TICK_S
+        return not (slow or is_nearly_load(observations, self.feature(tau)))
+
+    def __str__(self) -> str:
+        return (
+            f"by {'force' if self.less_force else 'low-passed force'}"
+            f"{' and its direction' if self.directions else ''}"
+            f"{', from rest' if self.starts == 'rest' else ''}"
+        )
+
+
+BY_FORCE: Final = [ByForce(less, starts) for less in (True, False) for starts in ("settled", "rest")]
+
+
 class Creep(Effect):
-    """The channel responds to the force less its low-pass."""
+    """The channel responds to the force's low-pass, or to it less the force."""
 
     name = "creep"
-    equation = "delta_c = sum_u w_cu (L_tau u - u), L_tau a first-order low-pass, u of |F|, Fx, Fy, Fz"
+    equation = (
+        "delta_c = sum_u w_cu (L_tau u - u) or w_cu L_tau u, "
+        "L_tau a first-order low-pass, u of |F|, Fx, Fy, Fz"
+    )
     source = "standard linear solid (Findley, Lai and Onaran 1976); no published constants for the sensor"
     signature = "the residual decays after each change of load, over a time of its own"
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
-        for tau in GRID[_longest_s(observations) >= GRID]:
-            if tau >= SHORTEST_BY_FORCE_S:
-                yield self._by_force(observations, float(tau))
-            yield self._of_signal(observations, float(tau))
+        told = _start_pressed(observations) >= FEWEST_CONTACTS
+        by_force = [how for how in BY_FORCE if told or how.starts == "settled"]
+        for tau in GRID[_longest_s(observations) >= GRID].tolist():
+            for how in by_force:
+                if how.allows(tau, observations):
+                    yield self._by_force(observations, tau, how)
+            yield self._of_signal(observations, tau)
 
     @override
     def finer(self, observations: Observations, best: Candidate) -> Iterable[Candidate]:
         tau = best.form_parameters["time_constant"][0]
-        longest = _longest_s(observations)
-        for factor in FINER[tau * FINER <= longest]:
-            if best.form.startswith(_OF_SIGNAL):
-                yield self._of_signal(observations, tau * float(factor))
-            elif tau * factor < SHORTEST_BY_FORCE_S:
-                continue
-            elif _DIRECTION in best.form:
-                yield self._by_force(observations, tau * float(factor), _EVERY)
-            else:
-                yield self._by_force(observations, tau * float(factor))
-        if _DIRECTION not in best.form:
-            yield self._by_force(observations, tau, _EVERY)
+        taus = (tau * FINER[tau * FINER <= _longest_s(observations)]).tolist()
+        if best.form.startswith(_OF_SIGNAL):
+            for finer in taus:
+                yield self._of_signal(observations, finer)
+            return
+        told = best.form_itself.rpartition(", ")[0]
+        how = next(
+            how for one in BY_FORCE for how in (one, one._replace(directions=True)) if str(how) == told
+        )
+        for finer in taus:
+            if how.allows(finer, observations):
+                yield self._by_force(observations, finer, how)
+        if not how.directions:
+            yield self._by_force(observations, tau, how._replace(directions=True))
 
-    def _by_force(
-        self, observations: Observations, tau: float, of: tuple[Followed, ...] = ("force",)
-    ) -> Candidate:
+    def _by_force(self, observations: Observations, tau: float, how: ByForce) -> Candidate:
+        kind, rest = "relaxation" if how.less_force else "low_pass", how.starts == "rest"
         drivers = [
             past(
                 observations,
-                Relaxation(of=which, time_constant_s=tau),
-                f"relaxation[{tau:.3g}s].{which}",
+                Relaxation(of=which, time_constant_s=tau, starts=how.starts, whole=not how.less_force),
+                f"{kind}[{tau:.3g}s{', from rest' if rest else ''}].{which}",
                 "N",
             )
-            for which in of
+            for which in (_EVERY if how.directions else _EVERY[:1])
         ]
         return weighted(
             observations,
             self.name,
-            f"by force{f' {_DIRECTION}' if len(of) > 1 else ''}, {tau:.3g} s",
+            f"{how}, {tau:.3g} s",
             "unit",
             drivers,
             form_parameters={"time_constant": (tau, "s")},
@@ -94,6 +145,12 @@ class Creep(Effect):
             form_parameters={"time_constant": (tau, "s")},
             weight_unit="relative",
         )
+
+
+def _start_pressed(observations: Observations) -> int:
+    """How many segments begin with a load. In few of them, a start from rest looks like a drift."""
+    starts = np.diff(observations.segment, prepend=-1) != 0
+    return int((observations.pressed[starts] > TOUCH_N).sum())
 
 
 def _longest_s(observations: Observations) -> float:

@@ -14,6 +14,12 @@ from taxel_models.loop.observations import Observations
 PIECES: Final = 6
 """The straight pieces of a drift that is not a line: enough for one rise or one swing over a session."""
 
+STEPS: Final = np.arange(1, 16) / 16
+"""Shares of the rows before a step."""
+
+FINER_STEPS: Final = np.array([-1, 1, -2, 2, -4, 4]) / 128
+"""Shares around the best one, a few times."""
+
 SHORTEST_S: Final = 60.0
 
 WARMING: Final = (0.06, 0.15, 0.4)
@@ -27,7 +33,7 @@ STRAIGHT: Final = 8
 
 
 class Drift(Effect):
-    """measured = model + d(t); d is a line, an exponential or straight pieces.
+    """measured = model + d(t); d is a line, an exponential, a step or straight pieces.
 
     A line and an exponential are also tried in the time that was recorded: with long pauses, such as
     nights, a finger that changes while it is used does not follow the clock. d is constant after the end
@@ -51,6 +57,8 @@ class Drift(Effect):
             yield weighted(observations, self.name, form, "unit", drivers, weight_unit="counts/s")
         for share in WARMING:
             yield _exponential(share * span, "s", observations)
+        for share in STEPS.tolist():
+            yield _step(share, observations)
         if has_long_pauses(observations):
             edges, recorded_s = recorded(observations)
             yield _along(observations, "line in recorded time", edges, recorded_s / recorded_s[-1])
@@ -63,6 +71,11 @@ class Drift(Effect):
             tau, unit = best.form_parameters["time_constant"]
             for factor in FINER:
                 yield _exponential(factor * tau, unit, observations)
+        if "rows before" in best.form_parameters:
+            share, _ = best.form_parameters["rows before"]
+            for finer in (share + FINER_STEPS).tolist():
+                if 0 < finer < 1:
+                    yield _step(finer, observations)
 
 
 def _exponential(tau: float, unit: str, observations: Observations) -> Candidate:
@@ -78,6 +91,15 @@ def _exponential(tau: float, unit: str, observations: Observations) -> Candidate
     course = -np.expm1(-elapsed_s / tau)
     form = f"an exponential of {tau:.3g} {unit}"
     return _along(observations, form, edges, course, time_constant=(tau, unit))
+
+
+def _step(share: float, observations: Observations) -> Candidate:
+    """From 0 to 1 within a tick, once a share of the rows is over; in a pause, if one begins there."""
+    time = np.unique(observations.time_s)
+    place = min(max(round(share * len(time)), 1), len(time) - 1)
+    edges = np.array([time[place - 1], time[place]])
+    form = f"a step at {edges[1]:.1f} s"
+    return _along(observations, form, edges, np.array([0.0, 1.0]), **{"rows before": (share, "share")})
 
 
 def _along(

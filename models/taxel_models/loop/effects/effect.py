@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from taxel.corrections import ONE, Frame, Shape, Term, Weighted
 from taxel.held_out_residual import OwnWave
-from taxel.windows import Elapsed, ExtraFeature, HistoryFeature
+from taxel.windows import Elapsed, ExtraFeature, HistoryFeature, Load
 from taxel_models.loop.basis import AboutMean, Basis, Floats, Shared
 from taxel_models.loop.observations import Observations
 
@@ -226,10 +226,31 @@ class Driver:
     extra: ExtraFeature | None = None
 
 
+NEARLY: Final = 0.998
+"""Squared correlation with the load, from where on nothing tells a memory of the load from the load."""
+
+
+def is_nearly_load(observations: Observations, feature: HistoryFeature) -> bool:
+    """Whether a history feature of the force is as good as the force itself: a gain."""
+    force, values = observations.pressed, observations.history(feature)
+    if not (force.std() > 0 and values.std() > 0):
+        return False
+    return bool(np.corrcoef(force, values)[0, 1] ** 2 > NEARLY)
+
+
 def past(observations: Observations, feature: HistoryFeature, name: str, unit: str) -> Driver:
-    """A history feature as a driver. Its default is the state after a long rest."""
-    extra = ExtraFeature(name=name, unit=unit, default=0.0, history=feature, taken_by="effects")
-    return Driver(name, observations.history(feature), extra)
+    """A history feature as a driver. Where the caller leaves it out, it is as after a long rest.
+
+    What has the load itself in it, and does not end at 0, has its mean.
+    """
+    values = observations.history(feature)
+    with_load = isinstance(feature, Load) or getattr(feature, "whole", False)
+    default = float(values.mean()) if with_load else 0.0
+    return Driver(
+        name,
+        values,
+        ExtraFeature(name=name, unit=unit, default=default, history=feature, taken_by="effects"),
+    )
 
 
 def evenly_filled(observations: Observations, pieces: int) -> Floats:
@@ -241,11 +262,12 @@ def evenly_filled(observations: Observations, pieces: int) -> Floats:
 
 def elapsed(observations: Observations, edges: Floats) -> list[Driver]:
     """The session's time between edges, s: one driver for each piece of a piecewise linear function."""
+    digits = 0 if np.diff(edges).min() >= 1.0 else 2
     return [
         past(
             observations,
             Elapsed(start_s=float(start), end_s=float(end)),
-            f"elapsed[{start:.0f}:{end:.0f}s]",
+            f"elapsed[{start:.{digits}f}:{end:.{digits}f}s]",
             "s",
         )
         for start, end in pairwise(edges)

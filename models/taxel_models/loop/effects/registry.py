@@ -17,6 +17,7 @@ from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.hysteresis import Hysteresis
 from taxel_models.loop.effects.interference import Interference
 from taxel_models.loop.effects.lag import Lag
+from taxel_models.loop.effects.load import Load
 from taxel_models.loop.effects.location import Location
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.effects.rate import Rate
@@ -28,6 +29,7 @@ from taxel_models.recordings.kinds import NOT_COVARIATES
 EFFECTS: Final[tuple[type[Effect], ...]] = (
     Offset,
     Gain,
+    Load,
     Drift,
     Temperature,
     Creep,
