@@ -213,6 +213,18 @@ class Effect(ABC):
         del observations, best
         return ()
 
+    def by_rows(
+        self, observations: Observations, best: Candidate, residual: Floats, fit: NDArray[np.bool_]
+    ) -> Candidate:
+        """The form near the best one that single rows are best served with; evidence is of their means.
+
+        Args:
+            residual: (n, 21) that named effects leave, counts.
+            fit: (n,) the rows of the fit part.
+        """
+        del observations, residual, fit
+        return best
+
 
 @dataclass(frozen=True)
 class Driver:

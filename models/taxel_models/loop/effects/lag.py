@@ -5,6 +5,7 @@ from functools import partial
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from typing_extensions import override
 
@@ -16,6 +17,9 @@ from taxel_models.loop.spectral_lines import segments
 
 TICKS: Final = (*range(-5, 0), 0.5, 1, 1.5, *range(2, 16))
 """Delays that are tried. A window moves by whole ticks, so others are named and not served."""
+
+NEAR: Final = range(-3, 4)
+"""Ticks around the likeliest delay, of which single rows tell the one with the least squared error."""
 
 SMOOTHED_ROWS: Final = 11
 """0.1 s: a forest's prediction jumps from row to row, and only its slower changes follow the channel."""
@@ -39,6 +43,32 @@ class Lag(Effect):
         for ticks in TICKS:
             short = abs(ticks) <= SMOOTHED_TICKS
             yield self._late(ticks, smooth if short else observations.predicted, observations)
+
+    @override
+    def by_rows(
+        self, observations: Observations, best: Candidate, residual: Floats, fit: NDArray[np.bool_]
+    ) -> Candidate:
+        ticks = best.form_parameters["lag"][0] / TICK_S
+        predicted = observations.predicted
+
+        def left(late: int) -> float:
+            change = predicted[observations.rows_before(late)] - predicted
+            squared = ((residual - change)[fit] ** 2).mean(axis=0)
+            return float(np.log(np.maximum(squared, 1e-9)).sum())
+
+        near = [round(ticks) + step for step in NEAR]
+        logs = [left(late) for late in near]
+        place = min(range(1, len(near) - 1), key=logs.__getitem__)
+        before, least, after = logs[place - 1 : place + 2]
+        # The lowest point of a parabola through the least and its neighbours.
+        bend = before - 2.0 * least + after
+        found = near[place] + (0.5 * (before - after) / bend if bend > 0 else 0.0)
+        allowed = [each for each in TICKS if each * ticks > 0]
+        nearest = min(allowed, key=lambda each: abs(each - found))
+        if nearest == ticks:
+            return best
+        half = not float(nearest).is_integer()
+        return self._late(nearest, _smoothed(observations) if half else predicted, observations)
 
     def _late(self, ticks: float, counts: Floats, observations: Observations) -> Candidate:
         before, after = (counts[observations.rows_before(part)] for part in _around(ticks))

@@ -264,7 +264,15 @@ class Scoring:
             if found.form is score.form:
                 break
             score = found
-        return score
+        return self._by_rows(score, taken)
+
+    def _by_rows(self, score: Score, taken: Sequence[Taken]) -> Score:
+        best, left = score.form.candidate, self.residual(taken)
+        candidate = score.effect.by_rows(self.observations, best, left, self._blocks.fit)
+        if candidate is best:
+            return score
+        form = next(iter(prepared(replace(candidate, mean_absorbed=False), self.whitening)))
+        return replace(score, form=form)
 
     def by_predictions(self, score: Score, taken: Sequence[Taken]) -> tuple[Score, Score]:
         """The same score by predictions of held-out folds: as they are, and within the limits of counts.
