@@ -1,11 +1,15 @@
 """What is usual: how much of an effect the model's own held-out residual has."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.held_out_residual import HeldOutResidual
+from taxel.held_out_residual import HeldOutResidual, OwnStructure
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Candidate
+from taxel_models.loop.effects.gain import Gain
+from taxel_models.loop.effects.load import Load
 from taxel_models.loop.inference.evidence import HeldOut
 from taxel_models.loop.inference.kinds import counted
 
@@ -21,7 +25,7 @@ class Usual:
 
     def __init__(self, reference: HeldOutResidual | None, fold: NDArray[np.int64], scale: Floats) -> None:
         self._is_known = reference is not None
-        self._structure = {} if reference is None else reference.structure
+        self._structure = {} if reference is None else _with_load(reference.structure)
         self._std = np.zeros(0) if reference is None else np.array(reference.std)
         self._scale = scale
         _, self._bins_each = np.unique(fold, return_counts=True)
@@ -50,6 +54,18 @@ class Usual:
         gain = part * np.array(self._structure[effect].gain)
         bins = bins_that_count(candidate, self._bins_each[:, None], tested.squared_change)
         return np.asarray(bins * gain / (tested.noise * self._scale**2))
+
+
+def _with_load(structure: Mapping[str, OwnStructure]) -> Mapping[str, OwnStructure]:
+    """The same, where what is usual of a gain is usual of a load, too: the one may stand for the other."""
+    found = [structure[name] for name in (Load.name, Gain.name) if name in structure]
+    if not found:
+        return structure
+    odds, gain = (
+        tuple(np.max([getattr(own, part) for own in found], axis=0).tolist())
+        for part in ("log_evidence", "gain")
+    )
+    return {**structure, Load.name: OwnStructure(log_evidence=odds, gain=gain)}
 
 
 def bins_that_count(candidate: Candidate, bins: NDArray[np.int64], squared_change: Floats) -> Floats:
