@@ -14,11 +14,11 @@ from taxel_models.loop.observations import Observations
 PIECES: Final = 6
 """The straight pieces of a drift that is not a line: enough for one rise or one swing over a session."""
 
-STEPS: Final = np.arange(1, 16) / 16
-"""Shares of the rows before a step."""
+STEPS: Final = np.arange(1, 32) / 32
+"""Shares of the rows before a step. Where a segment begins nearby, the step is there."""
 
-FINER_STEPS: Final = np.array([-1, 1, -2, 2, -4, 4]) / 128
-"""Shares around the best one, a few times."""
+FINER_STEPS: Final = np.array([-1, 1, -2, 2]) / 128
+"""Shares around the best one."""
 
 SHORTEST_S: Final = 60.0
 
@@ -57,7 +57,7 @@ class Drift(Effect):
             yield weighted(observations, self.name, form, "unit", drivers, weight_unit="counts/s")
         for share in WARMING:
             yield _exponential(share * span, "s", observations)
-        for share in STEPS.tolist():
+        for share in _steps(observations).tolist():
             yield _step(share, observations)
         if has_long_pauses(observations):
             edges, recorded_s = recorded(observations)
@@ -91,6 +91,18 @@ def _exponential(tau: float, unit: str, observations: Observations) -> Candidate
     course = -np.expm1(-elapsed_s / tau)
     form = f"an exponential of {tau:.3g} {unit}"
     return _along(observations, form, edges, course, time_constant=(tau, unit))
+
+
+def _steps(observations: Observations) -> Floats:
+    """(m,) shares of the rows before the steps that are tried."""
+    time = np.unique(observations.time_s)
+    starts = np.flatnonzero(np.diff(observations.segment)) + 1
+    begins = np.searchsorted(time, observations.time_s[starts]) / len(time)
+    if not len(begins):
+        return STEPS
+    nearest = begins[np.abs(begins[:, None] - STEPS).argmin(axis=0)]
+    near = np.abs(nearest - STEPS) < STEPS[0] / 2
+    return np.unique(np.where(near, nearest, STEPS))
 
 
 def _step(share: float, observations: Observations) -> Candidate:
