@@ -21,6 +21,9 @@ Respond = Callable[[Floats, Floats], Floats]
 TARED: Final = 500.0
 """Electrodes at rest read 2300 to 3500 counts; below this mean they are differences from rest."""
 
+ROUNDING: Final = 1e-9
+"""A smaller strength, before it is scaled, is what rounding leaves of a constant."""
+
 LEAST_DEVIATION: Final = 0.3
 """Counts: that of a whole number drawn from a constant."""
 
@@ -103,12 +106,17 @@ class ForeignInjection:
         """A column (n,) or (n, k) that is changed in each segment by itself."""
         return np.concatenate([change(column[part]) for part in self.recording.segments])
 
-    def low_passed(self, column: Floats, time_constant_s: float) -> Floats:
-        """A column (n,) or (n, k) behind a first-order filter that starts settled in each segment."""
+    def low_passed(self, column: Floats, time_constant_s: float, *, from_rest: bool = False) -> Floats:
+        """A column (n,) or (n, k) behind a first-order filter.
+
+        Args:
+            from_rest: whether it starts at 0 in each segment; else settled.
+        """
         keep = float(np.exp(-TICK_S / time_constant_s))
 
         def low_pass(part: Floats) -> Floats:
-            return np.asarray(lfilter([1.0 - keep], [1.0, -keep], part, axis=0, zi=keep * part[:1])[0])
+            first = keep * part[:1] * (not from_rest)
+            return np.asarray(lfilter([1.0 - keep], [1.0, -keep], part, axis=0, zi=first)[0])
 
         return self.in_segments(low_pass, column)
 
@@ -135,7 +143,7 @@ class ForeignInjection:
     def add_whole(self, change: Floats, **parameters: Any) -> None:
         """The same with its mean, for a constant."""
         found = self.strength_of(change)
-        if not found > 0:
+        if not found > ROUNDING:
             raise SettingsError("the cause changes nothing here: what it depends on is constant")
         self._put(change * (self.strength / found), parameters)
 

@@ -22,15 +22,20 @@ def creep_two_constants(injection: ForeignInjection) -> None:
     """Two Kelvin-Voigt elements in series, one of tenths of seconds and one of seconds."""
     fast, slow = float(injection.random.uniform(0.2, 0.6)), float(injection.random.uniform(2.0, 6.0))
     share = float(injection.random.uniform(0.3, 0.7))
-    quick, late = (injection.low_passed(injection.load, tau) for tau in (fast, slow))
+    rest, whole = _begins_and_has(injection)
+    quick, late = (injection.low_passed(injection.load, tau, from_rest=rest) for tau in (fast, slow))
     strain = share * quick + (1.0 - share) * late
-    _weighted(injection, strain - injection.load, fast=fast, slow=slow)
+    change = strain if whole else strain - injection.load
+    _weighted(injection, change, fast=fast, slow=slow, from_rest=float(rest), with_load=float(whole))
 
 
 def creep_relaxing(injection: ForeignInjection) -> None:
-    """The load less its low-pass: a stress that relaxes."""
+    """The load's low-pass, or the load less it: a stress that relaxes."""
     tau = float(np.exp(injection.random.uniform(np.log(0.5), np.log(5.0))))
-    _weighted(injection, injection.load - injection.low_passed(injection.load, tau), time_constant=tau)
+    rest, whole = _begins_and_has(injection)
+    late = injection.low_passed(injection.load, tau, from_rest=rest)
+    change = late if whole else injection.load - late
+    _weighted(injection, change, time_constant=tau, from_rest=float(rest), with_load=float(whole))
 
 
 def hysteresis_bouc_wen(injection: ForeignInjection) -> None:
@@ -60,6 +65,11 @@ def rate_root(injection: ForeignInjection) -> None:
     """The root of the load's rate: a fluid that thins when it is sheared."""
     rate = _rate(injection)
     _weighted(injection, np.sign(rate) * np.sqrt(np.abs(rate)))
+
+
+def _begins_and_has(injection: ForeignInjection) -> tuple[bool, bool]:
+    """Whether a creep begins from rest in each segment, and whether it has the load in it."""
+    return bool(injection.random.random() < 0.5), bool(injection.random.random() < 0.5)
 
 
 def _weighted(injection: ForeignInjection, course: Floats, **parameters: float) -> None:

@@ -209,9 +209,24 @@ def test_a_contact_keeps_its_offset(inject: Inject, recording: Recording) -> Non
     assert np.std(means) > 0.5 * DEVIATION[7]
 
 
+@pytest.mark.parametrize("name", ["creep: two constants", "creep: relaxing"])
+def test_a_creep_begins_from_rest_or_settled(inject: Inject, recording: Recording, name: str) -> None:
+    """Under a constant load, one that has settled changes nothing."""
+    still, begun = stepped(recording, np.ones(len(recording))), set()
+    for seed in range(8):
+        try:
+            injection = inject(name, of=still, seed=seed)
+        except SettingsError:
+            begun.add("settled")
+            continue
+        assert np.ptp(injection.recording.channels - still.channels, axis=0).max() > 2.0
+        begun.add("from rest")
+    assert begun == {"settled", "from rest"}
+
+
 def test_what_changes_nothing_or_is_not_known_is_refused(inject: Inject, recording: Recording) -> None:
     still = stepped(recording, np.ones(len(recording)))
     with pytest.raises(SettingsError, match="what it depends on is constant"):
-        inject("creep: two constants", of=still)
+        inject("creep: power law", of=still)
     with pytest.raises(SettingsError, match="no injector 'wear': expected one of offset, contact offset"):
         injector_named("wear")
