@@ -53,7 +53,7 @@ class ByForce(NamedTuple):
         return Relaxation(of=of, time_constant_s=tau, starts=self.starts, whole=not self.less_force)
 
     def allows(self, tau: float, observations: Observations) -> bool:
-        """Whether a time constant, s, can be told from a gain and from a drift."""
+        """Whether a time constant, s, can be told from the load and from a drift."""
         usual = self.less_force and self.starts == "settled"
         if tau < (SHORTEST_BY_FORCE_S if usual else SHORTEST_OTHER_S):
             return False
@@ -117,7 +117,7 @@ class Creep(Effect):
         drivers = [
             past(
                 observations,
-                Relaxation(of=which, time_constant_s=tau, starts=how.starts, whole=not how.less_force),
+                how.feature(tau, which),
                 f"{kind}[{tau:.3g}s{', from rest' if rest else ''}].{which}",
                 "N",
             )

@@ -243,7 +243,7 @@ NEARLY: Final = 0.998
 
 
 def is_nearly_load(observations: Observations, feature: HistoryFeature) -> bool:
-    """Whether a history feature of the force is as good as the force itself: a gain."""
+    """Whether a history feature of the force is as good as the force itself."""
     force, values = observations.pressed, observations.history(feature)
     if not (force.std() > 0 and values.std() > 0):
         return False

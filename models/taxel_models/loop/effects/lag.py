@@ -62,7 +62,7 @@ class Lag(Effect):
         before, least, after = logs[place - 1 : place + 2]
         # The lowest point of a parabola through the least and its neighbours.
         bend = before - 2.0 * least + after
-        found = near[place] + (0.5 * (before - after) / bend if bend > 0 else 0.0)
+        found = near[place] + (np.clip(0.5 * (before - after) / bend, -1, 1) if bend > 0 else 0.0)
         allowed = [each for each in TICKS if each * ticks > 0]
         nearest = min(allowed, key=lambda each: abs(each - found))
         if nearest == ticks:
