@@ -41,7 +41,6 @@ HISTORIES: list[HistoryFeature] = [
     RelaxationShare(of="force", time_constant_s=0.1),
     Play(of="fz", width_n=0.4),
     Friction(of="force", width_n=0.4),
-    Play(of="fx", width_n=0.4, whole=True),
     Warmth(of="force", warming_s=0.05, cooling_s=0.3),
     Load(of="force"),
     BoundedRate(of="fz", half_n_s=2.0),

@@ -43,10 +43,8 @@ FEATURES: tuple[HistoryFeature, ...] = (
     RelaxationShare(of="fy", time_constant_s=0.2),
     Play(of="force", width_n=0.4),
     Play(of="fx", width_n=1.5),
-    Play(of="force", width_n=0.4, whole=True),
     Friction(of="force", width_n=0.4),
     Friction(of="fy", width_n=3.0),
-    Friction(of="force", width_n=0.4, whole=True),
     Load(of="fz"),
     Warmth(of="force", warming_s=0.3, cooling_s=2.0),
     Warmth(of="fz", warming_s=5.0, cooling_s=0.2),
@@ -74,7 +72,7 @@ def obvious_memory(feature: Recursive, course: list[float]) -> float:
         behind = 0.0
         for before, now in pairwise(course):
             behind = (behind - (now - before)) / (1 + abs(now - before) / feature.width_n)
-        return behind + u if feature.whole else behind
+        return behind
     if isinstance(feature, Warmth):
         warmth = float(course[0] > 0.1)
         for now in course[1:]:
@@ -85,7 +83,7 @@ def obvious_memory(feature: Recursive, course: list[float]) -> float:
     if isinstance(feature, Play):
         for now in course[1:]:
             y = min(max(y, now - feature.width_n), now + feature.width_n)
-        return y if feature.whole else y - u
+        return y - u
     assert isinstance(feature, (Relaxation, RelaxationShare))
     y = 0.0 if feature.starts == "rest" else y
     for now in course[1:]:

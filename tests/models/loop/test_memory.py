@@ -91,18 +91,6 @@ def test_a_response_to_the_force_itself_is_no_memory(smooth: Any) -> None:
     assert effect.name == "load"
 
 
-def test_a_backlash_with_the_force_is_a_hysteresis(smooth: Any) -> None:
-    def backlash(force_n: Floats, weights: Floats) -> Floats:
-        state, found = force_n[:, 0], np.empty_like(force_n)
-        for row, force in enumerate(force_n.T):
-            state = found[:, row] = np.clip(state, force - 0.7, force + 0.7)
-        return weighted(found, weights)
-
-    (effect,) = named(smooth, backlash)
-    assert effect.name == "hysteresis"
-    assert "with the load" in effect.form
-
-
 @pytest.mark.parametrize("share", [0.31, 0.7])
 def test_a_step_is_a_drift_that_tells_when(smooth: Any, share: float) -> None:
     def step(force_n: Floats, weights: Floats) -> Floats:

@@ -100,20 +100,6 @@ class Lagged(Schema, ABC):
         return self.value(ticks, ticks[np.maximum(np.arange(len(ticks)) - self.lag, 0)])
 
 
-class _Behind(Recursive):
-    """A state y that stays behind u.
-
-    Attributes:
-        whole: y itself, in place of what it is ahead of u, y - u.
-    """
-
-    whole: bool = False
-
-    @override
-    def value(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
-        return y if self.whole else y - u
-
-
 class _Relaxing(Recursive):
     """A first-order low-pass y: at each tick, y += (1 - exp(-10 ms / time_constant_s)) (u - y).
 
@@ -140,10 +126,19 @@ class _Relaxing(Recursive):
         return y + -expm1(-TICK_S / self.time_constant_s) * (u - y)
 
 
-class Relaxation(_Behind, _Relaxing):
-    """The part of a first-order response to u that is still to come: y - u; or the response y."""
+class Relaxation(_Relaxing):
+    """The part of a first-order response to u that is still to come: y - u.
+
+    Attributes:
+        whole: the response y itself.
+    """
 
     kind: Literal["relaxation"] = "relaxation"
+    whole: bool = False
+
+    @override
+    def value(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+        return y if self.whole else y - u
 
 
 class RelaxationShare(_Relaxing):
@@ -156,8 +151,8 @@ class RelaxationShare(_Relaxing):
         return (y - u) / (np.abs(u) + SHARE_FORCE_N)
 
 
-class Play(_Behind):
-    """The play operator (backlash): H - u, or H, with H = min(max(H, u - w), u + w).
+class Play(Recursive):
+    """The play operator (backlash): H - u, with H = min(max(H, u - w), u + w).
 
     It tells loading from unloading, at any speed: -w after u rose, +w after it fell.
     """
@@ -179,9 +174,13 @@ class Play(_Behind):
     ) -> NDArray[np.float64]:
         return np.minimum(np.maximum(y, u - self.width_n), u + self.width_n)
 
+    @override
+    def value(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+        return y - u
 
-class Friction(_Behind):
-    """The friction of Dahl's model (1968): y - u, from -w where u rose long to +w where it fell; or y.
+
+class Friction(Recursive):
+    """The friction of Dahl's model (1968): y - u, from -w where u rose long to +w where it fell.
 
     Over a step du, h = y - u becomes (h - du) / (1 + |du| / w): Dahl's dh = -du - |du| h / w, solved
     implicitly. It turns gradually after a reversal, and small movements to and fro let it fade, which
@@ -210,6 +209,10 @@ class Friction(_Behind):
         self, y: NDArray[np.float64], before: NDArray[np.float64], u: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         return u + (y - u) / (1.0 + np.abs(u - before) / self.width_n)
+
+    @override
+    def value(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+        return y - u
 
 
 class Warmth(Recursive):

@@ -8,7 +8,7 @@ from typing_extensions import override
 
 from taxel.windows import Relaxation, RelaxationShare
 from taxel.windows.history import TICK_S, TOUCH_N, Followed
-from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, is_nearly_load, past, weighted
+from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past, weighted
 from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
 
 SHORTEST_S: Final = 0.08
@@ -57,10 +57,7 @@ class ByForce(NamedTuple):
         usual = self.less_force and self.starts == "settled"
         if tau < (SHORTEST_BY_FORCE_S if usual else SHORTEST_OTHER_S):
             return False
-        if self.less_force:
-            return True
-        slow = tau > RECORDED * len(observations) * TICK_S
-        return not (slow or is_nearly_load(observations, self.feature(tau)))
+        return self.less_force or tau <= RECORDED * len(observations) * TICK_S
 
     def __str__(self) -> str:
         return (

@@ -238,18 +238,6 @@ class Driver:
     extra: ExtraFeature | None = None
 
 
-NEARLY: Final = 0.998
-"""Squared correlation with the load, from where on nothing tells a memory of the load from the load."""
-
-
-def is_nearly_load(observations: Observations, feature: HistoryFeature) -> bool:
-    """Whether a history feature of the force is as good as the force itself."""
-    force, values = observations.pressed, observations.history(feature)
-    if not (force.std() > 0 and values.std() > 0):
-        return False
-    return bool(np.corrcoef(force, values)[0, 1] ** 2 > NEARLY)
-
-
 def past(observations: Observations, feature: HistoryFeature, name: str, unit: str) -> Driver:
     """A history feature as a driver. Where the caller leaves it out, it is as after a long rest.
 

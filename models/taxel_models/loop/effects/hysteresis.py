@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 from typing_extensions import override
 
-from taxel.windows import Direction, Friction, Play
-from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, is_nearly_load, past, weighted
+from taxel.windows import Direction, Friction, HistoryFeature, Play
+from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past, weighted
 from taxel_models.loop.observations import Observations
 
 PLAYS_N: Final = tuple(np.geomspace(0.05, 2.0, 12).tolist())
@@ -25,7 +25,7 @@ class Hysteresis(Effect):
 
     name = "hysteresis"
     equation = (
-        "delta_c = w_c (H - |F|) or w_c H: play, H = min(max(H, |F| - width), |F| + width); "
+        "delta_c = w_c (H - |F|): play, H = min(max(H, |F| - width), |F| + width); "
         "or friction, d(H - |F|) = -d|F| - |d|F|| (H - |F|) / width"
     )
     source = (
@@ -57,29 +57,23 @@ class Hysteresis(Effect):
 
     def _plays(self, observations: Observations, widths: Iterable[float]) -> Iterable[Candidate]:
         for width in widths:
-            yield self._with(observations, "play", Play(of="force", width_n=width))
-            whole = Play(of="force", width_n=width, whole=True)
-            if not is_nearly_load(observations, whole):
-                yield self._with(observations, "play", whole)
+            yield self._with(observations, "play", width, Play(of="force", width_n=width))
 
     def _frictions(self, observations: Observations, widths: Iterable[float]) -> Iterable[Candidate]:
         widest = WIDEST * float(np.quantile(observations.pressed, 0.95))
         for width in widths:
-            if width > widest:
-                continue
-            yield self._with(observations, "friction", Friction(of="force", width_n=width))
-            whole = Friction(of="force", width_n=width, whole=True)
-            if not is_nearly_load(observations, whole):
-                yield self._with(observations, "friction", whole)
+            if width <= widest:
+                yield self._with(observations, "friction", width, Friction(of="force", width_n=width))
 
-    def _with(self, observations: Observations, name: str, feature: Play | Friction) -> Candidate:
-        width, with_load = feature.width_n, ", with the load" if feature.whole else ""
+    def _with(
+        self, observations: Observations, name: str, width: float, feature: HistoryFeature
+    ) -> Candidate:
         return weighted(
             observations,
             self.name,
-            f"{name} of {width:.3g} N{with_load}",
+            f"{name} of {width:.3g} N",
             "unit",
-            [past(observations, feature, f"{name}[{width:.3g}N{with_load}].force", "N")],
+            [past(observations, feature, f"{name}[{width:.3g}N].force", "N")],
             form_parameters={"width": (width, "N")},
             weight_unit="counts/N",
         )
