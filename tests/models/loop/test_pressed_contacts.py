@@ -1,4 +1,4 @@
-"""What follows the force late, planted by other code: contacts that begin pressed, loads, delays, steps."""
+"""Contacts whose recording begins when the finger is pressed: creeps, loads, steps and delays in them."""
 
 import re
 from collections.abc import Callable
