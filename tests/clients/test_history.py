@@ -85,7 +85,7 @@ def obvious_memory(feature: Recursive, course: list[float]) -> float:
             y = min(max(y, now - feature.width_n), now + feature.width_n)
         return y - u
     assert isinstance(feature, (Relaxation, RelaxationShare))
-    y = 0.0 if feature.starts == "rest" else y
+    y = 0.0 if isinstance(feature, Relaxation) and feature.starts == "rest" else y
     for now in course[1:]:
         y += (1 - math.exp(-0.01 / feature.time_constant_s)) * (now - y)
     if isinstance(feature, RelaxationShare):

@@ -22,20 +22,22 @@ def creep_two_constants(injection: ForeignInjection) -> None:
     """Two Kelvin-Voigt elements in series, one of tenths of seconds and one of seconds."""
     fast, slow = float(injection.random.uniform(0.2, 0.6)), float(injection.random.uniform(2.0, 6.0))
     share = float(injection.random.uniform(0.3, 0.7))
-    rest, whole = _begins_and_has(injection)
-    quick, late = (injection.low_passed(injection.load, tau, from_rest=rest) for tau in (fast, slow))
+    from_rest, with_load = _variant(injection)
+    quick, late = (injection.low_passed(injection.load, tau, from_rest=from_rest) for tau in (fast, slow))
     strain = share * quick + (1.0 - share) * late
-    change = strain if whole else strain - injection.load
-    _weighted(injection, change, fast=fast, slow=slow, from_rest=float(rest), with_load=float(whole))
+    change = strain if with_load else strain - injection.load
+    _weighted(
+        injection, change, fast=fast, slow=slow, from_rest=float(from_rest), with_load=float(with_load)
+    )
 
 
 def creep_relaxing(injection: ForeignInjection) -> None:
     """The load's low-pass, or the load less it: a stress that relaxes."""
     tau = float(np.exp(injection.random.uniform(np.log(0.5), np.log(5.0))))
-    rest, whole = _begins_and_has(injection)
-    late = injection.low_passed(injection.load, tau, from_rest=rest)
-    change = late if whole else injection.load - late
-    _weighted(injection, change, time_constant=tau, from_rest=float(rest), with_load=float(whole))
+    from_rest, with_load = _variant(injection)
+    late = injection.low_passed(injection.load, tau, from_rest=from_rest)
+    change = late if with_load else injection.load - late
+    _weighted(injection, change, time_constant=tau, from_rest=float(from_rest), with_load=float(with_load))
 
 
 def hysteresis_bouc_wen(injection: ForeignInjection) -> None:
@@ -67,7 +69,7 @@ def rate_root(injection: ForeignInjection) -> None:
     _weighted(injection, np.sign(rate) * np.sqrt(np.abs(rate)))
 
 
-def _begins_and_has(injection: ForeignInjection) -> tuple[bool, bool]:
+def _variant(injection: ForeignInjection) -> tuple[bool, bool]:
     """Whether a creep begins from rest in each segment, and whether it has the load in it."""
     return bool(injection.random.random() < 0.5), bool(injection.random.random() < 0.5)
 

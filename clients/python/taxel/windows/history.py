@@ -101,18 +101,9 @@ class Lagged(Schema, ABC):
 
 
 class _Relaxing(Recursive):
-    """A first-order low-pass y: at each tick, y += (1 - exp(-10 ms / time_constant_s)) (u - y).
-
-    Attributes:
-        starts: `settled`, y at the segment's first u; or from `rest`, y at 0, as if it were touched then.
-    """
+    """A first-order low-pass y: at each tick, y += (1 - exp(-10 ms / time_constant_s)) (u - y)."""
 
     time_constant_s: Positive
-    starts: Literal["settled", "rest"] = "settled"
-
-    @override
-    def started(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
-        return self.settled(u) if self.starts == "settled" else np.zeros_like(u)
 
     @override
     def rule(self) -> Rule:
@@ -130,11 +121,17 @@ class Relaxation(_Relaxing):
     """The part of a first-order response to u that is still to come: y - u.
 
     Attributes:
-        whole: the response y itself.
+        starts: `settled`, y at the segment's first u; or from `rest`, y at 0, as if it were touched then.
+        whole: y itself, in place of y - u.
     """
 
     kind: Literal["relaxation"] = "relaxation"
+    starts: Literal["settled", "rest"] = "settled"
     whole: bool = False
+
+    @override
+    def started(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self.settled(u) if self.starts == "settled" else np.zeros_like(u)
 
     @override
     def value(self, y: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -21,7 +21,7 @@ SHORTEST_OTHER_S: Final = 0.3
 LONGEST_S: Final = 40.0
 """The load changes often, so a longer time constant looks like a gain."""
 
-RECORDED: Final = 0.1
+OF_RECORDING: Final = 0.1
 """The longest time constant of a low-pass over the recorded time: a slower one looks like a drift."""
 
 OBSERVED: Final = 0.5
@@ -38,36 +38,36 @@ class ByForce(NamedTuple):
     """How a channel follows the force's low-pass.
 
     Attributes:
-        less_force: whether it follows what the low-pass is ahead of the force, or the low-pass itself.
-            A trained model has the one or the other, since both end at the same place.
+        whole: whether it follows the low-pass itself, or what the low-pass is ahead of the force.
+            A trained model may lack the one or the other.
         starts: what a segment begins with: a load that has been there for long, or a new one.
         directions: whether it also follows fx, fy and fz.
     """
 
-    less_force: bool
+    whole: bool
     starts: Literal["settled", "rest"]
     directions: bool = False
 
     def feature(self, tau: float, of: Followed = "force") -> Relaxation:
         """What is followed, with a time constant, s."""
-        return Relaxation(of=of, time_constant_s=tau, starts=self.starts, whole=not self.less_force)
+        return Relaxation(of=of, time_constant_s=tau, starts=self.starts, whole=self.whole)
 
     def allows(self, tau: float, observations: Observations) -> bool:
         """Whether a time constant, s, can be told from the load and from a drift."""
-        usual = self.less_force and self.starts == "settled"
+        usual = not self.whole and self.starts == "settled"
         if tau < (SHORTEST_BY_FORCE_S if usual else SHORTEST_OTHER_S):
             return False
-        return self.less_force or tau <= RECORDED * len(observations) * TICK_S
+        return not self.whole or tau <= OF_RECORDING * len(observations) * TICK_S
 
     def __str__(self) -> str:
         return (
-            f"by {'force' if self.less_force else 'low-passed force'}"
+            f"by {'low-passed force' if self.whole else 'force'}"
             f"{' and its direction' if self.directions else ''}"
             f"{', from rest' if self.starts == 'rest' else ''}"
         )
 
 
-BY_FORCE: Final = [ByForce(less, starts) for less in (True, False) for starts in ("settled", "rest")]
+BY_FORCE: Final = [ByForce(whole, starts) for whole in (False, True) for starts in ("settled", "rest")]
 
 
 class Creep(Effect):
@@ -110,7 +110,7 @@ class Creep(Effect):
             yield self._by_force(observations, tau, how._replace(directions=True))
 
     def _by_force(self, observations: Observations, tau: float, how: ByForce) -> Candidate:
-        kind, rest = "relaxation" if how.less_force else "low_pass", how.starts == "rest"
+        kind, rest = "low_pass" if how.whole else "relaxation", how.starts == "rest"
         drivers = [
             past(
                 observations,

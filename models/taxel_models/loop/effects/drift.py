@@ -57,8 +57,9 @@ class Drift(Effect):
             yield weighted(observations, self.name, form, "unit", drivers, weight_unit="counts/s")
         for share in WARMING:
             yield _exponential(share * span, "s", observations)
-        for share in _steps(observations).tolist():
-            yield _step(share, observations)
+        times = np.unique(time)
+        for share in _steps(times, observations).tolist():
+            yield _step(share, times, observations)
         if has_long_pauses(observations):
             edges, recorded_s = recorded(observations)
             yield _along(observations, "line in recorded time", edges, recorded_s / recorded_s[-1])
@@ -73,9 +74,10 @@ class Drift(Effect):
                 yield _exponential(factor * tau, unit, observations)
         if "rows before" in best.form_parameters:
             share, _ = best.form_parameters["rows before"]
+            times = np.unique(observations.time_s)
             for finer in (share + FINER_STEPS).tolist():
                 if 0 < finer < 1:
-                    yield _step(finer, observations)
+                    yield _step(finer, times, observations)
 
 
 def _exponential(tau: float, unit: str, observations: Observations) -> Candidate:
@@ -93,11 +95,10 @@ def _exponential(tau: float, unit: str, observations: Observations) -> Candidate
     return _along(observations, form, edges, course, time_constant=(tau, unit))
 
 
-def _steps(observations: Observations) -> Floats:
-    """(m,) shares of the rows before the steps that are tried."""
-    time = np.unique(observations.time_s)
+def _steps(times: Floats, observations: Observations) -> Floats:
+    """(m,) shares of the rows before the steps that are tried, of rows at times (k,), s."""
     starts = np.flatnonzero(np.diff(observations.segment)) + 1
-    begins = np.searchsorted(time, observations.time_s[starts]) / len(time)
+    begins = np.searchsorted(times, observations.time_s[starts]) / len(times)
     if not len(begins):
         return STEPS
     nearest = begins[np.abs(begins[:, None] - STEPS).argmin(axis=0)]
@@ -105,11 +106,10 @@ def _steps(observations: Observations) -> Floats:
     return np.unique(np.where(near, nearest, STEPS))
 
 
-def _step(share: float, observations: Observations) -> Candidate:
-    """From 0 to 1 within a tick, once a share of the rows is over; in a pause, if one begins there."""
-    time = np.unique(observations.time_s)
-    place = min(max(round(share * len(time)), 1), len(time) - 1)
-    edges = np.array([time[place - 1], time[place]])
+def _step(share: float, times: Floats, observations: Observations) -> Candidate:
+    """From 0 to 1 within a tick, once a share of the times (k,), s, is over, or in a pause there."""
+    place = min(max(round(share * len(times)), 1), len(times) - 1)
+    edges = np.array([times[place - 1], times[place]])
     form = f"a step at {edges[1]:.1f} s"
     return _along(observations, form, edges, np.array([0.0, 1.0]), **{"rows before": (share, "share")})
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from taxel.corrections import ONE, Frame, Shape, Term, Weighted
 from taxel.held_out_residual import OwnWave
-from taxel.windows import Elapsed, ExtraFeature, HistoryFeature, Load
+from taxel.windows import Elapsed, ExtraFeature, HistoryFeature, Load, Relaxation
 from taxel_models.loop.basis import AboutMean, Basis, Floats, Shared
 from taxel_models.loop.observations import Observations
 
@@ -244,13 +244,10 @@ def past(observations: Observations, feature: HistoryFeature, name: str, unit: s
     What has the load itself in it, and does not end at 0, has its mean.
     """
     values = observations.history(feature)
-    with_load = isinstance(feature, Load) or getattr(feature, "whole", False)
-    default = float(values.mean()) if with_load else 0.0
-    return Driver(
-        name,
-        values,
-        ExtraFeature(name=name, unit=unit, default=default, history=feature, taken_by="effects"),
-    )
+    has_load = isinstance(feature, Load) or (isinstance(feature, Relaxation) and feature.whole)
+    default = float(values.mean()) if has_load else 0.0
+    extra = ExtraFeature(name=name, unit=unit, default=default, history=feature, taken_by="effects")
+    return Driver(name, values, extra)
 
 
 def evenly_filled(observations: Observations, pieces: int) -> Floats:

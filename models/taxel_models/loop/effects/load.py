@@ -1,15 +1,12 @@
 """Load: a channel responds more or less to the force, whatever its own signal is."""
 
 from collections.abc import Iterable
-from typing import Final
 
 from typing_extensions import override
 
 from taxel.windows import Load as LoadFeature
 from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past, weighted
 from taxel_models.loop.observations import Observations
-
-OF_FORCE: Final = LoadFeature(of="force")
 
 
 class Load(Effect):
@@ -25,5 +22,5 @@ class Load(Effect):
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
-        force = past(observations, OF_FORCE, "force", "N")
+        force = past(observations, LoadFeature(of="force"), "force", "N")
         yield weighted(observations, self.name, "by force", "unit", [force], weight_unit="counts/N")

@@ -63,6 +63,11 @@ def prepared(candidate: Candidate, whitening: Whitening) -> Iterator[WhitenedFor
         yield _prepared(about_mean(candidate, average), means - average[:, None, :], whitening)
 
 
+def prepared_as_it_is(candidate: Candidate, whitening: Whitening) -> WhitenedForm:
+    """A form, whatever its mean is."""
+    return _prepared(candidate, whitening.bins.of_basis(candidate.basis), whitening)
+
+
 def _prepared(candidate: Candidate, means: Floats, whitening: Whitening) -> WhitenedForm:
     fitting, channels = candidate.fitting, len(CHANNELS)
     size = np.broadcast_to(np.sqrt((means**2).mean(axis=1)), (channels, means.shape[2]))

@@ -32,7 +32,7 @@ from taxel_models.loop.inference.evidence import (
     weigh,
 )
 from taxel_models.loop.inference.few_channels_form import FewChannelsForm
-from taxel_models.loop.inference.forms import WhitenedForm, prepared
+from taxel_models.loop.inference.forms import WhitenedForm, prepared, prepared_as_it_is
 from taxel_models.loop.inference.score import Score, Taken
 from taxel_models.loop.inference.usual import Usual
 from taxel_models.loop.inference.weighing import Weighing
@@ -248,7 +248,10 @@ class Scoring:
         return bool(deviation > alike * max(float(np.linalg.norm(mean)), 1e-12))
 
     def refined(self, score: Score, taken: Sequence[Taken]) -> Score:
-        """The likeliest of the forms around an effect's likeliest one, if its forms are a grid."""
+        """The likeliest of the forms around an effect's likeliest one, if its forms are a grid.
+
+        Where single rows tell more than their means, they have the last word.
+        """
         bases = self.bases(taken)
         for _ in range(REFITS):
             finer = [
@@ -271,8 +274,7 @@ class Scoring:
         candidate = score.effect.by_rows(self.observations, best, left, self._blocks.fit)
         if candidate is best:
             return score
-        form = next(iter(prepared(replace(candidate, mean_absorbed=False), self.whitening)))
-        return replace(score, form=form)
+        return replace(score, form=prepared_as_it_is(candidate, self.whitening))
 
     def by_predictions(self, score: Score, taken: Sequence[Taken]) -> tuple[Score, Score]:
         """The same score by predictions of held-out folds: as they are, and within the limits of counts.

@@ -19,7 +19,7 @@ from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect
 from taxel_models.loop.inference.constants import DECLARED, Constants
-from taxel_models.loop.inference.forms import prepared
+from taxel_models.loop.inference.forms import prepared_as_it_is
 from taxel_models.loop.inference.parameter_correlation import parameter_correlation
 from taxel_models.loop.inference.proof import simplest, stands
 from taxel_models.loop.inference.score import Score, Taken, t_over_folds
@@ -182,8 +182,7 @@ class JointSelection:
         if taken.form.candidate.again is None:
             return taken
         candidate = taken.form.candidate.again(self._scoring.observations)
-        form = next(iter(prepared(replace(candidate, mean_absorbed=False), self._scoring.whitening)))
-        return replace(taken, form=form)
+        return replace(taken, form=prepared_as_it_is(candidate, self._scoring.whitening))
 
     def _refit(self) -> None:
         """Weights of all named effects: each given the others, for some rounds."""
