@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from taxel.errors import RecordingError
 from taxel_models.loop.observations import Observations
 
-FOLDS: Final = 8
+FOLDS: Final = 40
+"""At most, each of one block or a few: more of them tell better whether an effect repeats."""
+
 BLOCK_ROWS: Final = 500
 """The longest block, 5 s: one or two contacts, and much longer than neighbouring rows are correlated."""
 

@@ -43,13 +43,13 @@ def rounds(benchmark: RecoveryBenchmark) -> list[Round]:
 @pytest.mark.long
 def test_what_a_constant_decides_is_shown(benchmark: RecoveryBenchmark, rounds: list[Round]) -> None:
     """With a share that is asked for and that nothing could remove."""
-    strict = DECLARED.moved("least_t", 1e6)
+    strict = DECLARED.moved("chance", 1e-200)
 
     def play(moved: Sequence[Constants]) -> Iterator[list[Round]]:
-        assert {one.least_t for one in moved} == {0.5 * strict.least_t, 2 * strict.least_t}
+        assert {one.chance for one in moved} == {0.5 * strict.chance, 2 * strict.chance}
         return run_rounds_with(benchmark, moved, 1)
 
-    below, above = sensitivities(strict, rounds, play, ("least_t",))
+    below, above = sensitivities(strict, rounds, play, ("chance",))
     assert [one.changed for one in (below, above)] == [1, 1]
     assert below.summary.right_first == 0.0
 

@@ -34,7 +34,7 @@ def test_processes_play_the_same_rounds_each_with_its_constants(
 ) -> None:
     assert [one.number for one in here] == [0, 1]
     assert all(one.injector == "foreign" for one in here)
-    strict = DECLARED.moved("least_t", 1e6)
+    strict = DECLARED.moved("chance", 1e-200)
     same, other = run_rounds_with(benchmark, [DECLARED, strict], ROUNDS, jobs=2)
     assert same == here
     assert [one.named for one in other] == [(), ()] != [one.named for one in here]

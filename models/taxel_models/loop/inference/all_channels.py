@@ -40,6 +40,7 @@ class AllChannels:
         self._correlated, self._effects = correlated, effects
         self._observations, self._remaining = observations, remaining
         self._beside_others, self._constants = beside_others, constants
+        self._least_t = constants.least_t(correlated.folds)
         self._forms, self._bases = forms, correlated.bases(remaining.residual)
         self._weighed = cache(self._weigh)
 
@@ -63,14 +64,14 @@ class AllChannels:
         """The likeliest change of a few channels that proves itself."""
         if effect.follows is None:
             return None
-        few = self._best(effect, self._constants.least_t)
+        few = self._best(effect)
         stand = few is not None and stands(few, self._beside_others, self._constants)
         return few if stand else None
 
-    def _best(self, effect: Effect, least_t: float, most_channels: int = MOST_CHANNELS) -> Score | None:
+    def _best(self, effect: Effect, most_channels: int = MOST_CHANNELS) -> Score | None:
         observations, remaining = self._observations, self._remaining
         return self._correlated.best(
-            effect, observations, remaining, least_t=least_t, most_channels=most_channels
+            effect, observations, remaining, least_t=self._least_t, most_channels=most_channels
         )
 
     def _shows(self, score: Score, few: Score | None) -> bool:
@@ -78,12 +79,12 @@ class AllChannels:
         effect = score.effect
         if score.form.candidate.certain or not self._correlated.knows(effect.label):
             return True
-        changes_few = effect.follows is not None and score.worth.mean() < self._constants.least_share
-        if changes_few and few is None:
-            # What few channels show must show beside all others. By itself it repeats already.
-            least_t = self._constants.least_t / 2
-            if self._best(effect, least_t, most_channels=len(CHANNELS)) is None:
-                return False
+        changes_few = score.weighed.changes.sum() <= MOST_CHANNELS
+        changes_few |= score.worth.mean() < self._constants.least_share
+        # What few channels show must show beside all others. By itself it repeats already.
+        changes_few &= effect.follows is not None
+        if changes_few and few is None and self._best(effect, most_channels=len(CHANNELS)) is None:
+            return False
         least = self._rival(effect) if effect.follows == "measured" else 0.0
         return self._evidence(effect) > least
 

@@ -3,6 +3,8 @@
 from dataclasses import dataclass, fields, replace
 from typing import Final, Self
 
+from scipy import stats
+
 BINS_OF_FADING: Final = 10
 """Bins in the time constant of the noise that fades: rows nearer to each other tell nearly the same."""
 
@@ -18,14 +20,15 @@ class Constants:
         least_included: least of the prior shares of the channels that an effect changes; the others
             are one half and all.
         robust: a block counts less if its error is more than so many times the median block's.
-        least_t: t over held-out folds that an effect must reach (Nadeau and Bengio 2003).
-        least_share: share of the held-out whitened squared error that an effect must remove.
-        least_channel_share: likewise in one channel, where it changes few; that channel must pass the test
-            by itself, as one of many. Offsets of contacts, which no model predicts, must remove so much of
-            the whole error.
-        clear_share: one channel of which so much is removed needs no price for being one of many. A
-            constant, and what comes beside named effects, needs so much in one channel: a channel's mean
-            scatters from finger to finger, and a form that is not quite right leaves a little.
+        chance: probability with which chance alone reaches the t over held-out folds that an effect must
+            reach (Nadeau and Bengio 2003); see `least_t`.
+        least_share: share of the held-out squared error, counts², that an effect must remove.
+        least_channel_share: likewise in one channel, which must pass the test by itself, as one of many;
+            and over all channels, beside named effects, where a form that is not quite right leaves a
+            little. Offsets of contacts, which no model predicts, must remove so much of the whole error.
+        clear_share: of an effect that removes less over all channels, chance may reach the t so much
+            more rarely. A constant, and a change of few channels beside named effects, must remove so
+            much in one channel: a channel's mean scatters from finger to finger.
         alike: an effect that explains this share of what another does is not told apart from it; if it is
             the simpler one of the two, it is named first.
         simpler: a simpler effect has at most this share of the other's parameters.
@@ -39,7 +42,7 @@ class Constants:
     strength: float = 0.5
     least_included: float = 0.1
     robust: float = 1.0
-    least_t: float = 3.0
+    chance: float = 0.01
     least_share: float = 0.03
     least_channel_share: float = 0.05
     clear_share: float = 0.15
@@ -74,6 +77,10 @@ class Constants:
     def names(cls) -> tuple[str, ...]:
         """Of all constants."""
         return tuple(field.name for field in fields(cls))
+
+    def least_t(self, folds: int) -> float:
+        """The t over so many held-out folds that an effect must reach."""
+        return float(stats.t.isf(self.chance, max(folds - 1, 1)))
 
     @property
     def bin_s(self) -> float:

@@ -5,7 +5,7 @@ is a multiple of the noise's. The noise's size has a flat prior on its logarithm
 the marginal likelihood has a closed form (a Student t; Bishop 2006, section 3.5).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple, Self
@@ -53,6 +53,7 @@ class Base:
         quantum: (21,) squared, what rounding alone leaves in a bin.
         known_noise: (21,) mean square of the noise, but for one factor that all channels have in common;
             None where each channel's own is inferred from what is left of it.
+        not_served: so many of the first regressors stand for what no effect can take off.
     """
 
     target: Design
@@ -60,6 +61,7 @@ class Base:
     precision: Floats
     quantum: Floats
     known_noise: Floats | None = None
+    not_served: int = 0
 
     @property
     def bins(self) -> int:
@@ -101,13 +103,13 @@ class Base:
     def with_constant(self, ones: Design) -> Self:
         """With a constant of each channel as the last regressor."""
         precision = np.column_stack([self.precision, np.ones(len(self.precision))])
-        return type(self)(self.target, self.design.beside(ones), precision, self.quantum, self.known_noise)
+        return replace(self, design=self.design.beside(ones), precision=precision)
 
     def without_last(self) -> Self:
         """The last regressor has no weight; all products stay as they are."""
         precision = self.precision.copy()
         precision[:, -1] = np.inf
-        other = type(self)(self.target, self.design, precision, self.quantum, self.known_noise)
+        other = replace(self, precision=precision)
         other.__dict__.update(gram=self.gram, cross=self.cross, energy=self.energy)
         return other
 
@@ -144,6 +146,7 @@ class Products:
     """The products of a base and of new regressors, fold by fold."""
 
     base: Base
+    design: Design
     between: Floats
     gram: Floats
     cross: Floats
@@ -152,7 +155,7 @@ class Products:
     def of(cls, base: Base, design: Design) -> Self:
         """Of a base and new regressors."""
         between, gram = base.design.products(design), design.products(design)
-        return cls(base, between, gram, design.products(base.target)[..., 0])
+        return cls(base, design, between, gram, design.products(base.target)[..., 0])
 
     @property
     def folds(self) -> int:

@@ -1,8 +1,7 @@
 """Proof: what a score must show for its effect to be named, and which simpler one is named in its place."""
 
 from collections.abc import Sequence
-
-from scipy import stats
+from dataclasses import replace
 
 from taxel.channels import CHANNELS
 from taxel_models.loop.inference.constants import Constants
@@ -16,32 +15,39 @@ def stands(score: Score, beside_others: bool, constants: Constants) -> bool:
         beside_others: something is named already; its form may not be quite right.
         constants: of the inference.
     """
-    if score.t < constants.least_t:
+    if score.t < constants.least_t(score.folds):
         return False
+    worth = float(score.worth.mean())
     if not score.effect.is_predictable:
-        return bool(score.worth.mean() >= constants.least_channel_share)
-    if score.worth.mean() >= constants.least_share:
+        return worth >= constants.least_channel_share
+    # A form that is not quite right leaves a little.
+    share = max(constants.least_share, constants.least_channel_share if beside_others else 0.0)
+    if worth >= share and score.t >= _least_t_of(worth, score, constants):
         return True
     if score.effect.fits_nothing and not beside_others:
-        return bool(score.worth.mean() > 0)
+        return worth > 0
     if score.form.candidate.fitting.pooled:
         # What all channels share is not told by one of them.
         return False
-    # The t above weighs channels by what other folds show: chance does not choose a clear one.
-    told = (score.worth >= constants.clear_share) & (score.channel_t >= constants.least_t)
-    if not (beside_others or score.effect.is_constant):
-        # A channel's mean scatters from finger to finger.
-        sure = score.channel_t >= _least_channel_t(score, constants)
-        told |= (score.worth >= constants.least_channel_share) & sure
-    told &= score.weighed.changes & (score.worth >= constants.least_share)
-    return bool(told.any())
+    few_channels = score.form.candidate.fitting.few_channels
+    if beside_others and not (few_channels or score.effect.is_constant):
+        # It leaves more in one channel than in others.
+        return False
+    # A channel's mean scatters from finger to finger.
+    stricter = beside_others or score.effect.is_constant
+    least = max(constants.clear_share if stricter else constants.least_channel_share, constants.least_share)
+    # Choosing among all channels has its price (Bonferroni).
+    sure = score.channel_t >= _with_chance(constants, 1.0 / len(CHANNELS)).least_t(score.folds)
+    return bool((score.weighed.changes & (score.worth >= least) & sure).any())
 
 
-def _least_channel_t(score: Score, constants: Constants) -> float:
-    """The t that one of all channels must reach: choosing among them has its price (Bonferroni)."""
-    freedom = max(len(score.gain) - 1, 1)
-    chance = stats.t.sf(constants.least_t, freedom)
-    return float(stats.t.isf(chance / len(CHANNELS), freedom))
+def _least_t_of(worth: float, score: Score, constants: Constants) -> float:
+    """The t of an effect that removes a share of the error: the less it is, the surer it must be."""
+    return _with_chance(constants, min(1.0, worth / constants.clear_share)).least_t(score.folds)
+
+
+def _with_chance(constants: Constants, part: float) -> Constants:
+    return replace(constants, chance=part * constants.chance)
 
 
 def most_of_simpler(score: Score, constants: Constants) -> float:

@@ -64,6 +64,11 @@ class Score:
         return self.form.freedom
 
     @property
+    def folds(self) -> int:
+        """That it was tested on."""
+        return len(self.gain)
+
+    @property
     def total_gain(self) -> float:
         """Over the folds and the channels that change."""
         return float(self.gain[:, self.weighed.changes].sum())
@@ -86,7 +91,7 @@ class Score:
     @property
     def p_value(self) -> float:
         """One-sided, of that t."""
-        return float(stats.t.sf(self.t, max(len(self.gain) - 1, 1)))
+        return float(stats.t.sf(self.t, max(self.folds - 1, 1)))
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,7 @@ from taxel_models.loop.inference.score import Score, Taken
 from taxel_models.loop.inference.usual import Usual
 from taxel_models.loop.inference.weighing import Weighing
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
+from taxel_models.loop.inference.worth import held_out_error
 from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
 
 Progress = Callable[[str], None]
@@ -103,9 +104,9 @@ class Scoring:
             observations, blocks, self.bins, self.whitening, row_weights, constants.strengths
         )
         self._ones = Design(self.whitening.ones, self.bins.fold)
-        target = self.base([]).target.values[:, :, 0]
-        energy = np.maximum((target**2).sum(axis=1), 1e-9)
-        self._weighing = Weighing(self._usual, self.whitening.scale, energy, constants)
+        self._prediction_noise = self._noise_of_prediction()
+        errors = self.whitening.coloured(self.base([]).target.values[:, :, 0])
+        self._weighing = Weighing(self._usual, self.whitening, errors, constants)
         self._forms: dict[str, list[WhitenedForm]] = {}
         self._hopeless: dict[str, int] = {}
         """Effects with costly forms that the residual did not speak for: 0 alone, 1 beside others."""
@@ -114,7 +115,21 @@ class Scoring:
         """Change the inputs, and so all predictions and forms; (n, 21) the predictions' change, counts."""
         before, self.observations = self.observations, moved(self.observations)
         self._forms.clear()
+        self._prediction_noise = self._noise_of_prediction()
         return self.observations.predicted - before.predicted
+
+    def _noise_of_prediction(self) -> Design:
+        """What the prediction of each channel changes within a second, as large as its residual.
+
+        A model brings noise of its own into its prediction, and its residual has the same noise with the
+        other sign. It is fast. Whatever is in proportion to the prediction would be found too small, since
+        the noise of neighbouring bins counts much where the residual fades slowly.
+        """
+        means = self.bins.means(self.observations.predicted.T[:, :, None])
+        fast = self.bins.fast(means, self.constants.fading_s)
+        size = np.sqrt((fast**2).mean(axis=1, keepdims=True))
+        fast *= self.whitening.scale[:, None, None] / np.where(size > 1e-9, size, np.inf)
+        return Design(self.whitening(fast), self.bins.fold)
 
     def residual(self, taken: Sequence[Taken]) -> Floats:
         """(n, 21) what some effects leave, counts."""
@@ -129,14 +144,14 @@ class Scoring:
         regressors = [each for each in taken if each.is_regressor]
         apart = self.residual([each for each in taken if not each.is_regressor])
         target = Design(self.whitening(self.bins.means(apart.T[:, :, None])), self.bins.fold)
-        values = [np.empty((len(CHANNELS), len(self.bins), 0))]
-        precision = [np.empty((len(CHANNELS), 0))]
+        values = [self._prediction_noise.values]
+        precision = [np.ones((len(CHANNELS), 1))]
         for each in regressors:
             values.append(each.form.design.values)
             own = np.where(each.weighed.changes, each.weighed.strength**-2, np.inf)
             precision.append(np.repeat(own[:, None], each.form.size, axis=1))
         design = Design(np.concatenate(values, axis=2), self.bins.fold)
-        return Base(target, design, np.concatenate(precision, axis=1), self.whitening.quantum)
+        return Base(target, design, np.concatenate(precision, axis=1), self.whitening.quantum, not_served=1)
 
     def bases(self, taken: Sequence[Taken]) -> Bases:
         """The base, the same beside a constant of each channel, and the constant's own evidence."""
@@ -191,7 +206,7 @@ class Scoring:
             if forms:
                 score = self._weighing.likeliest(effect, forms, bases, beside_others=bool(taken))
                 found.append(score)
-                weak = score.log_evidence <= 0 or score.t < self.constants.least_t
+                weak = score.log_evidence <= 0 or score.t < self.constants.least_t(score.folds)
                 if effect.is_costly and (weak or score.worth.mean() < self.constants.least_share):
                     self._hopeless[effect.label] = beside
         if self._correlated is not None:
@@ -227,10 +242,8 @@ class Scoring:
             return None
         usual = self._usual.log_evidence(ContactOffset.name)
         form, weighed, tested = self._contacts.weighed(left, base.noise, usual)
-        # Rows that calibrate are not counted.
-        energy = np.maximum((tested.before * base.noise).sum(axis=0), 1e-9)
         total = weighed.log_evidence
-        return self._weighing.scored(ContactOffset(), form, weighed, total, tested, energy=energy)
+        return self._weighing.scored(ContactOffset(), form, weighed, total, tested, tested.shares)
 
     def contradicts(self, score: Score, taken: Sequence[Taken]) -> bool:
         """Whether electrodes' weights differ more than their common cause allows."""
@@ -326,11 +339,14 @@ class Scoring:
         _, scaled = posterior_weights(products, taken.form.candidate.fitting, taken.weighed, kept)
         return taken.form.weights(scaled)
 
-    def beside(self, taken: Taken, others: Sequence[Taken]) -> tuple[Weighed, HeldOut]:
-        """A named effect's own form, weighed and tested beside the others."""
+    def beside(self, taken: Taken, others: Sequence[Taken]) -> tuple[Weighed, HeldOut, Floats]:
+        """A named effect's own form, weighed and tested beside the others; (21,) what share it removes."""
         if self._correlated is not None and isinstance(taken.form, FewChannelsForm):
-            return self._correlated.beside(taken.form, self.residual(others))
+            weighed, tested = self._correlated.beside(taken.form, self.residual(others))
+            return weighed, tested, tested.shares
         products = Products.of(self.base(others), taken.form.design)
         fitting = taken.form.candidate.fitting
+        before, after = held_out_error(products, fitting, taken.weighed, self.whitening.coloured)
+        shares = (before - after) / np.maximum(before, 1e-12)
         weighed = weigh(products, fitting, self.constants)
-        return weighed, held_out(products, fitting, taken.weighed)
+        return weighed, held_out(products, fitting, taken.weighed), shares

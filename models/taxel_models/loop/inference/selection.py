@@ -62,17 +62,8 @@ class JointSelection:
             return self._run()
 
     def _run(self) -> Attribution:
-        alone: list[Score] = []
-        while True:
-            scores = self._scoring.scores(self._taken)
-            alone = alone or scores
-            chosen = self.choose(scores)
-            if chosen is None and not self._taken:
-                chosen = self.proven_by_limits(scores)
-            if chosen is None:
-                break
-            self._take(chosen)
-            self._drop()
+        alone = self._scoring.scores(self._taken)
+        scores = self._name(alone)
         before = [taken.name for taken in self._taken]
         named = self._exchange(alone)
         if {one.name for one in named} != set(before):
@@ -81,6 +72,18 @@ class JointSelection:
         rejected = self._rejected(scores, alone, named)
         correlation = parameter_correlation(self._taken, self._scoring.base(self._taken).noise)
         return Attribution(self._scoring.observations, named, rejected, left, correlation)
+
+    def _name(self, scores: list[Score]) -> list[Score]:
+        """Names effects until no other one proves itself; the scores of those that are left."""
+        while True:
+            chosen = self.choose(scores)
+            if chosen is None and not self._taken:
+                chosen = self.proven_by_limits(scores)
+            if chosen is None:
+                return scores
+            self._take(chosen)
+            self._drop()
+            scores = self._scoring.scores(self._taken)
 
     def proves_itself(self, score: Score, own: Score | None = None) -> bool:
         """Whether it stands on held-out folds, is worth naming, and its weights do not contradict it.
@@ -109,7 +112,8 @@ class JointSelection:
         simple = self._constants.simpler * other.freedom <= best.freedom
         tried = (other.name, other.form.candidate.form) in self._tried
         # What the model's own residual has, too, is no doubt about another cause.
-        return likelier and simple and not tried and other.t_with_usual < self._constants.least_t
+        repeats = other.t_with_usual >= self._constants.least_t(other.folds)
+        return likelier and simple and not tried and not repeats
 
     def choose(self, scores: Sequence[Score], own: Score | None = None) -> Score | None:
         """The likeliest effect that proves itself, or a simpler one that carries most of it.
@@ -151,8 +155,11 @@ class JointSelection:
 
     def proven_by_limits(self, scores: Sequence[Score]) -> Score | None:
         """The likeliest effect, if predictions prove it only within the limits of counts."""
-        score, least = scores[0] if scores else None, self._constants.least_t
-        if score is None or not score.effect.is_predictable or score.t_with_usual >= least:
+        score = scores[0] if scores else None
+        if score is None or not score.effect.is_predictable:
+            return None
+        least = self._constants.least_t(score.folds)
+        if score.t_with_usual >= least:
             return None
         if score.form.candidate.fitting.fixed or score.form.candidate.fitting.few_channels:
             return None
@@ -205,15 +212,13 @@ class JointSelection:
                 if candidate.moves or candidate.certain or not taken.effect.is_predictable:
                     continue
                 others = [each for each in self._taken if each is not taken]
-                weighed, tested = self._scoring.beside(taken, others)
+                weighed, tested, shares = self._scoring.beside(taken, others)
                 t = t_over_folds(tested.gain, taken.weighed)
                 gain = float(tested.gain[:, taken.weighed.changes].sum())
-                shares = tested.shares
                 little = shares.mean() < self._constants.least_share / 2
                 little &= shares.max() < self._constants.least_channel_share / 2
-                if (weighed.log_evidence <= 0 or little or t < self._constants.least_t / 2) and (
-                    weakest is None or gain < weakest[0]
-                ):
+                little |= t < self._constants.least_t(len(tested.gain)) / 2
+                if (weighed.log_evidence <= 0 or little) and (weakest is None or gain < weakest[0]):
                     weakest = gain, taken
             if weakest is None:
                 return
@@ -240,9 +245,13 @@ class JointSelection:
             chosen = self.choose(scores, own)
             if chosen is not None and self._replaces(chosen, own) and taken.name not in replaced:
                 replaced.add(taken.name)
+                # Beside the other one, it may still have a part of its own.
+                self._tried.discard((taken.name, candidate.form))
                 self._taken = others
                 self._take(chosen)
                 self._drop()
+                # What the other effect explained beside this one may have a name of its own.
+                self._name(self._scoring.scores(self._taken))
                 place, either = 0, {}
                 continue
             self._scoring.settle_limits(self._taken)
@@ -286,12 +295,14 @@ class JointSelection:
             shares.append(share)
         return shares
 
-    @staticmethod
-    def _replaces(chosen: Score, own: Score | None) -> bool:
-        """Whether another effect takes the place of a named one."""
+    def _replaces(self, chosen: Score, own: Score | None) -> bool:
+        """Whether another effect takes the place of a named one: a likelier one, or the simpler of two."""
         if own is None or chosen.name == own.name or not chosen.effect.is_predictable:
             return False
-        return chosen.log_evidence > own.log_evidence and not chosen.form.candidate.moves
+        if chosen.form.candidate.moves:
+            return False
+        is_simpler = chosen.freedom < own.freedom and not chosen.effect.is_constant
+        return chosen.log_evidence > own.log_evidence or (is_simpler and self.proves_itself(own, own))
 
     def _alike(self, own: Score, scores: Sequence[Score]) -> tuple[str, ...]:
         """Effects that explain nearly as much on held-out folds."""
@@ -351,10 +362,9 @@ class JointSelection:
                 reason = "cannot be told apart from an effect that was named and is likelier"
             elif score.log_evidence <= 0:
                 reason = "the residual is no likelier with it"
-            elif score.t < self._constants.least_t <= score.t_with_usual:
-                reason = AS_USUAL
-            elif score.t < self._constants.least_t:
-                reason = "does not repeat over the held-out folds"
+            elif score.t < self._constants.least_t(score.folds):
+                usual = score.t_with_usual >= self._constants.least_t(score.folds)
+                reason = AS_USUAL if usual else "does not repeat over the held-out folds"
             elif self._scoring.contradicts(score, self._taken):
                 reason = "its weights differ more than its cause allows"
             else:

@@ -22,6 +22,8 @@ from taxel_models.loop.inference.forms import WhitenedForm
 from taxel_models.loop.inference.proof import most_of_simpler, simplest, stands
 from taxel_models.loop.inference.score import Score
 from taxel_models.loop.inference.usual import Usual
+from taxel_models.loop.inference.whitening import Whitening
+from taxel_models.loop.inference.worth import held_out_error
 
 
 class Option(NamedTuple):
@@ -44,13 +46,14 @@ class Weighing:
 
     Args:
         usual: what the model's own held-out residual has of each effect.
-        scale: (21,) of the recording's residual, counts.
-        energy: (21,) whitened squared error of each channel.
+        whitening: of the recording's bins.
+        errors: (21, bins) of the recording, counts.
         constants: of the inference.
     """
 
-    def __init__(self, usual: Usual, scale: Floats, energy: Floats, constants: Constants) -> None:
-        self._usual, self._scale, self._energy, self._constants = usual, scale, energy, constants
+    def __init__(self, usual: Usual, whitening: Whitening, errors: Floats, constants: Constants) -> None:
+        self._usual, self._whitening, self._constants = usual, whitening, constants
+        self._errors, self._about_mean = errors, errors - errors.mean(axis=1, keepdims=True)
 
     def likeliest(
         self, effect: Effect, forms: Sequence[WhitenedForm], bases: Bases, *, beside_others: bool
@@ -69,9 +72,14 @@ class Weighing:
             products = option.products
             if effect.is_constant:
                 products = replace(products, base=bases.plain)
-            found = held_out(products, option.form.candidate.fitting, option.weighed)
+            fitting = option.form.candidate.fitting
+            found = held_out(products, fitting, option.weighed)
+            before, after = held_out_error(products, fitting, option.weighed, self._whitening.coloured)
+            # A constant is there or not: what others are worth does not depend on it.
+            whole = (self._errors**2 if effect.is_constant else self._about_mean**2).sum(axis=1)
+            fall = (before - after) / np.maximum(whole, 1e-9)
             return replace(
-                self.scored(effect, option.form, option.weighed, option.log_evidence, found),
+                self.scored(effect, option.form, option.weighed, option.log_evidence, found, fall),
                 needs_constant=option.needs_constant,
                 log_evidence_alone=option.alone,
             )
@@ -120,8 +128,7 @@ class Weighing:
         weighed: Weighed,
         log_evidence: float,
         tested: HeldOut,
-        *,
-        energy: Floats | None = None,
+        fall: Floats,
     ) -> Score:
         """The score of a form less what its effect explains of the model's own held-out residual.
 
@@ -131,15 +138,17 @@ class Weighing:
             weighed: its evidence.
             log_evidence: of the effect.
             tested: on held-out folds.
-            energy: (21,) in place of the whole whitened squared error.
+            fall: (21,) share of each channel's squared error that goes on these folds.
         """
         # A channel that it does not change gains nothing, usual or not.
         candidate = form.candidate
         usual = self._usual.gain(candidate, tested) * weighed.changes
         gain = tested.gain - usual
-        fall = (gain * tested.noise).sum(axis=0)
-        worth = fall / (self._energy if energy is None else energy)
-        taken_off = fall * self._scale**2
+        whole, own = tested.gain.sum(axis=0), gain.sum(axis=0)
+        # So much of what goes is news: the model's own residual has the rest.
+        news = np.clip(own / np.where(whole > 0, whole, np.inf), -1.0, 1.0)
+        worth = np.where(fall > 0, fall * news, fall)
+        taken_off = own * tested.noise * self._whitening.scale**2
         usual = usual * np.ones_like(gain)
         shares = (gain, worth, taken_off, usual)
         score = Score(effect, form, weighed, log_evidence, False, *shares, most_gain=0.0)

@@ -11,6 +11,7 @@ from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from taxel.channels import CHANNELS
 from taxel.held_out_residual import CorrelatedResidual, HeldOutResidual
@@ -142,6 +143,16 @@ class Bins:
         sums = np.add.reduceat(values[:, self.order], self.starts, axis=1)
         return np.asarray(sums / counts[None, :, None])
 
+    def fast(self, means: Floats, window_s: float) -> Floats:
+        """(c, bins, k) of means (c, bins, k), what is left of them less their average over a window."""
+        window = 2 * round(0.5 * window_s / self.seconds) + 1
+        left = np.empty_like(means)
+        for block in self.blocks:
+            left[:, block] = means[:, block] - uniform_filter1d(
+                means[:, block], window, axis=1, mode="nearest"
+            )
+        return left
+
     def of_basis(self, basis: Basis) -> Floats:
         """(1 or 21, bins, k) means of a basis, which may be known for some of the rows only."""
         if basis.rows is None:
@@ -193,6 +204,14 @@ class Whitening:
         most = constants.robust * np.median(size, axis=0)
         for number, block in enumerate(bins.blocks):
             self._counts[:, block] = np.minimum(1.0, most / np.maximum(size[number], 1e-12))[:, None]
+
+    def coloured(self, white: Floats) -> Floats:
+        """(21, bins) errors, counts, of whitened ones (21, bins); blocks count as much as they do there."""
+        errors = np.empty_like(white)
+        for block in self.bins.blocks:
+            factor = self._factor(block.stop - block.start)
+            errors[:, block] = np.linalg.solve(factor, white[:, block, None])[..., 0]
+        return np.asarray(errors * self.scale[:, None])
 
     def row_weights(self, rows: int) -> Floats:
         """(n, 21) how much each row counts; 1 outside the fit part."""

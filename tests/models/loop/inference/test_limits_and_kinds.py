@@ -56,7 +56,7 @@ def test_predictions_prove_nothing_where_no_counts_are_cut_off(smooth: Any, make
     free, within = scoring.by_predictions(score, [])
     np.testing.assert_array_equal(free.gain, within.gain)
     doubtful = replace(score, gain=score.gain * np.resize([1.0, -1.0], len(score.gain))[:, None])
-    assert within.t > DECLARED.least_t > doubtful.t_with_usual
+    assert within.t > DECLARED.least_t(within.folds) > doubtful.t_with_usual
     assert JointSelection(observations, blocks, gain).proven_by_limits([doubtful]) is None
 
 

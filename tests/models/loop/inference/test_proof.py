@@ -33,9 +33,11 @@ def test_the_simplest_is_looked_for_step_by_step() -> None:
     [
         pytest.param(0.05, 5.6, False, False, False, True, id="one channel, against chance among all"),
         pytest.param(0.05, 5.4, False, False, False, False, id="one channel, perhaps chance"),
-        pytest.param(0.16, 3.1, False, False, False, True, id="one clear channel"),
-        pytest.param(0.16, 2.9, False, False, False, False, id="one clear channel that does not repeat"),
+        pytest.param(0.04, 9.0, False, False, False, False, id="one channel, too little"),
         pytest.param(0.05, 9.0, False, False, True, False, id="one channel, beside a named effect"),
+        pytest.param(0.50, 9.0, False, False, True, False, id="one clear channel, beside a named effect"),
+        pytest.param(0.16, 9.0, False, True, True, True, id="a clear offset, beside a named effect"),
+        pytest.param(0.16, 5.4, False, True, True, False, id="a clear offset, perhaps chance"),
         pytest.param(0.14, 9.0, False, True, False, False, id="one channel's offset"),
         pytest.param(0.16, 9.0, False, True, False, True, id="one channel's clear offset"),
         pytest.param(0.50, 9.0, True, False, False, False, id="one channel of a cause that all share"),
@@ -45,18 +47,36 @@ def test_the_simplest_is_looked_for_step_by_step() -> None:
 def test_one_channel_may_be_enough(
     worth: float, t: float, shared: bool, constant: bool, beside: bool, stands: bool
 ) -> None:
-    """Of 21 channels, the others are a little worse with the effect."""
+    """Of 21 channels, the others are a little worse with the effect; its t over all of them is 4.5."""
     candidate = SimpleNamespace(fitting=Fitting(pooled=shared))
     score: Any = SimpleNamespace(
         effect=SimpleNamespace(is_predictable=True, is_constant=constant, fits_nothing=False),
         form=SimpleNamespace(candidate=candidate),
         weighed=SimpleNamespace(changes=np.ones(21, bool)),
-        gain=np.ones((8, 21)),
-        t=4.0,
+        folds=8,
+        t=4.5,
         channel_t=np.array([t] + [0.0] * 20),
         worth=np.array([worth] + [-0.001] * 20),
     )
     assert proof.stands(score, beside, DECLARED) is stands
+
+
+@pytest.mark.parametrize(
+    ("worth", "t", "stands"),
+    [(0.15, 3.1, True), (0.15, 2.9, False), (0.03, 4.3, True), (0.03, 4.1, False), (0.02, 9.0, False)],
+)
+def test_the_less_an_effect_removes_the_surer_it_must_be(worth: float, t: float, stands: bool) -> None:
+    """With eight folds, chance reaches a t of 3.0 once in 100 times, and one of 4.2 in 500."""
+    score: Any = SimpleNamespace(
+        effect=SimpleNamespace(is_predictable=True, is_constant=False, fits_nothing=False),
+        form=SimpleNamespace(candidate=SimpleNamespace(fitting=Fitting())),
+        weighed=SimpleNamespace(changes=np.ones(21, bool)),
+        folds=8,
+        t=t,
+        channel_t=np.zeros(21),
+        worth=np.full(21, worth),
+    )
+    assert proof.stands(score, False, DECLARED) is stands
 
 
 @pytest.mark.parametrize(
@@ -75,7 +95,7 @@ def test_a_delay_that_repeats_needs_no_share_of_the_error(
         effect=Lag(),
         form=SimpleNamespace(candidate=SimpleNamespace(fitting=Fitting(fixed=True))),
         weighed=SimpleNamespace(changes=np.ones(21, bool)),
-        gain=np.ones((8, 21)),
+        folds=8,
         t=t,
         channel_t=np.zeros(21),
         worth=np.full(21, worth),

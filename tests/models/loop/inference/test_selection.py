@@ -72,7 +72,7 @@ def test_an_offset_is_measured(smooth: Any, make: Make) -> None:
     assert (found.name, found.candidate.form) == ("offset", "constant")
     np.testing.assert_allclose(found.weights[:, 0], offsets, atol=0.5)
     assert found.log_evidence > 100
-    assert found.t > DECLARED.least_t
+    assert found.p_value < DECLARED.chance
 
 
 def test_a_gain_that_all_channels_share_is_one_figure(smooth: Any, make: Make) -> None:
@@ -337,7 +337,13 @@ def test_what_the_model_gets_wrong_anyway_is_no_doubt(t: float, with_usual: floa
     def score(evidence: float, t: float, with_usual: float) -> Any:
         form = SimpleNamespace(candidate=SimpleNamespace(form="a form", fitting=Fitting()))
         return SimpleNamespace(
-            name="an effect", form=form, freedom=21, log_evidence=evidence, t=t, t_with_usual=with_usual
+            name="an effect",
+            form=form,
+            freedom=21,
+            folds=8,
+            log_evidence=evidence,
+            t=t,
+            t_with_usual=with_usual,
         )
 
     selection: Any = SimpleNamespace(_constants=DECLARED, _tried=set())
@@ -352,7 +358,13 @@ def test_a_constant_is_named_where_the_likeliest_effect_is_in_doubt(has_constant
         effect = SimpleNamespace(is_constant=name == "offset")
         t = 6.0 if repeats else 2.0
         return SimpleNamespace(
-            name=name, form=form, effect=effect, freedom=21, log_evidence=evidence, t_with_usual=t
+            name=name,
+            form=form,
+            effect=effect,
+            freedom=21,
+            folds=8,
+            log_evidence=evidence,
+            t_with_usual=t,
         )
 
     gain, saturation, offset = (
@@ -361,7 +373,7 @@ def test_a_constant_is_named_where_the_likeliest_effect_is_in_doubt(has_constant
         score("offset", 100.0, True),
     )
     selection: Any = SimpleNamespace(_constants=DECLARED, _tried=set())
-    selection.proves_itself = lambda one, own: one.t_with_usual >= DECLARED.least_t
+    selection.proves_itself = lambda one, own: one.t_with_usual >= DECLARED.least_t(one.folds)
     selection._casts_doubt = lambda other, best: JointSelection._casts_doubt(selection, other, best)
     scores = [gain, saturation, offset] if has_constant else [gain, saturation]
     assert JointSelection.choose(selection, scores) is (offset if has_constant else None)
@@ -514,6 +526,6 @@ def test_the_pipeline_passes_its_settings_on(smooth: Any, make: Make) -> None:
     injection = into(make)
     inject(injection, "offset", 1.0)
     told: list[str] = []
-    findings = run_loop(smooth, [injection.recording], LoopSettings(least_share=0.99), told.append).findings
+    findings = run_loop(smooth, [injection.recording], LoopSettings(least_share=1.0), told.append).findings
     assert findings.effects == ()
     assert "creep" in told

@@ -287,7 +287,7 @@ def test_a_calibration_that_makes_it_worse_leaves_open_how_much_is_usual(
     (score,) = (score for score in scoring.scores([]) if score.name == "offset:contact")
     unit = score.taken_off / score.gain.sum(axis=0)
     gain = np.full_like(score.gain, 5.0)
-    gain[0] = -80.0
+    gain[0] = -10.0 * len(gain)
     worse = replace(score, gain=gain, taken_off=gain.sum(axis=0) * unit)
     assert worse.taken_off.max() < 0
     scatter = gain.std(axis=0, ddof=1) * np.sqrt(len(gain))

@@ -1,0 +1,44 @@
+"""Worth: what an effect takes off the error of held-out bins, in counts.
+
+Evidence and the test over folds count whitened errors: how sure an effect is. They say little of what it
+is worth. An error that lasts for a whole contact is one of few independent errors, and yet it is most of
+what a model gets wrong there.
+"""
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.effects.effect import Fitting
+from taxel_models.loop.inference.evidence import Products, Weighed, inverse_of, posterior_weights
+
+
+def held_out_error(
+    products: Products, fitting: Fitting, weighed: Weighed, coloured: Callable[[Floats], Floats]
+) -> tuple[Floats, Floats]:
+    """(21,) the squared error of all bins without a form and with it, by weights of the other folds.
+
+    Args:
+        products: of a base and the form.
+        fitting: of the form.
+        weighed: its evidence.
+        coloured: gives (21, bins) errors of whitened ones (21, bins).
+    """
+    base, folds = products.base, np.arange(products.folds)
+    kept = ~np.eye(products.folds, dtype=bool)
+    sums = products.sums(kept)
+    alone = (inverse_of(sums.base_gram, base.precision) @ sums.base_cross[..., None])[..., 0]
+    beside, weights = posterior_weights(products, fitting, weighed, kept)
+    for own in (alone, beside):
+        own[..., : base.not_served] = 0.0
+    before, after = base.target.values[:, :, 0].copy(), base.target.values[:, :, 0].copy()
+    edges = np.searchsorted(base.target.fold, [*folds, len(folds)])
+    for fold, (start, stop) in enumerate(pairwise(edges)):
+        rows = slice(start, stop)
+        regressors = base.design.values[:, rows]
+        before[:, rows] -= (regressors @ alone[fold][:, :, None])[..., 0]
+        after[:, rows] -= (regressors @ beside[fold][:, :, None])[..., 0]
+        after[:, rows] -= (products.design.values[:, rows] @ weights[fold][:, :, None])[..., 0]
+    return (coloured(before) ** 2).sum(axis=1), (coloured(after) ** 2).sum(axis=1)
