@@ -58,7 +58,8 @@ def most_of_simpler(score: Score, constants: Constants) -> float:
 def simplest(best: Score, scores: Sequence[Score], constants: Constants) -> Score:
     """The likeliest of those simpler than the best that carry most of what it explains, or the best.
 
-    Where one still simpler carries most of that, too, it is taken in its place.
+    One that explains more need only be a little simpler. Where one still simpler carries most of that,
+    too, it is taken in its place.
     """
     least = 0.0
     while True:
@@ -67,8 +68,11 @@ def simplest(best: Score, scores: Sequence[Score], constants: Constants) -> Scor
             score
             for score in scores
             if score.effect.is_predictable
-            and score.freedom <= most_of_simpler(best, constants)
             and score.total_gain > least
+            and (
+                score.freedom <= most_of_simpler(best, constants)
+                or (score.freedom < best.freedom and score.total_gain > best.total_gain)
+            )
         ]
         if not simpler:
             return best

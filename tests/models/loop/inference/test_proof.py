@@ -26,6 +26,9 @@ def test_the_simplest_is_looked_for_step_by_step() -> None:
     # These carry most of what the kinds do, or of nothing: the line explains more.
     assert simplest(kinds, [kinds, ageing, line, weak, constant], DECLARED) is line
     assert simplest(line, [kinds, ageing], DECLARED) is line
+    # It is not half as simple, but explains more.
+    assert simplest(kinds, [kinds, score(200, 1700.0, 1500.0)], DECLARED).freedom == 200
+    assert simplest(kinds, [kinds, score(200, 1500.0, 1500.0)], DECLARED) is kinds
 
 
 @pytest.mark.parametrize(
