@@ -226,7 +226,7 @@ class JointSelection:
             self._refit()
 
     def _exchange(self, alone: Sequence[Score]) -> tuple[Named, ...]:
-        """Replaces a named effect by one that is likelier in its place; says which others could be."""
+        """Replaces a named effect by a likelier or simpler one in its place; says which others could be."""
         replaced: set[str] = set()
         place, either = 0, {}
         while place < len(self._taken):

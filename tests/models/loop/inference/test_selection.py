@@ -529,3 +529,32 @@ def test_the_pipeline_passes_its_settings_on(smooth: Any, make: Make) -> None:
     findings = run_loop(smooth, [injection.recording], LoopSettings(least_share=1.0), told.append).findings
     assert findings.effects == ()
     assert "creep" in told
+
+
+@pytest.mark.parametrize(
+    ("evidence", "freedom", "constant", "proven", "replaced"),
+    [
+        pytest.param(200.0, 300, False, False, True, id="likelier"),
+        pytest.param(60.0, 21, False, True, True, id="simpler, chosen of two that prove themselves"),
+        pytest.param(60.0, 21, False, False, False, id="simpler, but the named one was no choice"),
+        pytest.param(
+            60.0, 21, True, True, False, id="a constant, which stands beside the named one anyway"
+        ),
+        pytest.param(60.0, 300, False, True, False, id="neither"),
+    ],
+)
+def test_a_named_effect_gives_way_to_a_likelier_or_a_simpler_one(
+    evidence: float, freedom: int, constant: bool, proven: bool, replaced: bool
+) -> None:
+    def score(name: str, log_evidence: float, freedom: int, constant: bool) -> Any:
+        effect = SimpleNamespace(is_predictable=True, is_constant=constant)
+        form = SimpleNamespace(candidate=SimpleNamespace(moves=False))
+        return SimpleNamespace(
+            name=name, effect=effect, form=form, freedom=freedom, log_evidence=log_evidence
+        )
+
+    own, other = score("named", 100.0, 294, False), score("other", evidence, freedom, constant)
+    selection: Any = SimpleNamespace(proves_itself=lambda *_: proven)
+    assert JointSelection._replaces(selection, other, own) is replaced
+    assert not JointSelection._replaces(selection, own, own)
+    assert not JointSelection._replaces(selection, other, None)
