@@ -302,7 +302,7 @@ def test_a_stand_in_never_saw_what_it_predicts(observations: Observations) -> No
 
 
 @pytest.mark.long
-def test_what_a_new_material_may_show_is_told_and_is_less_evidence(
+def test_what_a_new_material_may_show_is_told_and_is_less_sure(
     smooth: Any, make: Make, trained: Trained, reference: HeldOutResidual
 ) -> None:
     assert set(reference.new_kinds) == {"material"}
@@ -313,11 +313,11 @@ def test_what_a_new_material_may_show_is_told_and_is_less_evidence(
         run_loop(trained, [recording], LoopSettings(), reference=one).findings
         for one in (unaware, reference)
     )
-    evidence = [
-        next(one for one in findings.effects if one.name == "gain").log_evidence
-        for findings in (first, second)
-    ]
-    assert 0.0 < evidence[1] < evidence[0]
+    unaware_of, aware_of = (
+        next(one for one in findings.effects if one.name == "gain") for findings in (first, second)
+    )
+    # More of it is usual, so that it is less sure.
+    assert 0.0 < unaware_of.p_value < aware_of.p_value
     for findings in (first, second):
         (new,) = findings.new_kinds
         assert (new.column, new.values, new.share) == ("material", (4.0,), 1.0)
