@@ -26,8 +26,8 @@ class Constants:
         least_channel_share: likewise in one channel, which must pass the test by itself, as one of many;
             and over all channels, beside named effects, where a form that is not quite right leaves a
             little. Offsets of contacts, which no model predicts, must remove so much of the whole error.
-        clear_share: of an effect that removes less over all channels, chance may reach the t so much
-            more rarely. A constant, and a change of few channels beside named effects, must remove so
+        clear_share: an effect that removes less over all channels must be surer: `chance` falls in
+            proportion. A constant, and a change of few channels beside named effects, must remove so
             much in one channel: a channel's mean scatters from finger to finger.
         alike: an effect that explains this share of what another does is not told apart from it; if it is
             the simpler one of the two, it is named first.
@@ -78,9 +78,9 @@ class Constants:
         """Of all constants."""
         return tuple(field.name for field in fields(cls))
 
-    def least_t(self, folds: int) -> float:
-        """The t over so many held-out folds that an effect must reach."""
-        return float(stats.t.isf(self.chance, max(folds - 1, 1)))
+    def least_t(self, folds: int, part: float = 1.0) -> float:
+        """The t over so many held-out folds that chance reaches with a part of its probability."""
+        return float(stats.t.isf(part * self.chance, max(folds - 1, 1)))
 
     @property
     def bin_s(self) -> float:

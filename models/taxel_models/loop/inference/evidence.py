@@ -356,6 +356,20 @@ class HeldOut:
         return np.asarray(self.gain.sum(axis=0) / np.maximum(self.before.sum(axis=0), 1e-12))
 
 
+def weights_by_fold(
+    products: Products, fitting: Fitting, weighed: Weighed, *, seen: bool = False
+) -> tuple[Floats, Floats, Floats]:
+    """The base's weights alone and beside a form (folds, 21, base k), and the form's (folds, 21, k).
+
+    Args:
+        seen: fit to all folds, in place of all but one.
+    """
+    base, kept = products.base, ~np.eye(products.folds, dtype=bool) | seen
+    sums = products.sums(kept)
+    alone = (inverse_of(sums.base_gram, base.precision) @ sums.base_cross[..., None])[..., 0]
+    return alone, *posterior_weights(products, fitting, weighed, kept)
+
+
 def held_out(products: Products, fitting: Fitting, weighed: Weighed, *, seen: bool = False) -> HeldOut:
     """Fit to all folds but one, test on that one; fold after fold.
 
@@ -363,10 +377,7 @@ def held_out(products: Products, fitting: Fitting, weighed: Weighed, *, seen: bo
         seen: fit to all folds instead.
     """
     base = products.base
-    kept = ~np.eye(products.folds, dtype=bool) | seen
-    sums = products.sums(kept)
-    plain = (inverse_of(sums.base_gram, base.precision) @ sums.base_cross[..., None])[..., 0]
-    beside, weights = posterior_weights(products, fitting, weighed, kept)
+    plain, beside, weights = weights_by_fold(products, fitting, weighed, seen=seen)
     moved, nothing = beside - plain, np.zeros_like(base.energy)
     alone = _squares(base.energy, plain, base.cross, base.gram)
     after = _squares(base.energy, beside, base.cross, base.gram)

@@ -1,7 +1,6 @@
 """Proof: what a score must show for its effect to be named, and which simpler one is named in its place."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from taxel.channels import CHANNELS
 from taxel_models.loop.inference.constants import Constants
@@ -22,7 +21,9 @@ def stands(score: Score, beside_others: bool, constants: Constants) -> bool:
         return worth >= constants.least_channel_share
     # A form that is not quite right leaves a little.
     share = max(constants.least_share, constants.least_channel_share if beside_others else 0.0)
-    if worth >= share and score.t >= _least_t_of(worth, score, constants):
+    # The less an effect removes, the surer it must be.
+    surer = min(1.0, worth / constants.clear_share)
+    if worth >= share and score.t >= constants.least_t(score.folds, surer):
         return True
     if score.effect.fits_nothing and not beside_others:
         return worth > 0
@@ -37,17 +38,8 @@ def stands(score: Score, beside_others: bool, constants: Constants) -> bool:
     stricter = beside_others or score.effect.is_constant
     least = max(constants.clear_share if stricter else constants.least_channel_share, constants.least_share)
     # Choosing among all channels has its price (Bonferroni).
-    sure = score.channel_t >= _with_chance(constants, 1.0 / len(CHANNELS)).least_t(score.folds)
+    sure = score.channel_t >= constants.least_t(score.folds, 1.0 / len(CHANNELS))
     return bool((score.weighed.changes & (score.worth >= least) & sure).any())
-
-
-def _least_t_of(worth: float, score: Score, constants: Constants) -> float:
-    """The t of an effect that removes a share of the error: the less it is, the surer it must be."""
-    return _with_chance(constants, min(1.0, worth / constants.clear_share)).least_t(score.folds)
-
-
-def _with_chance(constants: Constants, part: float) -> Constants:
-    return replace(constants, chance=part * constants.chance)
 
 
 def most_of_simpler(score: Score, constants: Constants) -> float:

@@ -53,7 +53,8 @@ class Weighing:
 
     def __init__(self, usual: Usual, whitening: Whitening, errors: Floats, constants: Constants) -> None:
         self._usual, self._whitening, self._constants = usual, whitening, constants
-        self._errors, self._about_mean = errors, errors - errors.mean(axis=1, keepdims=True)
+        self._error = (errors**2).sum(axis=1)
+        self._error_about_mean = errors.shape[1] * errors.var(axis=1)
 
     def likeliest(
         self, effect: Effect, forms: Sequence[WhitenedForm], bases: Bases, *, beside_others: bool
@@ -75,8 +76,8 @@ class Weighing:
             fitting = option.form.candidate.fitting
             found = held_out(products, fitting, option.weighed)
             before, after = held_out_error(products, fitting, option.weighed, self._whitening.coloured)
-            # A constant is there or not: what others are worth does not depend on it.
-            whole = (self._errors**2 if effect.is_constant else self._about_mean**2).sum(axis=1)
+            # What other effects are worth does not depend on how large a constant is.
+            whole = self._error if effect.is_constant else self._error_about_mean
             fall = (before - after) / np.maximum(whole, 1e-9)
             return replace(
                 self.scored(effect, option.form, option.weighed, option.log_evidence, found, fall),

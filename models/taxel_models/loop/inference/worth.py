@@ -12,7 +12,7 @@ import numpy as np
 
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Fitting
-from taxel_models.loop.inference.evidence import Products, Weighed, inverse_of, posterior_weights
+from taxel_models.loop.inference.evidence import Products, Weighed, weights_by_fold
 
 
 def held_out_error(
@@ -26,15 +26,12 @@ def held_out_error(
         weighed: its evidence.
         coloured: gives (21, bins) errors of whitened ones (21, bins).
     """
-    base, folds = products.base, np.arange(products.folds)
-    kept = ~np.eye(products.folds, dtype=bool)
-    sums = products.sums(kept)
-    alone = (inverse_of(sums.base_gram, base.precision) @ sums.base_cross[..., None])[..., 0]
-    beside, weights = posterior_weights(products, fitting, weighed, kept)
+    base = products.base
+    alone, beside, weights = weights_by_fold(products, fitting, weighed)
     for own in (alone, beside):
         own[..., : base.not_served] = 0.0
     before, after = base.target.values[:, :, 0].copy(), base.target.values[:, :, 0].copy()
-    edges = np.searchsorted(base.target.fold, [*folds, len(folds)])
+    edges = np.searchsorted(base.target.fold, np.arange(products.folds + 1))
     for fold, (start, stop) in enumerate(pairwise(edges)):
         rows = slice(start, stop)
         regressors = base.design.values[:, rows]

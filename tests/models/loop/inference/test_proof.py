@@ -31,6 +31,21 @@ def test_the_simplest_is_looked_for_step_by_step() -> None:
     assert simplest(kinds, [kinds, score(200, 1500.0, 1500.0)], DECLARED) is kinds
 
 
+def score_of(
+    effect: Any, fitting: Fitting, *, t: float, worth: np.ndarray, channel_t: np.ndarray | None = None
+) -> Any:
+    """A score on eight folds that changes all channels."""
+    return SimpleNamespace(
+        effect=effect,
+        form=SimpleNamespace(candidate=SimpleNamespace(fitting=fitting)),
+        weighed=SimpleNamespace(changes=np.ones(21, bool)),
+        folds=8,
+        t=t,
+        channel_t=np.zeros(21) if channel_t is None else channel_t,
+        worth=worth,
+    )
+
+
 @pytest.mark.parametrize(
     ("worth", "t", "shared", "constant", "beside", "stands"),
     [
@@ -51,12 +66,9 @@ def test_one_channel_may_be_enough(
     worth: float, t: float, shared: bool, constant: bool, beside: bool, stands: bool
 ) -> None:
     """Of 21 channels, the others are a little worse with the effect; its t over all of them is 4.5."""
-    candidate = SimpleNamespace(fitting=Fitting(pooled=shared))
-    score: Any = SimpleNamespace(
-        effect=SimpleNamespace(is_predictable=True, is_constant=constant, fits_nothing=False),
-        form=SimpleNamespace(candidate=candidate),
-        weighed=SimpleNamespace(changes=np.ones(21, bool)),
-        folds=8,
+    score = score_of(
+        SimpleNamespace(is_predictable=True, is_constant=constant, fits_nothing=False),
+        Fitting(pooled=shared),
         t=4.5,
         channel_t=np.array([t] + [0.0] * 20),
         worth=np.array([worth] + [-0.001] * 20),
@@ -70,15 +82,8 @@ def test_one_channel_may_be_enough(
 )
 def test_the_less_an_effect_removes_the_surer_it_must_be(worth: float, t: float, stands: bool) -> None:
     """With eight folds, chance reaches a t of 3.0 once in 100 times, and one of 4.2 in 500."""
-    score: Any = SimpleNamespace(
-        effect=SimpleNamespace(is_predictable=True, is_constant=False, fits_nothing=False),
-        form=SimpleNamespace(candidate=SimpleNamespace(fitting=Fitting())),
-        weighed=SimpleNamespace(changes=np.ones(21, bool)),
-        folds=8,
-        t=t,
-        channel_t=np.zeros(21),
-        worth=np.full(21, worth),
-    )
+    effect = SimpleNamespace(is_predictable=True, is_constant=False, fits_nothing=False)
+    score = score_of(effect, Fitting(), t=t, worth=np.full(21, worth))
     assert proof.stands(score, False, DECLARED) is stands
 
 
@@ -94,13 +99,5 @@ def test_the_less_an_effect_removes_the_surer_it_must_be(worth: float, t: float,
 def test_a_delay_that_repeats_needs_no_share_of_the_error(
     worth: float, t: float, beside: bool, stands: bool
 ) -> None:
-    score: Any = SimpleNamespace(
-        effect=Lag(),
-        form=SimpleNamespace(candidate=SimpleNamespace(fitting=Fitting(fixed=True))),
-        weighed=SimpleNamespace(changes=np.ones(21, bool)),
-        folds=8,
-        t=t,
-        channel_t=np.zeros(21),
-        worth=np.full(21, worth),
-    )
+    score = score_of(Lag(), Fitting(fixed=True), t=t, worth=np.full(21, worth))
     assert proof.stands(score, beside, DECLARED) is stands
