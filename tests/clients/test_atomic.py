@@ -1,10 +1,11 @@
 """Files and folders appear whole or not at all."""
 
+import json
 from pathlib import Path
 
 import pytest
 
-from taxel.atomic import check_file_place, check_folder_place, whole_file, whole_folder
+from taxel.atomic import check_file_place, check_folder_place, whole_file, whole_folder, write_json, write_text
 from taxel.errors import SettingsError
 
 
@@ -31,6 +32,18 @@ def test_a_failed_file_leaves_the_old_one(tmp_path: Path) -> None:
 def test_a_file_in_no_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="does not exist"), whole_file(tmp_path / "none" / "out.csv"):
         pass
+
+
+def test_text_and_json_are_written_whole(tmp_path: Path) -> None:
+    path = tmp_path / "out.json"
+    write_json(path, {"a": [1, 2.5]})
+    assert json.loads(path.read_bytes()) == {"a": [1, 2.5]}
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        write_json(path, {"a": float("nan")})
+    assert json.loads(path.read_bytes()) == {"a": [1, 2.5]}
+    write_text(path, "12 µs\n")
+    assert path.read_bytes() == "12 µs\n".encode()
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_folder_takes_its_place_when_done(tmp_path: Path) -> None:

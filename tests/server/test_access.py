@@ -1,7 +1,6 @@
 """Who gets in over zenoh, what they may do there, and that nobody else can answer for a server."""
 
 import asyncio
-import json
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -19,6 +18,7 @@ import taxel
 from taxel import Credentials
 from taxel.errors import NotFound, PermissionDenied, SettingsError, Unavailable
 from taxel.protocol import packb
+from taxel_bench.plain_client import plain_client
 from taxel_server.engine import Engine
 from taxel_server.options import ServerOptions
 from taxel_server.service import Service
@@ -250,11 +250,7 @@ class Forger:
 
     def __init__(self, place: str, *, token: bool) -> None:
         self.asked: list[str] = []
-        config = zenoh.Config()
-        config.insert_json5("mode", '"client"')
-        config.insert_json5("scouting/multicast/enabled", "false")
-        config.insert_json5("connect/endpoints", json.dumps([place]))
-        self.session = zenoh.open(config)
+        self.session = zenoh.open(plain_client(place))
         for key in ("taxel/**", "**", INFER, "taxel/v2", f"taxel/@replica/{self.session.info.zid()}/**"):
             answer = Callback(self._answer, indirect=False)
             self.session.declare_queryable(key, answer, complete=True)

@@ -1,7 +1,6 @@
 """A server that computes: still answers, refuses, keeps deadlines, and stops without losing a query."""
 
 import asyncio
-import json
 import re
 import time
 from collections.abc import Callable, Iterator
@@ -22,6 +21,7 @@ from taxel.lane.client import LaneConnection
 from taxel.protocol import pack_infer_request, unpackb
 from taxel.remote import Transport
 from taxel.remote.async_source import AsyncSource
+from taxel_bench.plain_client import plain_client
 from taxel_server import engine as engine_module
 from taxel_server.core import metadata
 from taxel_server.engine import Engine
@@ -39,11 +39,7 @@ ServerStarter = Callable[..., str]
 
 def client_session(place: str) -> zenoh.Session:
     """A client's session, without the project's client."""
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("scouting/multicast/enabled", "false")
-    config.insert_json5("connect/endpoints", json.dumps([place]))
-    return zenoh.open(config)
+    return zenoh.open(plain_client(place))
 
 
 @contextmanager

@@ -3,7 +3,6 @@
 The server runs in a process of its own: zenoh's threads are set once in a process.
 """
 
-import json
 import subprocess
 import sys
 import time
@@ -17,6 +16,7 @@ import zenoh
 
 import taxel
 from taxel.protocol import model_key, pack_infer_request
+from taxel_bench.plain_client import plain_client
 from taxel_bench.server_process import running_server
 
 _READER = Path(__file__).with_name("stopped_reader.py")
@@ -39,11 +39,7 @@ class _SlowReader:
     """A client, written with zenoh alone, that reads its answers one by one, and not at once."""
 
     def __init__(self, endpoint: str) -> None:
-        config = zenoh.Config()
-        config.insert_json5("mode", '"client"')
-        config.insert_json5("scouting/multicast/enabled", "false")
-        config.insert_json5("connect/endpoints", json.dumps([endpoint]))
-        self._session = zenoh.open(config)
+        self._session = zenoh.open(plain_client(endpoint))
         self.read = 0
         self.outcomes: list[str] = []
 

@@ -1,6 +1,5 @@
 """The service over real zenoh sessions: what it answers to good requests."""
 
-import json
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -17,6 +16,7 @@ from taxel.errors import Internal, NotFound, PermissionDenied, TaxelError, Unava
 from taxel.predictor import ModelInfo
 from taxel.protocol import pack_infer_request, unpack_infer_response, unpackb
 from taxel.remote import RemoteSource, Transport
+from taxel_bench.plain_client import plain_client
 from taxel_server.engine import Engine
 from taxel_server.options import ServerOptions
 from taxel_server.service import Service
@@ -187,15 +187,12 @@ def test_concurrent_clients_get_their_own_rows(
 def test_every_query_gets_exactly_one_reply(
     engine: Engine, start: ServerStarter, make_windows: WindowMaker
 ) -> None:
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", json.dumps([start(engine)]))
     payloads = [pack_infer_request(make_windows(rows)) for rows in (1, 2, 70)] + [
         b"",
         b"\xc1",
         b"\x80" * 50,
     ]
-    with zenoh.open(config) as session:
+    with zenoh.open(plain_client(start(engine))) as session:
         asked = [
             session.get("taxel/v2/models/skin/infer", payload=payload, timeout=10)
             for _ in range(20)

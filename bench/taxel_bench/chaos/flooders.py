@@ -1,6 +1,5 @@
 """Who floods: Taxel's client, or one that is written with zenoh alone."""
 
-import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Final
@@ -13,6 +12,7 @@ from taxel.protocol import unpack_error
 from taxel.remote import RemoteSource
 from taxel.remote.known_servers import TIMEOUT
 from taxel.remote.query_transport import Done
+from taxel_bench.plain_client import plain_client
 
 FLOODERS: Final = "taxel", "zenoh"
 """Taxel's client sends no more than the server lets it queue; the other one sends everything."""
@@ -27,11 +27,7 @@ def sender(flooder: str, source: RemoteSource, key: str) -> Iterator[Send]:
     if flooder == "taxel":
         yield lambda payload, done: source.connection.send(key, payload, source.timeout, done)
         return
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("scouting/multicast/enabled", "false")
-    config.insert_json5("connect/endpoints", json.dumps([source.endpoint]))
-    with zenoh.open(config) as session:
+    with zenoh.open(plain_client(source.endpoint)) as session:
         as_they_come = zenoh.ConsolidationMode.NONE
         querier = session.declare_querier(key, timeout=source.timeout, consolidation=as_they_come)
         yield lambda payload, done: _query(querier, payload, done)

@@ -1,6 +1,5 @@
 """Mutated requests against a live server: each is answered once, with numbers or a typed error."""
 
-import json
 import socket
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -25,6 +24,7 @@ from taxel.manifest import Manifest
 from taxel.protocol import model_key, model_path, pack_infer_request, unpack_error, unpack_infer_response
 from taxel.remote import RemoteSource
 from taxel.zenoh_process import close_session, open_session
+from taxel_bench.plain_client import plain_client
 from taxel_bench.windows import random_windows
 
 ROWS: Final = 3
@@ -68,13 +68,9 @@ class Answers:
 
 def mutated_over_zenoh(source: RemoteSource, manifest: Manifest, payloads: Iterator[bytes]) -> Answers:
     """Send each payload as a query in a session of its own kind, which counts all replies."""
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("scouting/multicast/enabled", "false")
-    config.insert_json5("connect/endpoints", json.dumps([source.endpoint]))
     key = model_key(source.prefix, manifest.name, manifest.version, "infer")
     answers = Answers()
-    session = open_session(config)
+    session = open_session(plain_client(source.endpoint))
     try:
         while several := list(islice(payloads, _IN_FLIGHT)):
             asked = [

@@ -1,6 +1,5 @@
 """`bench compare`: Taxel's server and its peers, side by side in one run."""
 
-import json
 import signal
 import sys
 from pathlib import Path
@@ -38,7 +37,7 @@ def compare(
 ) -> None:
     """Compare Taxel's server with other ways to serve the same network: latency, throughput, CPU."""
     from taxel.artifacts import MANIFEST, folder_of
-    from taxel.atomic import check_file_place, whole_file
+    from taxel.atomic import check_file_place, write_json
     from taxel_bench.compare.comparison import CompareSettings, run_comparison
     from taxel_bench.compare.peers import parse_peers
     from taxel_bench.compare.printing import print_comparison
@@ -66,8 +65,7 @@ def compare(
         **comparison.report(),
     }
     if output is not None:
-        with whole_file(output) as path:
-            path.write_text(json.dumps(report, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        write_json(output, report)
     if as_json:
         print_json(report)
         return

@@ -1,6 +1,5 @@
 """`bench planted`: a stranger's try of training, exporting and the loop, with causes planted in files."""
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -8,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from taxel.atomic import check_file_place, whole_file
+from taxel.atomic import check_file_place, write_json
 from taxel.commands.cli import ERR, OUT, Json, needs, print_json
 
 
@@ -51,8 +50,7 @@ def planted(
             found.append(one)
             contents |= {"right": sum(one.right for one in found), "recordings": [*map(asdict, found)]}
             if output is not None:
-                with whole_file(output) as file:
-                    file.write_text(json.dumps(contents, indent=1) + "\n", encoding="utf-8")
+                write_json(output, contents)
             status.update(f"{len(found)} of {len(chosen)} recordings")
     if as_json:
         print_json(contents)

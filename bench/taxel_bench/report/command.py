@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from taxel.atomic import whole_file
+from taxel.atomic import write_text
 from taxel.commands.cli import OUT
 
 
@@ -21,8 +21,7 @@ def report(
 
     text = page.read_text(encoding="utf-8")
     new, blocks = rewritten(text, page.parent)
-    with whole_file(page) as path:
-        path.write_text(new, encoding="utf-8")
+    write_text(page, new)
     state = "as it was" if new == text else "changed"
     OUT.print(
         f"{page}: {blocks} parts written from JSON; the page is {state}.", soft_wrap=True, markup=False

@@ -4,6 +4,7 @@ One case is weaker. If a folder replaces another and the process is killed betwe
 folder stays beside its place, as `.NAME.….old`.
 """
 
+import json
 import os
 import shutil
 import tempfile
@@ -28,6 +29,26 @@ def whole_file(path: Path) -> Iterator[Path]:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a whole file in UTF-8.
+
+    Raises:
+        SettingsError: a file cannot be written at `path`.
+    """
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_json(path: Path, content: object) -> None:
+    """Write a whole JSON file, indented.
+
+    Raises:
+        SettingsError: a file cannot be written at `path`.
+        ValueError: a number is not finite.
+    """
+    write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
 def check_file_place(path: Path) -> None:

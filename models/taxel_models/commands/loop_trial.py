@@ -9,7 +9,7 @@ import typer
 from rich.progress import Progress
 from rich.table import Table
 
-from taxel.atomic import check_file_place, whole_file
+from taxel.atomic import check_file_place, write_json
 from taxel.commands.cli import ERR, OUT, Json, needs, print_json
 from taxel.commands.models import Repository
 from taxel.dependencies import SERVING, require
@@ -123,7 +123,7 @@ def loop_trial(
             rounds.append(finished)
             progress.update(task, advance=1, description=f"{finished.truth} found as {finished.found}")
             if output is not None:
-                _write(output, _content(rounds, summarise(rounds)))
+                write_json(output, _content(rounds, summarise(rounds)))
         if sensitivity:
             progress.update(task, total=2 * len(DECLARED.names()), completed=0)
             play = partial(run_rounds_with, benchmark, rounds=trials, jobs=jobs, scheduler=scheduler)
@@ -131,7 +131,7 @@ def loop_trial(
                 moved.append(one)
                 progress.update(task, advance=1, description=f"{one.constant} at {one.value:g}")
                 if output is not None:
-                    _write(output, _content(rounds, summarise(rounds), moved))
+                    write_json(output, _content(rounds, summarise(rounds), moved))
     summary = summarise(rounds)
     if plots is not None:
         from taxel_models.recovery.pictures import write_pictures
@@ -164,13 +164,6 @@ def _content(
     if moved:
         content["sensitivity"] = [each.model_dump(mode="json") for each in moved]
     return content
-
-
-def _write(path: Path, content: dict[str, object]) -> None:
-    import json
-
-    with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 _RATES: Final = {

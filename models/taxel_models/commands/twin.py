@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from taxel.atomic import check_file_place, whole_file
+from taxel.atomic import check_file_place, write_json
 from taxel.commands.cli import OUT, Json, print_json
 from taxel.dependencies import require
 from taxel.errors import SettingsError
@@ -86,7 +86,8 @@ def twin(
     injection = _injected(recording, effect, seed) if effect else None
     if injection is not None:
         recording = injection.recording
-        _write_truth(truth or output.with_name(output.name + ".truth.json"), injection, seed)
+        place = truth or output.with_name(output.name + ".truth.json")
+        write_json(place, {"seed": seed, "effects": injection.truth})
     write_ruppel(recording, output)
     summary = summarise(recording)
     if as_json:
@@ -129,12 +130,3 @@ def _parse(text: str) -> tuple[str, float]:
     if not name or not 0 < strength < float("inf"):
         raise SettingsError(f"--effect {text}: expected NAME or NAME:STRENGTH, a strength above 0")
     return name, strength
-
-
-def _write_truth(path: Path, injection: "Injection", seed: int) -> None:
-    import json
-
-    with whole_file(path) as temporary:
-        temporary.write_text(
-            json.dumps({"seed": seed, "effects": injection.truth}, indent=1) + "\n", encoding="utf-8"
-        )

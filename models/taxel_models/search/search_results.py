@@ -8,13 +8,12 @@ DIR/trials.png              cost over trials, and the best so far
 DIR/smac.log, DIR/smac/     SMAC's log and state
 """
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
 from taxel import __version__
-from taxel.atomic import whole_file
+from taxel.atomic import whole_file, write_json, write_text
 from taxel_models.search.cost_plot import draw_trials
 from taxel_models.search.objective import WORST
 from taxel_models.search.run import Outcome, SearchTrial
@@ -34,14 +33,9 @@ def write_report(settings: SearchSettings, outcome: Outcome, folder: Path) -> No
         hyperparameters=outcome.winner.hyperparameters,
         origin={"taxel_version": __version__, **summary(outcome), "data": settings.data},
     )
-    texts = {
-        WINNER: found.model_dump_json(indent=1) + "\n",
-        "trials.json": json.dumps([asdict(trial) for trial in outcome.trials], indent=1) + "\n",
-        "best.md": _markdown(settings, outcome),
-    }
-    for name, text in texts.items():
-        with whole_file(folder / name) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+    write_text(folder / WINNER, found.model_dump_json(indent=1) + "\n")
+    write_json(folder / "trials.json", [asdict(trial) for trial in outcome.trials])
+    write_text(folder / "best.md", _markdown(settings, outcome))
     title = f"search: {settings.family}, input combination {settings.combination}"
     with whole_file(folder / "trials.png") as temporary, temporary.open("wb") as picture:
         draw_trials(outcome, title, picture)

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from taxel.artifacts import describe
-from taxel.atomic import check_folder_place, whole_file
+from taxel.atomic import check_folder_place, write_text
 from taxel.errors import ArtifactError, SettingsError
 from taxel_models.families.registry import family, resolve
 from taxel_models.recordings import Recording
@@ -102,8 +102,7 @@ class SearchSettings(BaseModel):
         if not path.is_file():
             check_folder_place(folder)
             folder.mkdir(parents=True, exist_ok=True)
-            with whole_file(path) as temporary:
-                temporary.write_text(self.model_dump_json(indent=1, by_alias=True) + "\n", encoding="utf-8")
+            write_text(path, self.model_dump_json(indent=1, by_alias=True) + "\n")
             return
         try:
             earlier = type(self).model_validate_json(path.read_bytes())

@@ -7,7 +7,7 @@ from typing import Final
 from pydantic import ValidationError
 
 from taxel.artifacts import describe
-from taxel.atomic import whole_file
+from taxel.atomic import write_text
 from taxel.errors import SettingsError
 from taxel_models.study.cell import CellResult
 from taxel_models.study.study_settings import Cell
@@ -61,8 +61,7 @@ class Store:
 
     def write(self, cell: Cell, result: CellResult) -> None:
         """Keep a finished cell."""
-        with whole_file(self._path(cell, result.key)) as temporary:
-            temporary.write_text(result.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        write_text(self._path(cell, result.key), result.model_dump_json(indent=1) + "\n")
 
     def _path(self, cell: Cell, key: str) -> Path:
         return self._cells / f"{_name(cell, key)}.json"

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from taxel import __version__
-from taxel.atomic import whole_file
+from taxel.atomic import whole_file, write_json, write_text
 from taxel_models.study.cell import CellResult
 from taxel_models.study.run import Study
 from taxel_models.study.study_plots import (
@@ -74,8 +74,7 @@ def describe(study: Study, cells: Sequence[CellResult]) -> dict[str, Any]:
 def write_report(study: Study, cells: Sequence[CellResult], folder: Path) -> None:
     """Write all files into the study's folder; each replaces an earlier one whole."""
     summaries = _summaries(study, cells)
-    figures = json.dumps(describe(study, cells), indent=1, allow_nan=False) + "\n"
-    _write(folder / FIGURES, figures)
+    write_json(folder / FIGURES, describe(study, cells))
     sections: list[dict[str, Any]] = []
     for protocol, summary in summaries.items():
         tables = _tables(study, summary)
@@ -85,12 +84,14 @@ def write_report(study: Study, cells: Sequence[CellResult], folder: Path) -> Non
             {"protocol": protocol, "held_out": held_out, "tables": tables, "pictures": pictures}
         )
         for table in tables:
-            _write(folder / f"{table.name}.tex", table.latex())
+            write_text(folder / f"{table.name}.tex", table.latex())
     leaks = _leak(summaries)
     leak = leak_table(leaks) if leaks else None
     if leak is not None:
-        _write(folder / f"{leak.name}.tex", leak.latex())
-    _write(folder / RESULTS, render(_TEMPLATE, scale=scale_statement(study), sections=sections, leak=leak))
+        write_text(folder / f"{leak.name}.tex", leak.latex())
+    write_text(
+        folder / RESULTS, render(_TEMPLATE, scale=scale_statement(study), sections=sections, leak=leak)
+    )
 
 
 def scale_statement(study: Study) -> str:
@@ -168,8 +169,3 @@ def _pictures(summary: Summary) -> Iterator[tuple[str, str, Callable[[Path], Non
     if found is not None:
         caption = "Normalised MAE over the given temperature of Network B"
         yield f"temperature-{protocol}.png", caption, partial(draw_temperature, found)
-
-
-def _write(path: Path, text: str) -> None:
-    with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
