@@ -5,7 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from taxel.atomic import check_file_place, check_folder_place, whole_file, whole_folder, write_json, write_text
+from taxel.atomic import (
+    check_file_place,
+    check_folder_place,
+    whole_file,
+    whole_folder,
+    write_json,
+    write_text,
+)
 from taxel.errors import SettingsError
 
 
