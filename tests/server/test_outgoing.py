@@ -21,7 +21,7 @@ _READ_S = 0.02
 
 @contextmanager
 def asking(endpoint: str, ended: Callable[[bool], None]) -> Iterator[SimpleQueue[zenoh.Query]]:
-    """The queries of a client that asks all at once and reads slowly; `ended` learns if each is answered."""
+    """Queries of a client that asks all at once and reads slowly; `ended` learns if each is answered."""
     queries: SimpleQueue[zenoh.Query] = SimpleQueue()
 
     def ask(session: zenoh.Session) -> None:
