@@ -1,0 +1,128 @@
+"""Which of several scores is chosen, where no recording is needed to tell."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from taxel_models.loop.attribution import faults_in_place
+from taxel_models.loop.effects.effect import Fitting
+from taxel_models.loop.inference.constants import DECLARED
+from taxel_models.loop.inference.selection import JointSelection
+
+
+@pytest.mark.parametrize(
+    ("t", "with_usual", "doubt"), [(2.0, 2.5, True), (2.0, 4.0, False), (4.0, 5.0, False)]
+)
+def test_what_the_model_gets_wrong_anyway_is_no_doubt(t: float, with_usual: float, doubt: bool) -> None:
+    def score(evidence: float, t: float, with_usual: float) -> Any:
+        form = SimpleNamespace(candidate=SimpleNamespace(form="a form", fitting=Fitting()))
+        return SimpleNamespace(
+            name="an effect",
+            form=form,
+            freedom=21,
+            folds=8,
+            log_evidence=evidence,
+            t=t,
+            t_with_usual=with_usual,
+        )
+
+    selection: Any = SimpleNamespace(_constants=DECLARED, _tried=set())
+    best, likelier = score(100.0, 6.0, 8.0), score(200.0, t, with_usual)
+    assert JointSelection._casts_doubt(selection, likelier, best) is doubt
+
+
+@pytest.mark.parametrize("has_constant", [True, False])
+def test_a_constant_is_named_where_the_likeliest_effect_is_in_doubt(has_constant: bool) -> None:
+    def score(name: str, evidence: float, repeats: bool) -> Any:
+        form = SimpleNamespace(candidate=SimpleNamespace(form="a form", certain=False, fitting=Fitting()))
+        effect = SimpleNamespace(is_constant=name == "offset")
+        t = 6.0 if repeats else 2.0
+        return SimpleNamespace(
+            name=name,
+            form=form,
+            effect=effect,
+            freedom=21,
+            folds=8,
+            log_evidence=evidence,
+            t_with_usual=t,
+        )
+
+    gain, saturation, offset = (
+        score("gain", 300.0, False),
+        score("saturation", 200.0, True),
+        score("offset", 100.0, True),
+    )
+    selection: Any = SimpleNamespace(_constants=DECLARED, _tried=set())
+    selection.proves_itself = lambda one, own: one.t_with_usual >= DECLARED.least_t(one.folds)
+    selection._casts_doubt = lambda other, best: JointSelection._casts_doubt(selection, other, best)
+    scores = [gain, saturation, offset] if has_constant else [gain, saturation]
+    assert JointSelection.choose(selection, scores) is (offset if has_constant else None)
+
+
+def test_a_likelier_constant_is_named_before_changes_of_a_few_channels() -> None:
+    """They have fewer figures, and their gain is on another scale."""
+
+    def score(name: str, evidence: float, freedom: int, gain: float) -> Any:
+        fitting = Fitting(few_channels=name == "gain")
+        form = SimpleNamespace(candidate=SimpleNamespace(form="a form", certain=False, fitting=fitting))
+        effect = SimpleNamespace(is_constant=name == "offset", is_predictable=True)
+        return SimpleNamespace(
+            name=name,
+            form=form,
+            effect=effect,
+            freedom=freedom,
+            log_evidence=evidence,
+            needs_constant=name == "gain",
+            t_with_usual=6.0,
+            total_gain=gain,
+            evidence_within=lambda figures: evidence if freedom <= figures else -np.inf,
+        )
+
+    offset, gain = score("offset", 300.0, 21, 500.0), score("gain", 200.0, 1, 900.0)
+    selection: Any = SimpleNamespace(_constants=DECLARED, _tried=set())
+    selection.proves_itself = lambda *_: True
+    selection._casts_doubt = lambda *_: False
+    assert JointSelection.choose(selection, [offset, gain]) is offset
+    likelier = score("gain", 700.0, 1, 900.0)
+    assert JointSelection.choose(selection, [likelier, offset]) is likelier
+
+
+def test_a_fault_comes_before_what_explains_less() -> None:
+    def one(name: str, conditional: float) -> Any:
+        return SimpleNamespace(name=name, conditional=conditional)
+
+    named = [one("fault", 0.2), one("interference", 0.05), one("gain", 0.3), one("rate", 0.1)]
+    # Others stay in their order: a line of the spectrum stands by itself.
+    assert [each.name for each in faults_in_place(named)] == ["interference", "gain", "fault", "rate"]
+    assert [each.name for each in faults_in_place(named[:2])] == ["fault", "interference"]
+
+
+@pytest.mark.parametrize(
+    ("evidence", "freedom", "constant", "proven", "replaced"),
+    [
+        pytest.param(200.0, 300, False, False, True, id="likelier"),
+        pytest.param(60.0, 21, False, True, True, id="simpler, chosen of two that prove themselves"),
+        pytest.param(60.0, 21, False, False, False, id="simpler, but the named one was no choice"),
+        pytest.param(
+            60.0, 21, True, True, False, id="a constant, which stands beside the named one anyway"
+        ),
+        pytest.param(60.0, 300, False, True, False, id="neither"),
+    ],
+)
+def test_a_named_effect_gives_way_to_a_likelier_or_a_simpler_one(
+    evidence: float, freedom: int, constant: bool, proven: bool, replaced: bool
+) -> None:
+    def score(name: str, log_evidence: float, freedom: int, constant: bool) -> Any:
+        effect = SimpleNamespace(is_predictable=True, is_constant=constant)
+        form = SimpleNamespace(candidate=SimpleNamespace(moves=False))
+        return SimpleNamespace(
+            name=name, effect=effect, form=form, freedom=freedom, log_evidence=log_evidence
+        )
+
+    own, other = score("named", 100.0, 294, False), score("other", evidence, freedom, constant)
+    selection: Any = SimpleNamespace(proves_itself=lambda *_: proven)
+    assert JointSelection._replaces(selection, other, own) is replaced
+    assert not JointSelection._replaces(selection, own, own)
+    assert not JointSelection._replaces(selection, other, None)
