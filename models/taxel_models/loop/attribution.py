@@ -11,6 +11,7 @@ from taxel.channels import CHANNELS
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.effects.fault import Fault
+from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.findings import ParameterCorrelation
 from taxel_models.loop.observations import Observations
 
@@ -74,15 +75,21 @@ class Named:
         return np.asarray(np.abs(self.contribution).max(axis=0) > 0)
 
 
-def faults_in_place(named: Sequence[Named]) -> tuple[Named, ...]:
-    """Named effects, a fault behind those that explain more; the others keep their order.
+def in_order(named: Sequence[Named]) -> tuple[Named, ...]:
+    """Named effects, a fault and a constant behind those that explain more; the others keep their order.
 
-    A fault of one channel beside a cause of all is often its consequence: a drift leads to a limit.
+    A fault of one channel beside a cause of all is often its consequence: a drift leads to a limit. A
+    constant is often the mean of another cause.
     """
     ordered = [one for one in named if one.name != Fault.name]
     for fault in (one for one in named if one.name == Fault.name):
         more = [place for place, other in enumerate(ordered, 1) if other.conditional > fault.conditional]
         ordered.insert(max(more, default=0), fault)
+    for constant in (one for one in named if one.name == Offset.name):
+        place = ordered.index(constant)
+        later = enumerate(ordered[place + 1 :], place + 1)
+        more = [behind for behind, other in later if other.conditional > constant.conditional]
+        ordered.insert(max(more, default=place), ordered.pop(place))
     return tuple(ordered)
 
 
@@ -112,7 +119,7 @@ class Attribution:
 
     Attributes:
         observations: with the inputs put right, where an effect moves them.
-        named: in the order in which they were found, a fault behind those that explain more.
+        named: in the order in which they were found, a fault and a constant behind those that explain more.
         rejected: the others.
         residual: (n, 21) what is left, counts.
         correlation: between the weights of the named effects; None where fewer than two are fitted.

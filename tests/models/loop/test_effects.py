@@ -12,10 +12,11 @@ from taxel.channels import CHANNELS
 from taxel.corrections import Correction
 from taxel.windows import Relaxation, WindowSpec
 from taxel_models.loop.effects.crosstalk import Crosstalk
+from taxel_models.loop.effects.drift import _exponential
 from taxel_models.loop.effects.effect import ABOUT_MEAN, Remaining
 from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.effects.registry import NAMES
-from taxel_models.loop.observations import gather
+from taxel_models.loop.observations import Observations, gather
 from taxel_models.loop.pipeline import LoopResult, LoopSettings, run_loop
 from taxel_models.recordings import Recording
 from taxel_models.recovery.injection import Injection
@@ -234,6 +235,19 @@ def test_a_finger_that_warms_up_drifts_along_an_exponential(
     assert figure.unit == unit
     assert figure.value == pytest.approx(20.0, rel=0.25)
     np.testing.assert_allclose(served(smooth, case), case.result.after, atol=0.02)
+
+
+@pytest.mark.parametrize("tau", [1.0, 4.0, 40.0])
+def test_an_exponential_is_served_as_one(observations: Observations, tau: float) -> None:
+    """Its straight pieces follow it, and where it has settled it is no line."""
+    time_s = observations.time_s
+    form = _exponential(tau, "s", observations)
+    course = form.basis.times(np.ones((21, form.basis.size)))[:, 0]
+    expected = -np.expm1(-time_s / tau)
+    np.testing.assert_allclose(course - course[-1], expected - expected[-1], atol=0.012)
+    settled = time_s > 6.0 * tau
+    assert settled.any() == (tau < 40.0)
+    assert not settled.any() or np.ptp(course[settled]) < 1e-9
 
 
 def test_an_electrode_that_fades_while_it_is_used_ages_in_recorded_time(smooth: Any, make: Make) -> None:

@@ -31,6 +31,9 @@ FINER: Final = (0.62, 0.79, 1.26, 1.6)
 STRAIGHT: Final = 8
 """The straight pieces that an exponential is served as."""
 
+SETTLED: Final = 6.0
+"""Time constants until an exponential is constant: 0.25 % are left."""
+
 
 class Drift(Effect):
     """measured = model + d(t); d is a line, an exponential, a step or straight pieces.
@@ -83,10 +86,11 @@ class Drift(Effect):
 def _exponential(tau: float, unit: str, observations: Observations) -> Candidate:
     """1 - exp(-t / tau), where t is the session's time (`s`), or what was recorded of it (`s recorded`)."""
     if unit == "s":
-        span = float(observations.time_s.max())
-        # Each piece goes as far as the others.
-        edges = -tau * np.log1p(-np.linspace(0.0, 1.0, STRAIGHT + 1) * -np.expm1(-span / tau))
-        edges[-1] = span
+        # Knots whose density is the root of the curvature make the error of all pieces alike. A last piece
+        # as long as the rest of the session would be a line to whoever sees that piece alone.
+        end = min(float(observations.time_s.max()) / tau, SETTLED)
+        shares = np.linspace(0.0, 1.0, STRAIGHT + 1)
+        edges = -2.0 * tau * np.log1p(shares * np.expm1(-end / 2.0))
         elapsed_s = edges
     else:
         edges, elapsed_s = recorded(observations)

@@ -97,8 +97,8 @@ def _with_new_kinds(
     sources = [(stand_ins.structure, stand_ins.std)]
     sources += [(one.structure, one.std) for one in stand_ins.one_kind.values()]
     scale = np.maximum(observations.residual.std(axis=0), 1e-9)
-    structure = {name: figures(own) for name, own in known.structure.items()}
-    for name in structure.keys() & stand_ins.structure.keys():
+    usual = _UsualOfKinds(known.structure)
+    for name in known.structure.keys() & stand_ins.structure.keys():
         found = [
             figures(source[name]) * [np.ones_like(energy), energy / np.maximum(std, 1e-9) ** 2]
             for source, std in sources
@@ -106,12 +106,12 @@ def _with_new_kinds(
         ]
         own = np.max(found, axis=0) / counted(name, np.array(known.std), scale)
         of_each = name == ContactOffset.name or name.startswith(f"{Covariate.name}:")
-        structure[name] = _at_least(structure[name], own, share if of_each else share**2)
+        usual.mix(name, own, share if of_each else share**2, [source for source, _ in sources])
     noise = np.array([(one.shared, one.fading) for one in (known, stand_ins)])
     shared, fading = (1.0 - share) * noise[0] + share * noise[1]
     return known.model_copy(
         update={
-            "structure": of_figures(structure, [known.structure, *(source for source, _ in sources)]),
+            "structure": usual.structure(),
             "shared": tuple(shared.tolist()),
             "fading": tuple(fading.tolist()),
         }
@@ -129,43 +129,36 @@ def _of_known_kinds(
     such, and one of as many kinds as the reference has as all of them together.
     """
     scale = np.maximum(observations.residual.std(axis=0), 1e-9)
-    structure = {name: figures(own) for name, own in reference.structure.items()}
-    beside = {} if reference.correlated is None else reference.correlated.structure
-    correlated = {name: figures(own) for name, own in beside.items()}
+    usual = _UsualOfKinds(reference.structure)
+    correlated = _UsualOfKinds({} if reference.correlated is None else reference.correlated.structure)
     here = {column: one for column, one in reference.one_kind.items() if column in observations.covariates}
     waves = list(reference.waves)
     for column, one in here.items():
         covariate = Covariate(column).label
-        if covariate not in structure:
+        if covariate not in usual.figures:
             # Too few were held out to compare kinds: each kind may have what one kind alone shows.
             alike = [
                 figures(one.structure[name]) for name in (Gain.name, Offset.name) if name in one.structure
             ]
-            structure[covariate] = np.sum(alike, axis=0) if alike else np.zeros((2, len(CHANNELS)))
+            usual.figures[covariate] = np.sum(alike, axis=0) if alike else np.zeros((2, len(CHANNELS)))
         values = observations.covariates[column]
         rows = _Rows.of(one, values)
         waves += rows.waves()
         few = herfindahl(values) - one.herfindahl
         alone = max(few, 0.0) / (1.0 - one.herfindahl)
-        for name in one.structure.keys() & structure.keys():
+        for name in one.structure.keys() & usual.figures.keys():
             unit = counted(name, np.array(reference.std), scale)
-            own = rows.figures_of(name, scale) / unit
-            structure[name] = _at_least(structure[name], own, alone)
-        if ContactOffset.name in structure.keys() - one.structure.keys():
+            usual.mix(name, rows.figures_of(name, scale) / unit, alone, [one.structure])
+        if ContactOffset.name in usual.figures.keys() - one.structure.keys():
             # Of one kind, few contacts are held out; on some kinds, contacts scatter more.
             size = constants.usual_of_kind * rows.energy()
             more = np.array([np.ones_like(size), size / np.maximum(np.square(reference.std), 1e-9)])
-            own = structure[ContactOffset.name] * more
-            structure[ContactOffset.name] = _at_least(structure[ContactOffset.name], own, alone)
-        for name in one.correlated.keys() & correlated.keys():
-            correlated[name] = _at_least(correlated[name], rows.correlated_figures_of(name), alone)
-    sources = [reference.structure, *(one.structure for one in here.values())]
-    update: dict[str, object] = {"structure": of_figures(structure, sources), "one_kind": {}}
+            usual.mix(ContactOffset.name, usual.figures[ContactOffset.name] * more, alone, [])
+        for name in one.correlated.keys() & correlated.figures.keys():
+            correlated.mix(name, rows.correlated_figures_of(name), alone, [one.correlated])
+    update: dict[str, object] = {"structure": usual.structure(), "one_kind": {}}
     if reference.correlated is not None:
-        sources = [beside, *(one.correlated for one in here.values())]
-        update["correlated"] = reference.correlated.model_copy(
-            update={"structure": of_figures(correlated, sources)}
-        )
+        update["correlated"] = reference.correlated.model_copy(update={"structure": correlated.structure()})
     update["waves"] = tuple(_of_energy(wave, constants.usual_of_kind) for wave in waves)
     return reference.model_copy(update=update)
 
@@ -228,9 +221,36 @@ class _Rows:
         return [self.one if its is None or not has(its) else its for its in each]
 
 
-def _at_least(several: Floats, one: Floats, alone: float) -> Floats:
-    """Figures of a recording, of which a share stands for one kind alone."""
-    return np.maximum(several, (1.0 - alone) * several + alone * one)
+class _UsualOfKinds:
+    """What is usual of a recording's kinds, beginning with what all kinds show together.
+
+    Attributes:
+        figures: (2, 21) of each effect.
+    """
+
+    def __init__(self, structure: Mapping[str, OwnStructure]) -> None:
+        self.figures = {name: figures(own) for name, own in structure.items()}
+        self._sources = {name: [structure] for name in structure}
+
+    def mix(
+        self, name: str, one: Floats, alone: float, sources: Sequence[Mapping[str, OwnStructure]]
+    ) -> None:
+        """Let a share of the recording stand for one kind alone, with figures (2, 21) from some structures.
+
+        Forms of an effect that those name, and all kinds together do not, are usual only where the most
+        comes from them.
+        """
+        several = self.figures[name]
+        self.figures[name] = np.maximum(several, (1.0 - alone) * several + alone * one)
+        if alone * one[1].sum() > (1.0 - alone) * several[1].sum():
+            self._sources.setdefault(name, []).extend(sources)
+
+    def structure(self) -> dict[str, OwnStructure]:
+        """Of each effect."""
+        return {
+            name: _of_figures(own, all_forms(name, self._sources.get(name, ())))
+            for name, own in self.figures.items()
+        }
 
 
 def all_forms(effect: str, sources: Sequence[Mapping[str, OwnStructure]]) -> tuple[str, ...]:
@@ -243,12 +263,12 @@ def of_figures(
     structure: Mapping[str, Floats], sources: Sequence[Mapping[str, OwnStructure]]
 ) -> dict[str, OwnStructure]:
     """Figures (2, 21) of each effect, with the forms that the structures name from which they are."""
-    return {
-        name: OwnStructure(
-            log_evidence=tuple(odds.tolist()), gain=tuple(gain.tolist()), forms=all_forms(name, sources)
-        )
-        for name, (odds, gain) in structure.items()
-    }
+    return {name: _of_figures(own, all_forms(name, sources)) for name, own in structure.items()}
+
+
+def _of_figures(own: Floats, forms: tuple[str, ...]) -> OwnStructure:
+    odds, gain = own
+    return OwnStructure(log_evidence=tuple(odds.tolist()), gain=tuple(gain.tolist()), forms=forms)
 
 
 def figures(own: OwnStructure) -> Floats:

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from taxel.channels import CHANNELS
 from taxel.held_out_residual import HeldOutResidual
-from taxel_models.loop.attribution import AS_USUAL, Attribution, Named, Rejected, faults_in_place
+from taxel_models.loop.attribution import AS_USUAL, Attribution, Named, Rejected, in_order
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect
@@ -266,7 +266,7 @@ class JointSelection:
             self._taken = shown
             self._refit()
             shares = self._fit_to_rows()
-        return faults_in_place(
+        return in_order(
             [
                 self._finished(taken, either.get(taken.name, ()), share)
                 for taken, share in zip(self._taken, shares, strict=True)

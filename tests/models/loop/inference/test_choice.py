@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taxel_models.loop.attribution import faults_in_place
+from taxel_models.loop.attribution import in_order
 from taxel_models.loop.effects.effect import Fitting
 from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.inference.selection import JointSelection
@@ -95,8 +95,28 @@ def test_a_fault_comes_before_what_explains_less() -> None:
 
     named = [one("fault", 0.2), one("interference", 0.05), one("gain", 0.3), one("rate", 0.1)]
     # Others stay in their order: a line of the spectrum stands by itself.
-    assert [each.name for each in faults_in_place(named)] == ["interference", "gain", "fault", "rate"]
-    assert [each.name for each in faults_in_place(named[:2])] == ["fault", "interference"]
+    assert [each.name for each in in_order(named)] == ["interference", "gain", "fault", "rate"]
+    assert [each.name for each in in_order(named[:2])] == ["fault", "interference"]
+
+
+@pytest.mark.parametrize(
+    ("conditional", "expected"),
+    [
+        ((0.1, 0.4, 0.05), ["gain", "offset", "rate"]),
+        ((0.1, 0.05, 0.4), ["gain", "rate", "offset"]),
+        ((0.4, 0.1, 0.05), ["offset", "gain", "rate"]),
+    ],
+)
+def test_a_constant_comes_behind_what_explains_more(
+    conditional: tuple[float, ...], expected: list[str]
+) -> None:
+    names = ("offset", "gain", "rate")
+    named: Any = [
+        SimpleNamespace(name=name, conditional=own) for name, own in zip(names, conditional, strict=True)
+    ]
+    assert [each.name for each in in_order(named)] == expected
+    # It is never put before what was found first.
+    assert in_order([named[1], named[0]])[0].name == "gain"
 
 
 @pytest.mark.parametrize(

@@ -343,3 +343,21 @@ def test_a_form_that_any_kind_has_is_usual() -> None:
     assert all_forms("lag", [{"lag": first}, {"lag": second}, {}]) == ("-10 ms", "10 ms")
     assert all_forms("lag", [{"lag": first}, {"lag": own(1.0)}]) == ()
     assert all_forms("lag", [{}]) == ()
+
+
+def test_forms_of_single_kinds_are_usual_where_most_of_it_is_theirs(observations: Observations) -> None:
+    """All kinds together say more of a recording of many than what any of a few contacts leaves open."""
+    whole = known()
+    whole.structure["lag"] = own(2.0).model_copy(update={"forms": ("-10 ms",)})
+    whole.one_kind["material"].structure["lag"] = own(8.0).model_copy(update={"forms": ("20 ms",)})
+
+    def usual(kinds: int) -> OwnStructure:
+        column = np.arange(len(observations)) * kinds // len(observations)
+        seen = replace(observations, covariates={"material": column.astype(np.float64)})
+        return of_its_kinds(whole, seen, DECLARED).structure["lag"]
+
+    assert usual(10).forms == ("-10 ms",)
+    assert usual(10).gain[0] == pytest.approx(2.0, rel=0.01)
+    # Of four kinds, a sixth of the recording stands for one alone, which has four times as much.
+    assert usual(4).forms == ("-10 ms",)
+    assert usual(2).forms == usual(1).forms == ("-10 ms", "20 ms")
