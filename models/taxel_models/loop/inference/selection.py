@@ -104,7 +104,10 @@ class JointSelection:
         return not self._scoring.contradicts(score, self._taken)
 
     def _casts_doubt(self, other: Score, best: Score) -> bool:
-        """Whether a likelier effect, about as simple, does not repeat: the best may only stand for it."""
+        """Whether a likelier effect, about as simple, does not repeat: the best may only stand for it.
+
+        One that takes nothing off the error of held-out folds is no better explanation.
+        """
         if best.form.candidate.fitting.few_channels:
             # Others take correlated channels for independent witnesses.
             return False
@@ -113,7 +116,7 @@ class JointSelection:
         tried = (other.name, other.form.candidate.form) in self._tried
         # What the model's own residual has, too, is no doubt about another cause.
         repeats = other.t_with_usual >= self._constants.least_t(other.folds)
-        return likelier and simple and not tried and not repeats
+        return likelier and simple and not tried and not repeats and bool(other.worth.mean() > 0)
 
     def choose(self, scores: Sequence[Score], own: Score | None = None) -> Score | None:
         """The likeliest effect that proves itself, or a simpler one that carries most of it.

@@ -13,10 +13,13 @@ from taxel_models.loop.inference.selection import JointSelection
 
 
 @pytest.mark.parametrize(
-    ("t", "with_usual", "doubt"), [(2.0, 2.5, True), (2.0, 4.0, False), (4.0, 5.0, False)]
+    ("t", "with_usual", "worth", "doubt"),
+    [(2.0, 2.5, 0.1, True), (2.0, 4.0, 0.1, False), (4.0, 5.0, 0.1, False), (2.0, 2.5, -0.1, False)],
 )
-def test_what_the_model_gets_wrong_anyway_is_no_doubt(t: float, with_usual: float, doubt: bool) -> None:
-    def score(evidence: float, t: float, with_usual: float) -> Any:
+def test_what_the_model_gets_wrong_anyway_and_what_takes_nothing_off_are_no_doubt(
+    t: float, with_usual: float, worth: float, doubt: bool
+) -> None:
+    def score(evidence: float, t: float, with_usual: float, worth: float) -> Any:
         form = SimpleNamespace(candidate=SimpleNamespace(form="a form", fitting=Fitting()))
         return SimpleNamespace(
             name="an effect",
@@ -26,10 +29,11 @@ def test_what_the_model_gets_wrong_anyway_is_no_doubt(t: float, with_usual: floa
             log_evidence=evidence,
             t=t,
             t_with_usual=with_usual,
+            worth=np.full(21, worth),
         )
 
     selection: Any = SimpleNamespace(_constants=DECLARED, _tried=set())
-    best, likelier = score(100.0, 6.0, 8.0), score(200.0, t, with_usual)
+    best, likelier = score(100.0, 6.0, 8.0, 0.2), score(200.0, t, with_usual, worth)
     assert JointSelection._casts_doubt(selection, likelier, best) is doubt
 
 
@@ -47,6 +51,7 @@ def test_a_constant_is_named_where_the_likeliest_effect_is_in_doubt(has_constant
             folds=8,
             log_evidence=evidence,
             t_with_usual=t,
+            worth=np.full(21, 0.1),
         )
 
     gain, saturation, offset = (
