@@ -21,6 +21,7 @@ from taxel_models.loop.report.wording import (
     confounded,
     key_parameters,
     left,
+    makes_worse,
     needs,
     number,
     opening,
@@ -143,8 +144,19 @@ def test_a_fall_that_may_be_chance_is_called_so() -> None:
 
 def test_nothing_that_can_be_served_is_nothing_to_add() -> None:
     text = opening(findings(effect("fault", served=False)), [])
-    assert "There is nothing to add to the model." in text
+    assert "None of this can be added to the model." in text
     assert "once corrected" not in text
+    assert "There is nothing to add to the model." in opening(findings(), [])
+
+
+def test_what_raises_the_error_on_held_out_blocks_is_told() -> None:
+    worse = effect("drift").model_copy(update={"explained": -4.33})
+    (told,) = makes_worse(findings(worse, effect("gain")))
+    assert told.startswith("drift raises the squared error on held-out blocks, by 433 %:")
+    assert told.endswith("--exclude drift.")
+    assert told in opening(findings(worse), [])
+    little = effect("drift").model_copy(update={"explained": -0.01})
+    assert makes_worse(findings(little)) == []
 
 
 def test_noise_is_called_noise() -> None:
@@ -165,7 +177,8 @@ def test_the_terminal_table_tells_the_same() -> None:
     assert "25 %" in text
     assert "Normalised MAE 0.200 before, 0.100 after (noise: 0.050)" in text
     assert "No effect was named." in text
-    assert text.count("Normalised MAE 0.200 (noise: 0.050). There is nothing to add to the model.") == 2
+    assert "Normalised MAE 0.200 (noise: 0.050). There is nothing to add to the model." in text
+    assert "Normalised MAE 0.200 (noise: 0.050). None of this can be added to the model." in text
 
 
 def test_what_runs_along_most_is_told_and_the_others_are_counted() -> None:

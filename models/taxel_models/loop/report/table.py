@@ -11,9 +11,11 @@ from taxel_models.loop.report.wording import (
     corrects,
     key_parameters,
     left,
+    makes_worse,
     new_kinds,
     next_recordings,
     no_reference,
+    nothing_to_add,
     one_kind,
     paired,
     percent,
@@ -28,6 +30,7 @@ def findings_table(findings: Findings) -> RenderableType:
         *anyway(findings),
         *no_reference(findings),
         _errors(findings),
+        *makes_worse(findings),
         *one_kind(findings),
         *new_kinds(findings),
         *confounded(findings),
@@ -60,5 +63,5 @@ def _errors(findings: Findings) -> str:
     before, after = (f"{error['norm_mae']:.3f}" for error in (findings.before, findings.after))
     noise = f"(noise: {findings.noise_floor['norm_mae']:.3f})"
     if not corrects(findings):
-        return f"Normalised MAE {before} {noise}. There is nothing to add to the model."
+        return f"Normalised MAE {before} {noise}. {nothing_to_add(findings)}"
     return f"Normalised MAE {before} before, {after} after {noise}; {paired(findings.test)}."

@@ -18,6 +18,9 @@ _MOST_KEY_PARAMETERS: Final = 3
 _MOST_NEEDS: Final = 3
 _MOST_PAIRS: Final = 4
 
+_HARMFUL: Final = 0.05
+"""Share of the residual's energy: so much more of it on held-out blocks is told."""
+
 
 def number(value: float) -> str:
     """Three significant digits."""
@@ -125,6 +128,7 @@ def opening(findings: Findings, extras: Sequence[ExtraFeature]) -> str:
     sentences = [
         _outcome(findings),
         *_named(findings, extras),
+        *makes_worse(findings),
         *one_kind(findings),
         *new_kinds(findings),
         *confounded(findings),
@@ -141,6 +145,13 @@ def opening(findings: Findings, extras: Sequence[ExtraFeature]) -> str:
 def corrects(findings: Findings) -> bool:
     """Whether anything was found that a model can have."""
     return findings.residual_model is not None or any(effect.served for effect in findings.effects)
+
+
+def nothing_to_add(findings: Findings) -> str:
+    """Where nothing was found that a model can have."""
+    if findings.effects:
+        return "None of this can be added to the model."
+    return "There is nothing to add to the model."
 
 
 def unnamed(findings: Findings) -> list[str]:
@@ -235,6 +246,16 @@ def _named(findings: Findings, extras: Sequence[ExtraFeature]) -> list[str]:
     return sentences
 
 
+def makes_worse(findings: Findings) -> list[str]:
+    """A sentence for each named effect that raises the error where nothing was fitted to."""
+    return [
+        f"{effect.name} raises the squared error on held-out blocks, by {percent(-effect.explained)}: the "
+        f"others do not tell how it goes there. Record more, or leave it out: --exclude {effect.name}."
+        for effect in findings.effects
+        if effect.served and effect.explained < -_HARMFUL
+    ]
+
+
 def confounded(findings: Findings) -> list[str]:
     """A sentence for each named effect that others could stand for."""
     sentences, told = [], set[frozenset[str]]()
@@ -309,7 +330,7 @@ def _next(findings: Findings) -> str:
     if findings.exported is not None:
         return f"The corrected model is {findings.exported}."
     if not corrects(findings):
-        return "There is nothing to add to the model."
+        return nothing_to_add(findings)
     if findings.raises_the_error:
         return "Adding this to the model would make it worse on these recordings: it is not exported."
     if findings.test.p_value > SIGNIFICANT:
