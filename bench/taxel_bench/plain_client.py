@@ -5,7 +5,7 @@ import json
 import zenoh
 
 
-def plain_client(endpoint: str) -> zenoh.Config:
+def client_config(endpoint: str) -> zenoh.Config:
     """The configuration of a zenoh session that is a client of one server."""
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')

@@ -29,7 +29,7 @@ from taxel.manifest import Manifest, ModelFile, Normalisation, Training, WindowL
 from taxel.protocol import REPLICAS, InferResponse, pack_error, pack_infer_response, packb
 from taxel.remote import RemotePredictor, RemoteSource
 from taxel.remote.remote_model import RemoteModel
-from taxel_bench.plain_client import plain_client
+from taxel_bench.plain_client import client_config
 
 Answer = Callable[[zenoh.Query], None]
 
@@ -151,7 +151,7 @@ def test_a_query_whose_server_went_meanwhile_is_lost_not_denied(
         return len(client.connection.servers()) == servers
 
     client = connected(going)
-    with zenoh.open(plain_client(client.endpoint)) as other:
+    with zenoh.open(client_config(client.endpoint)) as other:
         token: Any = other.liveliness().declare_token(f"taxel/{REPLICAS}/another")
         assert seen(1)
         with pytest.raises(

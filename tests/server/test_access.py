@@ -18,7 +18,7 @@ import taxel
 from taxel import Credentials
 from taxel.errors import NotFound, PermissionDenied, SettingsError, Unavailable
 from taxel.protocol import packb
-from taxel_bench.plain_client import plain_client
+from taxel_bench.plain_client import client_config
 from taxel_server.engine import Engine
 from taxel_server.options import ServerOptions
 from taxel_server.service import Service
@@ -250,7 +250,7 @@ class Forger:
 
     def __init__(self, place: str, *, token: bool) -> None:
         self.asked: list[str] = []
-        self.session = zenoh.open(plain_client(place))
+        self.session = zenoh.open(client_config(place))
         for key in ("taxel/**", "**", INFER, "taxel/v2", f"taxel/@replica/{self.session.info.zid()}/**"):
             answer = Callback(self._answer, indirect=False)
             self.session.declare_queryable(key, answer, complete=True)

@@ -21,7 +21,7 @@ from taxel.lane.client import LaneConnection
 from taxel.protocol import pack_infer_request, unpackb
 from taxel.remote import Transport
 from taxel.remote.async_source import AsyncSource
-from taxel_bench.plain_client import plain_client
+from taxel_bench.plain_client import client_config
 from taxel_server import engine as engine_module
 from taxel_server.core import metadata
 from taxel_server.engine import Engine
@@ -39,7 +39,7 @@ ServerStarter = Callable[..., str]
 
 def client_session(place: str) -> zenoh.Session:
     """A client's session, without the project's client."""
-    return zenoh.open(plain_client(place))
+    return zenoh.open(client_config(place))
 
 
 @contextmanager

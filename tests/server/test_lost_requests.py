@@ -16,7 +16,7 @@ import zenoh
 
 import taxel
 from taxel.protocol import model_key, pack_infer_request
-from taxel_bench.plain_client import plain_client
+from taxel_bench.plain_client import client_config
 from taxel_bench.server_process import running_server
 
 _READER = Path(__file__).with_name("stopped_reader.py")
@@ -39,7 +39,7 @@ class _SlowReader:
     """A client, written with zenoh alone, that reads its answers one by one, and not at once."""
 
     def __init__(self, endpoint: str) -> None:
-        self._session = zenoh.open(plain_client(endpoint))
+        self._session = zenoh.open(client_config(endpoint))
         self.read = 0
         self.outcomes: list[str] = []
 

@@ -8,7 +8,7 @@ from queue import SimpleQueue
 import pytest
 import zenoh
 
-from taxel_bench.plain_client import plain_client
+from taxel_bench.plain_client import client_config
 from taxel_server.transports import outgoing
 from taxel_server.transports.outgoing import Outgoing
 from taxel_server.transports.zenoh_session import open_session
@@ -34,7 +34,7 @@ def asking(endpoint: str, ended: Callable[[bool], None]) -> Iterator[SimpleQueue
         handler = zenoh.handlers.Callback(read, lambda: ended(replies == [True]), indirect=False)
         session.get("asked", handler, timeout=30.0)
 
-    with open_session([endpoint]) as server, zenoh.open(plain_client(endpoint)) as client:
+    with open_session([endpoint]) as server, zenoh.open(client_config(endpoint)) as client:
         taken = zenoh.handlers.Callback(queries.put, indirect=False)
         server.declare_queryable("asked", taken, complete=True)
         for _ in range(_ASKED):

@@ -22,7 +22,7 @@ from taxel.errors import InvalidArgument, Unavailable
 from taxel.protocol import unpackb
 from taxel.remote import RemotePredictor, RemoteSource
 from taxel.remote.replicas import Replicas
-from taxel_bench.plain_client import plain_client
+from taxel_bench.plain_client import client_config
 from taxel_bench.server_process import free_port, running_server_process
 from taxel_server.engine import Engine
 from taxel_server.options import ServerOptions
@@ -238,7 +238,7 @@ def test_behind_a_router_with_the_documented_access_control_nobody_else_answers(
     trust = json.dumps({"root_ca_certificate": str(tmp_path / "ca.pem")})
     with (
         router(endpoint, [place], access_control=access, transport__link__tls=trust),
-        zenoh.open(plain_client(endpoint)) as forger,
+        zenoh.open(client_config(endpoint)) as forger,
         taxel.connect(endpoint, timeout=PATIENT) as source,
     ):
         own = f"taxel/@replica/{forger.info.zid()}"

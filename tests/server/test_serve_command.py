@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 import taxel
 from taxel.errors import Unavailable
 from taxel.protocol import pack_infer_request, unpack_error, unpack_infer_response
-from taxel_bench.plain_client import plain_client
+from taxel_bench.plain_client import client_config
 from taxel_server.engine import Engine
 
 WindowMaker = Callable[..., NDArray[np.float32]]
@@ -101,7 +101,7 @@ def test_under_load_every_query_is_answered(
     windows = make_windows(4096, 12)
     expected = engine.model("wide").evaluate(windows)
     request = pack_infer_request(windows)
-    with zenoh.open(plain_client(endpoint)) as session:
+    with zenoh.open(client_config(endpoint)) as session:
         key = "taxel/v2/models/wide/infer"
         asked = [session.get(key, payload=request, timeout=HANG_S) for _ in range(30)]
         # Queries of one session arrive in order: this one's answer says that all others are there.

@@ -16,7 +16,7 @@ from taxel.errors import Internal, NotFound, PermissionDenied, TaxelError, Unava
 from taxel.predictor import ModelInfo
 from taxel.protocol import pack_infer_request, unpack_infer_response, unpackb
 from taxel.remote import RemoteSource, Transport
-from taxel_bench.plain_client import plain_client
+from taxel_bench.plain_client import client_config
 from taxel_server.engine import Engine
 from taxel_server.options import ServerOptions
 from taxel_server.service import Service
@@ -192,7 +192,7 @@ def test_every_query_gets_exactly_one_reply(
         b"\xc1",
         b"\x80" * 50,
     ]
-    with zenoh.open(plain_client(start(engine))) as session:
+    with zenoh.open(client_config(start(engine))) as session:
         asked = [
             session.get("taxel/v2/models/skin/infer", payload=payload, timeout=10)
             for _ in range(20)

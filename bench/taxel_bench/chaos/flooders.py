@@ -12,7 +12,7 @@ from taxel.protocol import unpack_error
 from taxel.remote import RemoteSource
 from taxel.remote.known_servers import TIMEOUT
 from taxel.remote.query_transport import Done
-from taxel_bench.plain_client import plain_client
+from taxel_bench.plain_client import client_config
 
 FLOODERS: Final = "taxel", "zenoh"
 """Taxel's client sends no more than the server lets it queue; the other one sends everything."""
@@ -27,7 +27,7 @@ def sender(flooder: str, source: RemoteSource, key: str) -> Iterator[Send]:
     if flooder == "taxel":
         yield lambda payload, done: source.connection.send(key, payload, source.timeout, done)
         return
-    with zenoh.open(plain_client(source.endpoint)) as session:
+    with zenoh.open(client_config(source.endpoint)) as session:
         as_they_come = zenoh.ConsolidationMode.NONE
         querier = session.declare_querier(key, timeout=source.timeout, consolidation=as_they_come)
         yield lambda payload, done: _query(querier, payload, done)

@@ -24,7 +24,7 @@ from taxel.manifest import Manifest
 from taxel.protocol import model_key, model_path, pack_infer_request, unpack_error, unpack_infer_response
 from taxel.remote import RemoteSource
 from taxel.zenoh_process import close_session, open_session
-from taxel_bench.plain_client import plain_client
+from taxel_bench.plain_client import client_config
 from taxel_bench.windows import random_windows
 
 ROWS: Final = 3
@@ -70,7 +70,7 @@ def mutated_over_zenoh(source: RemoteSource, manifest: Manifest, payloads: Itera
     """Send each payload as a query in a session of its own kind, which counts all replies."""
     key = model_key(source.prefix, manifest.name, manifest.version, "infer")
     answers = Answers()
-    session = open_session(plain_client(source.endpoint))
+    session = open_session(client_config(source.endpoint))
     try:
         while several := list(islice(payloads, _IN_FLIGHT)):
             asked = [

@@ -21,12 +21,12 @@ from taxel_models.loop.report.wording import (
     confounded,
     key_parameters,
     left,
-    makes_worse,
     needs,
     number,
     opening,
     paired,
     parameter,
+    raising_effects,
     runs_along,
 )
 
@@ -151,12 +151,12 @@ def test_nothing_that_can_be_served_is_nothing_to_add() -> None:
 
 def test_what_raises_the_error_on_held_out_blocks_is_told() -> None:
     worse = effect("drift").model_copy(update={"explained": -4.33})
-    (told,) = makes_worse(findings(worse, effect("gain")))
+    (told,) = raising_effects(findings(worse, effect("gain")))
     assert told.startswith("drift raises the squared error on held-out blocks, by 433 %:")
     assert told.endswith("--exclude drift.")
     assert told in opening(findings(worse), [])
     little = effect("drift").model_copy(update={"explained": -0.01})
-    assert makes_worse(findings(little)) == []
+    assert raising_effects(findings(little)) == []
 
 
 def test_noise_is_called_noise() -> None:

@@ -1,5 +1,6 @@
 """Kinds: a model errs in its own way on each material, and a recording may have few of them."""
 
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
@@ -230,25 +231,24 @@ class _UsualOfKinds:
 
     def __init__(self, structure: Mapping[str, OwnStructure]) -> None:
         self.figures = {name: figures(own) for name, own in structure.items()}
-        self._sources = {name: [structure] for name in structure}
+        self._sources = defaultdict(list, {name: [structure] for name in structure})
 
     def mix(
         self, name: str, one: Floats, alone: float, sources: Sequence[Mapping[str, OwnStructure]]
     ) -> None:
         """Let a share of the recording stand for one kind alone, with figures (2, 21) from some structures.
 
-        Forms of an effect that those name, and all kinds together do not, are usual only where the most
-        comes from them.
+        The forms that those structures name count only where most of the figure comes from them.
         """
         several = self.figures[name]
         self.figures[name] = np.maximum(several, (1.0 - alone) * several + alone * one)
         if alone * one[1].sum() > (1.0 - alone) * several[1].sum():
-            self._sources.setdefault(name, []).extend(sources)
+            self._sources[name].extend(sources)
 
     def structure(self) -> dict[str, OwnStructure]:
         """Of each effect."""
         return {
-            name: _of_figures(own, all_forms(name, self._sources.get(name, ())))
+            name: _of_figures(own, all_forms(name, self._sources[name]))
             for name, own in self.figures.items()
         }
 

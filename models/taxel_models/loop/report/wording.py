@@ -19,7 +19,7 @@ _MOST_NEEDS: Final = 3
 _MOST_PAIRS: Final = 4
 
 _HARMFUL: Final = 0.05
-"""Share of the residual's energy: so much more of it on held-out blocks is told."""
+"""An effect that adds a larger share to the residual's energy on held-out blocks is told."""
 
 
 def number(value: float) -> str:
@@ -128,7 +128,7 @@ def opening(findings: Findings, extras: Sequence[ExtraFeature]) -> str:
     sentences = [
         _outcome(findings),
         *_named(findings, extras),
-        *makes_worse(findings),
+        *raising_effects(findings),
         *one_kind(findings),
         *new_kinds(findings),
         *confounded(findings),
@@ -246,11 +246,12 @@ def _named(findings: Findings, extras: Sequence[ExtraFeature]) -> list[str]:
     return sentences
 
 
-def makes_worse(findings: Findings) -> list[str]:
+def raising_effects(findings: Findings) -> list[str]:
     """A sentence for each named effect that raises the error where nothing was fitted to."""
     return [
         f"{effect.name} raises the squared error on held-out blocks, by {percent(-effect.explained)}: the "
-        f"others do not tell how it goes there. Record more, or leave it out: --exclude {effect.name}."
+        "blocks that it was fitted to do not show how it goes on there. Record more, or leave it out: "
+        f"--exclude {effect.name}."
         for effect in findings.effects
         if effect.served and effect.explained < -_HARMFUL
     ]
