@@ -188,6 +188,12 @@ class Observations:
         """The median length of a segment, s."""
         return float(np.median(np.unique(self.segment, return_counts=True)[1])) * TICK_S
 
+    @cached_property
+    def starts_pressed(self) -> bool:
+        """Whether enough segments begin with a load. In few, a start from rest looks like a drift."""
+        starts = np.diff(self.segment, prepend=-1) != 0
+        return int((self.pressed[starts] > TOUCH_N).sum()) >= FEWEST_CONTACTS
+
     def rows_before(self, ticks: int) -> NDArray[np.int64]:
         """(n,) the row so many ticks before each, in its segment; the row itself where there is none."""
         rows = np.arange(len(self))

@@ -217,15 +217,23 @@ class Warmth(Recursive):
 
     Newton's law of cooling, with a time constant for each of the two: what is touched takes heat at
     another rate than air does.
+
+    Attributes:
+        starts: `settled`, as if the segment's first u had been there for long; or from `rest`, at 0.
     """
 
     kind: Literal["warmth"] = "warmth"
     warming_s: Positive
     cooling_s: Positive
+    starts: Literal["settled", "rest"] = "settled"
 
     @override
     def settled(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
         return (u > TOUCH_N).astype(np.float64)
+
+    @override
+    def started(self, u: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self.settled(u) if self.starts == "settled" else np.zeros_like(u)
 
     @override
     def rule(self) -> Rule:

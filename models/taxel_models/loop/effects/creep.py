@@ -7,9 +7,9 @@ import numpy as np
 from typing_extensions import override
 
 from taxel.windows import Relaxation, RelaxationShare
-from taxel.windows.history import TICK_S, TOUCH_N, Followed
+from taxel.windows.history import TICK_S, Followed
 from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past, weighted
-from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
+from taxel_models.loop.observations import Observations
 
 SHORTEST_S: Final = 0.08
 SHORTEST_BY_FORCE_S: Final = 0.12
@@ -83,7 +83,7 @@ class Creep(Effect):
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
-        told = _start_pressed(observations) >= FEWEST_CONTACTS
+        told = observations.starts_pressed
         by_force = [how for how in BY_FORCE if told or how.starts == "settled"]
         for tau in GRID[_longest_s(observations) >= GRID].tolist():
             for how in by_force:
@@ -142,12 +142,6 @@ class Creep(Effect):
             form_parameters={"time_constant": (tau, "s")},
             weight_unit="relative",
         )
-
-
-def _start_pressed(observations: Observations) -> int:
-    """How many segments begin with a load. In few of them, a start from rest looks like a drift."""
-    starts = np.diff(observations.segment, prepend=-1) != 0
-    return int((observations.pressed[starts] > TOUCH_N).sum())
 
 
 def _longest_s(observations: Observations) -> float:

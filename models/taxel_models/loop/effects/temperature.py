@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from itertools import product
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,20 +53,24 @@ class Temperature(Effect):
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
         values = observations.covariates.get(TDC)
         if values is None:
-            yield from self._by_state(observations)
+            if observations.raw_counts:
+                yield from self._by_state(observations)
+        elif values.std() < LEAST_COUNTS:
             return
-        if values.std() < LEAST_COUNTS:
-            return
+        else:
+            yield from self._as_measured(observations)
+        yield from self._by_contact(observations)
+
+    def _as_measured(self, observations: Observations) -> Iterable[Candidate]:
         driver = given(observations, TDC, "counts")
         if observations.raw_counts:
-            electrodes = _electrodes()
             yield weighted(
                 observations,
                 self.name,
                 "electrodes alike, in ln Z",
                 "log_impedance",
                 [driver],
-                fitting=Fitting(pooled=True, allowed=electrodes),
+                fitting=Fitting(pooled=True, allowed=_electrodes()),
                 weight_names=("slope",),
                 weight_unit="ln Z per tdc count",
             )
@@ -80,7 +84,6 @@ class Temperature(Effect):
                 weight_unit="ln Z per tdc count; counts per tdc count for pac0 and pdc",
                 alike=ALIKE,
             )
-            yield from self._by_contact(observations)
         else:
             yield weighted(
                 observations,
@@ -94,8 +97,7 @@ class Temperature(Effect):
 
     def _by_state(self, observations: Observations) -> Iterable[Candidate]:
         """Without a measured temperature: the finger warms up after the start; contact cools it."""
-        span = float(observations.time_s.max())
-        if span < SHORTEST_S or not observations.raw_counts:
+        if float(observations.time_s.max()) < SHORTEST_S:
             return
         edges = evenly_filled(observations, PIECES)
         drivers = elapsed(observations, edges)
@@ -110,24 +112,29 @@ class Temperature(Effect):
             fitting=Fitting(pooled=True, allowed=_electrodes()),
             weight_unit="ln Z per s; ln Z per N",
         )
-        yield from self._by_contact(observations)
 
     def _by_contact(self, observations: Observations) -> Iterable[Candidate]:
         """The skin is warmed where it is touched, and cools in the air; tdc is measured in the core."""
-        for warming, cooling in product(RATES_S, RATES_S):
-            if max(warming, cooling) > observations.usual_segment_s:
+        raw = observations.raw_counts
+        starts: tuple[Literal["settled", "rest"], ...] = ("settled", "rest")
+        for warming, cooling, start in product(RATES_S, RATES_S, starts[: 1 + observations.starts_pressed]):
+            # A start from rest shows more of a slow warming than one that is settled.
+            longest = observations.usual_segment_s * (1.0 if start == "settled" else 2.0)
+            if max(warming, cooling) > longest:
                 continue
-            warmth = Warmth(of="force", warming_s=warming, cooling_s=cooling)
+            rest = ", from rest" if start == "rest" else ""
+            counts = ", in ln Z" if raw else ""
+            warmth = Warmth(of="force", warming_s=warming, cooling_s=cooling, starts=start)
             yield weighted(
                 observations,
                 self.name,
-                f"contact warms in {warming:g} s, air cools in {cooling:g} s, in ln Z",
-                "log_impedance",
-                [past(observations, warmth, f"warmth[{warming:g}s,{cooling:g}s].force", "1")],
+                f"contact warms in {warming:g} s, air cools in {cooling:g} s{rest}{counts}",
+                "log_impedance" if raw else "unit",
+                [past(observations, warmth, f"warmth[{warming:g}s,{cooling:g}s{rest}].force", "1")],
                 fitting=Fitting(pooled=True, allowed=_electrodes()),
                 form_parameters={"warming": (warming, "s"), "cooling": (cooling, "s")},
                 weight_names=("slope",),
-                weight_unit="ln Z",
+                weight_unit="ln Z" if raw else "counts",
             )
 
 
