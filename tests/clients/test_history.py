@@ -48,6 +48,7 @@ FEATURES: tuple[HistoryFeature, ...] = (
     Load(of="fz"),
     Warmth(of="force", warming_s=0.3, cooling_s=2.0),
     Warmth(of="fz", warming_s=5.0, cooling_s=0.2),
+    Warmth(of="force", warming_s=0.3, cooling_s=2.0, starts="rest"),
     Rate(of="fz"),
     BoundedRate(of="force", half_n_s=2.0),
     Direction(of="force"),
@@ -74,7 +75,7 @@ def obvious_memory(feature: Recursive, course: list[float]) -> float:
             behind = (behind - (now - before)) / (1 + abs(now - before) / feature.width_n)
         return behind
     if isinstance(feature, Warmth):
-        warmth = float(course[0] > 0.1)
+        warmth = float(course[0] > 0.1 and feature.starts == "settled")
         for now in course[1:]:
             goal, tau = (1.0, feature.warming_s) if now > 0.1 else (0.0, feature.cooling_s)
             warmth = goal + (warmth - goal) * math.exp(-0.01 / tau)

@@ -2,11 +2,13 @@
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.models.loop.inference.tared import Tared, with_counts
 
 from taxel_models.loop.effects.effect import Remaining
 from taxel_models.loop.effects.lag import Lag
@@ -84,6 +86,27 @@ def test_an_offset_beside_such_a_creep_is_named_too(smooth: Any) -> None:
         return weighted(low_passed(force_n, 1.0, np.zeros(CONTACTS)), weights) + weights[::-1]
 
     assert {effect.name for effect in named(smooth, both)} == {"creep", "offset"}
+
+
+@pytest.mark.parametrize(("alike", "measured"), [(True, True), (True, False), (False, True)])
+def test_tared_electrodes_that_warm_alike_are_no_creep(smooth: Any, alike: bool, measured: bool) -> None:
+    """The skin warms by 1 - exp(-t / 3 s) in each contact, whatever the force is.
+
+    Where electrodes move to both sides, it is a creep.
+    """
+    tared = Tared(smooth)
+    recording = tared.of(presses(smooth, lambda force_n, weights: np.zeros((*force_n.shape, 21))))
+    warm = 1.0 - np.exp(-np.arange(ROWS) / 300)
+    slopes = 30.0 * (1.0 + 0.2 * np.cos(np.arange(21))) * (np.arange(21) >= 2)
+    if not alike:
+        slopes[::2] *= -1.0
+    change = (warm - warm.mean())[:, None] * slopes
+    recording = with_counts(recording, recording.channels + np.tile(change, (CONTACTS, 1)))
+    wander = np.cumsum(np.random.default_rng(2).normal(size=len(recording)))
+    warmed = replace(recording, auxiliary={**recording.auxiliary, "tdc": 2000.0 + wander})
+    settings = LoopSettings(withheld=() if measured else ("tdc",))
+    effects = run_loop(tared, [warmed], settings).findings.effects
+    assert [effect.name for effect in effects] == (["temperature"] if alike else ["creep"])
 
 
 def test_a_response_to_the_force_itself_is_no_memory(smooth: Any) -> None:

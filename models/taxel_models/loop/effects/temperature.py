@@ -44,7 +44,8 @@ class Temperature(Effect):
 
     name = "temperature"
     equation = (
-        "ln Z_c = ln Z_c(model) + k_c (tdc - mean), or k_c warmth; delta_c = dE/dlnZ k_c (tdc - mean)"
+        "ln Z_c = ln Z_c(model) + k_c (tdc - mean), or k warmth; delta_c = dE/dlnZ k_c (tdc - mean); "
+        "tared: delta_c = k_c (tdc - mean), or k warmth"
     )
     source = "LASA's idle finger: warming lowers ln Z of all electrodes alike; -2 %/K (unverified)"
     signature = "the residual follows tdc or past touches, common to all electrodes in ln Z"
@@ -115,7 +116,7 @@ class Temperature(Effect):
 
     def _by_contact(self, observations: Observations) -> Iterable[Candidate]:
         """The skin is warmed where it is touched, and cools in the air; tdc is measured in the core."""
-        raw = observations.raw_counts
+        unit = "ln Z" if observations.raw_counts else "counts"
         starts: tuple[Literal["settled", "rest"], ...] = ("settled", "rest")
         for warming, cooling, start in product(RATES_S, RATES_S, starts[: 1 + observations.starts_pressed]):
             # A start from rest shows more of a slow warming than one that is settled.
@@ -123,18 +124,17 @@ class Temperature(Effect):
             if max(warming, cooling) > longest:
                 continue
             rest = ", from rest" if start == "rest" else ""
-            counts = ", in ln Z" if raw else ""
             warmth = Warmth(of="force", warming_s=warming, cooling_s=cooling, starts=start)
             yield weighted(
                 observations,
                 self.name,
-                f"contact warms in {warming:g} s, air cools in {cooling:g} s{rest}{counts}",
-                "log_impedance" if raw else "unit",
+                f"contact warms in {warming:g} s, air cools in {cooling:g} s{rest}, in {unit}",
+                "log_impedance" if observations.raw_counts else "unit",
                 [past(observations, warmth, f"warmth[{warming:g}s,{cooling:g}s{rest}].force", "1")],
                 fitting=Fitting(pooled=True, allowed=_electrodes()),
                 form_parameters={"warming": (warming, "s"), "cooling": (cooling, "s")},
                 weight_names=("slope",),
-                weight_unit="ln Z" if raw else "counts",
+                weight_unit=unit,
             )
 
 
