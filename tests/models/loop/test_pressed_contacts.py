@@ -14,6 +14,8 @@ from taxel_models.loop.effects.effect import Remaining
 from taxel_models.loop.effects.lag import Lag
 from taxel_models.loop.observations import gather
 from taxel_models.loop.pipeline import LoopSettings, run_loop
+from taxel_models.loop.report.drivers import axis_of
+from taxel_models.loop.report.partial import Partial
 from taxel_models.recordings import Recording
 
 Floats = NDArray[np.float64]
@@ -105,8 +107,14 @@ def test_tared_electrodes_that_warm_alike_are_no_creep(smooth: Any, alike: bool,
     wander = np.cumsum(np.random.default_rng(2).normal(size=len(recording)))
     warmed = replace(recording, auxiliary={**recording.auxiliary, "tdc": 2000.0 + wander})
     settings = LoopSettings(withheld=() if measured else ("tdc",))
-    effects = run_loop(tared, [warmed], settings).findings.effects
-    assert [effect.name for effect in effects] == (["temperature"] if alike else ["creep"])
+    result = run_loop(tared, [warmed], settings)
+    assert [effect.name for effect in result.findings.effects] == (["temperature"] if alike else ["creep"])
+    # Its picture is drawn over what it is in proportion to, not over the temperature of the core.
+    partial = Partial.of(result, result.attribution.named[0])
+    channel = partial.channels[0]
+    axis = axis_of(result, partial, channel)
+    assert ("how warm" in axis.label) == alike
+    assert abs(np.corrcoef(axis.values, partial.contribution[:, channel])[0, 1]) > 0.999
 
 
 def test_a_response_to_the_force_itself_is_no_memory(smooth: Any) -> None:

@@ -31,6 +31,9 @@ COOLING_S: Final = 8.0
 RATES_S: Final = (3.0, 10.0, 30.0, 100.0)
 """Time constants that contact may warm and air may cool the skin with, half a decade apart."""
 
+WARMING: Final = "warming"
+"""The form parameter of a skin that contact warms."""
+
 ALIKE: Final = 0.35
 """The largest SD over mean of the electrodes' slopes: they share the fluid. On LASA's idle finger, ln Z of
 all electrodes fell by 21 to 24 %."""
@@ -132,7 +135,7 @@ class Temperature(Effect):
                 "log_impedance" if observations.raw_counts else "unit",
                 [past(observations, warmth, f"warmth[{warming:g}s,{cooling:g}s{rest}].force", "1")],
                 fitting=Fitting(pooled=True, allowed=_electrodes()),
-                form_parameters={"warming": (warming, "s"), "cooling": (cooling, "s")},
+                form_parameters={WARMING: (warming, "s"), "cooling": (cooling, "s")},
                 weight_names=("slope",),
                 weight_unit=unit,
             )

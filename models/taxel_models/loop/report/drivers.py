@@ -8,14 +8,14 @@ import numpy as np
 from taxel.channels import CHANNELS
 from taxel.corrections import Crosstalk as CrosstalkTerm
 from taxel.windows.history import TICK_S
-from taxel_models.loop.basis import Floats, Shared
+from taxel_models.loop.basis import AboutMean, Floats, Shared
 from taxel_models.loop.effects.covariate import Covariate
 from taxel_models.loop.effects.crosstalk import Crosstalk
 from taxel_models.loop.effects.drift import Drift
 from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.lag import Lag
 from taxel_models.loop.effects.saturation import Saturation
-from taxel_models.loop.effects.temperature import TDC, Temperature
+from taxel_models.loop.effects.temperature import TDC, WARMING, Temperature
 from taxel_models.loop.pipeline import LoopResult
 from taxel_models.loop.report.partial import Partial
 
@@ -42,6 +42,8 @@ def axis_of(result: LoopResult, partial: Partial, channel: int) -> Axis:
     match partial.kind:
         case Gain.name | Saturation.name:
             found = Axis(f"{name} as predicted, from rest, counts", observations.signal[rows, channel])
+        case Temperature.name if WARMING in partial.named.candidate.form_parameters:
+            found = _warmth(partial)
         case Temperature.name if TDC in observations.covariates:
             found = Axis(f"{TDC}, counts", observations.covariates[TDC][rows])
         case Drift.name | Temperature.name:
@@ -58,20 +60,32 @@ def axis_of(result: LoopResult, partial: Partial, channel: int) -> Axis:
     return found or contribution
 
 
+def _shared(partial: Partial) -> Shared | None:
+    """Features that are the same for all channels, without the means that are taken out of them."""
+    basis = partial.named.candidate.basis
+    basis = basis.basis if isinstance(basis, AboutMean) else basis
+    return basis if isinstance(basis, Shared) else None
+
+
+def _warmth(partial: Partial) -> Axis | None:
+    basis = _shared(partial)
+    label = "how warm contact has made the skin, 0 to 1"
+    return None if basis is None else Axis(label, basis.features[partial.rows, 0])
+
+
 def _feature(result: LoopResult, partial: Partial) -> Axis | None:
     """The one feature that all channels' weights multiply."""
-    candidate = partial.named.candidate
-    basis = candidate.basis
-    if not isinstance(basis, Shared) or basis.size > 1 or basis.shape is not None:
+    basis = _shared(partial)
+    if basis is None or basis.size > 1 or basis.shape is not None:
         return None
-    name = candidate.weight_names[0]
+    name = partial.named.candidate.weight_names[0]
     units = [f", {extra.unit}" for extra in result.new.extras if extra.name == name]
     return Axis(f"{name} from its mean{''.join(units)}", basis.features[partial.rows, 0])
 
 
 def _covariate(result: LoopResult, partial: Partial) -> Axis | None:
-    basis = partial.named.candidate.basis
-    if not isinstance(basis, Shared) or basis.shape is not None:
+    basis = _shared(partial)
+    if basis is None or basis.shape is not None:
         return None
     column = partial.named.name.partition(":")[2]
     return Axis(column, result.observations.covariates[column][partial.rows])
