@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.commands.progress import shown
 from taxel.dependencies import SERVING
 from taxel.errors import SettingsError
 from taxel.manifest import Manifest
@@ -40,7 +41,7 @@ def export(
     as_json: Json = False,
 ) -> None:
     """Export a trained model to a repository, and check it against the trained model."""
-    with ERR.status("exporting and checking parity") as status:
+    with shown("exporting and checking parity") as tell:
         if origin is Origin.TRAINED:
             from taxel_exporters.export import export as run
 
@@ -52,7 +53,7 @@ def export(
                 model_format=model_format,
                 weights=weights,
                 description=description,
-                progress=lambda what: status.update(f"what the model gets wrong anyway: {what}"),
+                progress=lambda what: tell(f"what the model gets wrong anyway: {what}"),
             )
         elif weights is not Weights.FLOAT32:
             raise SettingsError(

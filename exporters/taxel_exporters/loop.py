@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from taxel.atomic import check_folder_place
-from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.commands.progress import shown
 from taxel.dependencies import SERVING
 from taxel.errors import SettingsError
 from taxel_models.loop.inference.constants import DECLARED
@@ -120,22 +121,24 @@ def loop(
         stability=stability,
     )
     name, _, version = model.partition("/")
-    with taxel.load(repository) as source, ERR.status("reading") as status:
+    with taxel.load(repository) as source, shown("reading") as tell:
         predictor = source.predictor(name, version or None)
         recordings = [read_recording(path) for path in data]
         result = run_loop(
             predictor,
             recordings,
             settings,
-            lambda doing: status.update(f"looking at {doing}"),
+            lambda doing: tell(f"looking at {doing}"),
         )
-        result = propose(result, progress=lambda doing: status.update(f"simulating {doing}"))
+        result = propose(result, progress=lambda doing: tell(f"simulating {doing}"))
     try:
         if export and result.new.effects and not result.findings.raises_the_error:
-            result = _exported(result, repository)
+            with shown("exporting the corrected model and checking parity"):
+                result = _exported(result, repository)
     finally:
         # What was found is not lost with an export that fails.
-        write_report(output, result)
+        with shown("writing the report"):
+            write_report(output, result)
     if as_json:
         print_json(result.findings.model_dump(mode="json"))
     else:
