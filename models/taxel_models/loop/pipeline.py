@@ -36,6 +36,7 @@ from taxel_models.loop.observations import Observations, gather
 from taxel_models.loop.residual_correlation import autocorrelations, cross_correlations
 from taxel_models.loop.residual_diagnostics import diagnose_residual
 from taxel_models.loop.residual_model import residual_model
+from taxel_models.loop.resting import check_scale
 from taxel_models.model import Model
 from taxel_models.recordings import Recording
 
@@ -118,11 +119,19 @@ def run_loop(
         reference: the model's own held-out residual, in place of that of its manifest.
 
     Raises:
-        RecordingError: the recordings are too short to hold anything out, or lack a column.
+        RecordingError: the recordings are too short to hold anything out, lack a column, or have tared
+            counts where the model has raw ones, or the other way round.
     """
     if progress is not None:
         progress("predicting")
     observations = gather(model, recordings, withheld=settings.withheld)
+    manifest = model.manifest
+    check_scale(
+        f"{manifest.name}/{manifest.version}",
+        observations.pressed,
+        observations.base,
+        observations.measured,
+    )
     if settings.calibration_s:
         observations = observations.calibrated(settings.calibration_s)
     blocks = cut(observations, seed=settings.seed, held_out=settings.held_out, group=settings.hold_out_by)
