@@ -15,6 +15,7 @@ _RAW_COUNTS: Final = 500.0
 """Electrodes of a finger at rest read 2300 to 3500."""
 
 _SURELY_RAW: Final = 3 * _RAW_COUNTS
+"""Far from both: a rest near the limit between raw and tared counts is no proof of either."""
 
 
 def resting(pressed: Floats, counts: Floats) -> Floats:

@@ -92,6 +92,14 @@ def test_a_parameter_has_its_unit_and_interval() -> None:
     assert parameter(settled) == "time_constant 2 s"
 
 
+def test_a_parameter_that_may_be_zero_comes_behind_smaller_ones() -> None:
+    unsure = Parameter(name="slope pac0", value=20.0, unit="counts/s", low=-3.0, high=43.0)
+    drift = effect("drift")
+    told = key_parameters(drift.model_copy(update={"parameters": (unsure, *drift.parameters)}))
+    assert told.startswith("time_constant 2 s; slope e2 -9 ")
+    assert told.endswith("; slope e1 1.5 counts/s (1 to 2); 2 more")
+
+
 def test_key_parameters_are_what_settles_it_and_the_largest() -> None:
     assert key_parameters(effect("drift")) == (
         "time_constant 2 s; slope e2 -9 counts/s (-10 to -8); slope e1 1.5 counts/s (1 to 2); 1 more"

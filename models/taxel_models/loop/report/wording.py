@@ -58,7 +58,8 @@ def interval(figure: Parameter) -> str:
 def key_parameters(effect: FoundEffect) -> str:
     """The parameters of the effect's form, then the largest of those that were fitted.
 
-    An effect without parameters is told by its form.
+    One whose interval holds 0 comes behind those that are surely not 0. An effect without parameters is
+    told by its form.
     """
     if not effect.parameters:
         return effect.form
@@ -71,8 +72,10 @@ def key_parameters(effect: FoundEffect) -> str:
     return "; ".join(map(parameter, shown)) + (f"; {more} more" if more else "")
 
 
-def _size(figure: Parameter) -> float:
-    return abs(figure.value)
+def _size(figure: Parameter) -> tuple[bool, float]:
+    # One without bounds is of the form, and certain.
+    holds_zero = figure.low is not None and figure.high is not None and figure.low <= 0.0 <= figure.high
+    return not holds_zero, abs(figure.value)
 
 
 def needs(effect: FoundEffect, extras: Iterable[ExtraFeature]) -> str:
