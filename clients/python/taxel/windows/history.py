@@ -30,6 +30,9 @@ TOUCH_N: Final = 0.1
 Followed = Literal["fx", "fy", "fz", "force"]
 """What a history feature follows: a component of the force, or its magnitude; N."""
 
+Starts = Literal["settled", "rest"]
+"""How a feature begins: as if the segment's first u had been there for long, or as if u came just then."""
+
 
 def followed(which: Followed, ticks: NDArray[np.float64]) -> NDArray[np.float64]:
     """The followed values of ticks (n, 7), (n,) N."""
@@ -126,7 +129,7 @@ class Relaxation(_Relaxing):
     """
 
     kind: Literal["relaxation"] = "relaxation"
-    starts: Literal["settled", "rest"] = "settled"
+    starts: Starts = "settled"
     whole: bool = False
 
     @override
@@ -225,7 +228,7 @@ class Warmth(Recursive):
     kind: Literal["warmth"] = "warmth"
     warming_s: Positive
     cooling_s: Positive
-    starts: Literal["settled", "rest"] = "settled"
+    starts: Starts = "settled"
 
     @override
     def settled(self, u: NDArray[np.float64]) -> NDArray[np.float64]:

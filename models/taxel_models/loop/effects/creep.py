@@ -1,13 +1,13 @@
 """Creep: after the load changes, a channel relaxes with a time constant."""
 
 from collections.abc import Iterable
-from typing import Final, Literal, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from typing_extensions import override
 
 from taxel.windows import Relaxation, RelaxationShare
-from taxel.windows.history import TICK_S, Followed
+from taxel.windows.history import TICK_S, Followed, Starts
 from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past, weighted
 from taxel_models.loop.observations import Observations
 
@@ -45,7 +45,7 @@ class ByForce(NamedTuple):
     """
 
     whole: bool
-    starts: Literal["settled", "rest"]
+    starts: Starts
     directions: bool = False
 
     def feature(self, tau: float, of: Followed = "force") -> Relaxation:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from itertools import product
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from typing_extensions import override
 
 from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
 from taxel.windows import Relaxation, Warmth
+from taxel.windows.history import Starts
 from taxel_models.loop.effects.drift import PIECES, SHORTEST_S
 from taxel_models.loop.effects.effect import (
     Candidate,
@@ -30,6 +31,9 @@ COOLING_S: Final = 8.0
 
 RATES_S: Final = (3.0, 10.0, 30.0, 100.0)
 """Time constants that contact may warm and air may cool the skin with, half a decade apart."""
+
+SLOWER_FROM_REST: Final = 2.0
+"""How much longer time constants may be after a start from rest: it shows more of a slow warming."""
 
 WARMING: Final = "warming"
 """The form parameter of a skin that contact warms."""
@@ -120,11 +124,11 @@ class Temperature(Effect):
     def _by_contact(self, observations: Observations) -> Iterable[Candidate]:
         """The skin is warmed where it is touched, and cools in the air; tdc is measured in the core."""
         unit = "ln Z" if observations.raw_counts else "counts"
-        starts: tuple[Literal["settled", "rest"], ...] = ("settled", "rest")
-        for warming, cooling, start in product(RATES_S, RATES_S, starts[: 1 + observations.starts_pressed]):
-            # A start from rest shows more of a slow warming than one that is settled.
-            longest = observations.usual_segment_s * (1.0 if start == "settled" else 2.0)
-            if max(warming, cooling) > longest:
+        longest_s: dict[Starts, float] = {"settled": observations.usual_segment_s}
+        if observations.starts_pressed:
+            longest_s["rest"] = SLOWER_FROM_REST * observations.usual_segment_s
+        for warming, cooling, start in product(RATES_S, RATES_S, longest_s):
+            if max(warming, cooling) > longest_s[start]:
                 continue
             rest = ", from rest" if start == "rest" else ""
             warmth = Warmth(of="force", warming_s=warming, cooling_s=cooling, starts=start)

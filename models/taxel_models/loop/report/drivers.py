@@ -79,8 +79,10 @@ def _feature(result: LoopResult, partial: Partial) -> Axis | None:
     if basis is None or basis.size > 1 or basis.shape is not None:
         return None
     name = partial.named.candidate.weight_names[0]
-    units = [f", {extra.unit}" for extra in result.new.extras if extra.name == name]
-    return Axis(f"{name} from its mean{''.join(units)}", basis.features[partial.rows, 0])
+    extra = next((extra for extra in result.new.extras if extra.name == name), None)
+    unit = f", {extra.unit}" if extra else ""
+    about = "" if extra and extra.history else " from its mean"
+    return Axis(f"{name}{about}{unit}", basis.features[partial.rows, 0])
 
 
 def _covariate(result: LoopResult, partial: Partial) -> Axis | None:
