@@ -1,6 +1,6 @@
 """All channels together: what they show of an effect, beside those that are named already."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -8,6 +8,7 @@ from taxel.channels import CHANNELS
 from taxel_models.loop.effects.effect import Candidate, Effect, Remaining
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.correlated_channels import MOST_CHANNELS, CorrelatedChannels
+from taxel_models.loop.inference.named_in_channels import NamedForm
 from taxel_models.loop.inference.proof import stands
 from taxel_models.loop.inference.score import Score
 from taxel_models.loop.observations import Observations
@@ -22,6 +23,8 @@ class AllChannels:
         forms: gives an effect's forms.
         observations: the recordings with the model's predictions.
         remaining: what no named effect explains.
+        rivals: labels of effects that may be likelier than a change of few channels.
+        named: effects with weights of each channel.
         beside_others: something is named already.
         constants: of the inference.
     """
@@ -34,12 +37,15 @@ class AllChannels:
         observations: Observations,
         remaining: Remaining,
         *,
+        rivals: Collection[str],
+        named: Sequence[NamedForm],
         beside_others: bool,
         constants: Constants,
     ) -> None:
         self._correlated, self._effects = correlated, effects
         self._observations, self._remaining = observations, remaining
         self._beside_others, self._constants = beside_others, constants
+        self._rivals, self._named = rivals, named
         self._least_t = constants.least_t(correlated.folds)
         self._forms, self._bases = forms, correlated.bases(remaining.residual)
         self._weighed = cache(self._weigh)
@@ -71,7 +77,12 @@ class AllChannels:
     def _best(self, effect: Effect, most_channels: int = MOST_CHANNELS) -> Score | None:
         observations, remaining = self._observations, self._remaining
         return self._correlated.best(
-            effect, observations, remaining, least_t=self._least_t, most_channels=most_channels
+            effect,
+            observations,
+            remaining,
+            least_t=self._least_t,
+            named=self._named,
+            most_channels=most_channels,
         )
 
     def _shows(self, score: Score, few: Score | None) -> bool:
@@ -100,4 +111,5 @@ class AllChannels:
     def _rival(self, effect: Effect) -> float:
         """The evidence of the likeliest other effect of many channels that does not contain this one."""
         others = (one for one in self._effects if one is not effect and one.follows != "measured")
-        return max((self._evidence(one, effect.name) for one in others if not one.is_costly), default=0.0)
+        rivals = [one for one in others if one.label in self._rivals and not one.is_costly]
+        return max((self._evidence(one, effect.name) for one in rivals), default=0.0)

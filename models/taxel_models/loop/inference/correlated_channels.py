@@ -6,7 +6,7 @@ the rest. All channels are fitted together here, by generalised least squares (A
 the root of the precision of the model's own held-out residual, their errors have no correlation left.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -29,6 +29,7 @@ from taxel_models.loop.inference.evidence import (
     weigh,
 )
 from taxel_models.loop.inference.few_channels_form import TOGETHER, ChannelForms, FewChannelsForm
+from taxel_models.loop.inference.named_in_channels import NamedForm, NamedInChannels
 from taxel_models.loop.inference.score import Score
 from taxel_models.loop.inference.shape import is_added
 from taxel_models.loop.inference.usual import bins_that_count
@@ -75,7 +76,7 @@ class FewChannelsTest(NamedTuple):
         effect: that changes them.
         measured: (n, 21) counts.
         left: (n, 21) what no named effect explains of them, counts.
-        bases: what forms are weighed beside.
+        beside: what forms are weighed beside.
         price: of a change.
         least_t: t over held-out folds that each channel must reach.
         most_channels: where more of them change, nothing is found.
@@ -84,7 +85,7 @@ class FewChannelsTest(NamedTuple):
     effect: Effect
     measured: Floats
     left: Floats
-    bases: Bases
+    beside: NamedInChannels
     price: Price
     least_t: float
     most_channels: int
@@ -135,13 +136,29 @@ class CorrelatedChannels:
 
     def bases(self, left: Floats) -> Bases:
         """What forms are weighed beside, for the residual (n, 21) that no named effect explains, counts."""
-        target = self._whitening(self._bins.means(self._whiten(left).T[:, :, None]))
+        return self._bases_of(self._target(left))
+
+    def _target(self, left: Floats) -> Floats:
+        """(21, bins, 1) the whitened residual of one (n, 21) in counts."""
+        return self._whitening(self._bins.means(self._whiten(left).T[:, :, None]))
+
+    def _bases_of(self, target: Floats) -> Bases:
         none = np.empty((len(CHANNELS), 0))
         nothing = Design(none[:, None, :].repeat(len(self._bins), axis=1), self._bins.fold)
         # An error of 1 is what the model's own held-out residual has.
         noise = self._whitening.scale**-2
         base = Base(Design(target, self._bins.fold), nothing, none, self._whitening.quantum, noise)
         return Bases.of(base, self._ones, self._constants)
+
+    def beside_named(self, left: Floats, named: Sequence[NamedForm]) -> NamedInChannels:
+        """What changes of a few channels are weighed beside.
+
+        Args:
+            left: (n, 21) what named effects leave, counts.
+            named: those that have weights of each channel.
+        """
+        forms = ChannelForms([one.candidate for one in named], self._root, self._whitening)
+        return NamedInChannels(named, forms, self._target(left), self._bases_of)
 
     def best(
         self,
@@ -150,6 +167,7 @@ class CorrelatedChannels:
         remaining: Remaining,
         *,
         least_t: float,
+        named: Sequence[NamedForm] = (),
         most_channels: int = MOST_CHANNELS,
     ) -> Score | None:
         """The likeliest change of a few channels by an effect that `follows` signals; None without one.
@@ -159,6 +177,7 @@ class CorrelatedChannels:
             observations: the recordings with the model's predictions.
             remaining: what no named effect explains.
             least_t: t over held-out folds that each channel must reach.
+            named: effects whose weights are inferred together with those of the change.
             most_channels: where more of them change, there is none either.
         """
         kinds = self.signals(effect, observations, remaining)
@@ -166,7 +185,7 @@ class CorrelatedChannels:
             effect=effect,
             measured=observations.measured,
             left=remaining.residual,
-            bases=self.bases(remaining.residual),
+            beside=self.beside_named(remaining.residual, named),
             price=self._price(effect.name, sum(len(signals.about_mean.options) for signals in kinds)),
             least_t=least_t,
             most_channels=most_channels,
@@ -181,7 +200,7 @@ class CorrelatedChannels:
         forms = signals.about_mean
 
         def odds(forms: ChannelForms, channel: int, place: int) -> float:
-            products = Products.of(test.bases.beside, forms.design({channel: place}))
+            products = _products(test.beside, forms.design({channel: place}), [channel])
             return weigh(products, TOGETHER, self._constants).log_evidence - float(test.price.odds[channel])
 
         found: dict[int, dict[int, float]] = {}
@@ -212,7 +231,7 @@ class CorrelatedChannels:
     ) -> bool:
         """Whether its effect can make a channel's weights, and added counts explain it no better."""
         assert isinstance(score.form, FewChannelsForm)
-        weights = self.weights(score.form, test.left, score.weighed.strength, None)[channel]
+        weights = self.weights(score.form, test.beside, score.weighed.strength, None)[channel]
         if (np.abs(weights) > test.effect.most_weight).any():
             return False
         return not is_added(predicted.candidate(place), channel, test.measured, test.left, self._bins)
@@ -222,12 +241,13 @@ class CorrelatedChannels:
     ) -> Score:
         """A change of one channel, the last of the chosen ones, more than there were before."""
         form, about_rest = signals.about_mean.form(chosen), signals.about_rest.form(chosen)
-        products = Products.of(test.bases.beside, form.design)
+        bases = test.beside.bases(chosen)
+        products = _products(test.beside, form.design, chosen)
         weighed = weigh(products, TOGETHER, self._constants)
         log_evidence = weighed.log_evidence - float(test.price.odds[form.channels].sum())
-        plain = replace(Products.of(test.bases.beside, about_rest.design), base=test.bases.plain)
+        plain = replace(_products(test.beside, about_rest.design, chosen), base=bases.plain)
         alone = weigh(plain, TOGETHER, self._constants).log_evidence
-        needs_constant = weighed.log_evidence + test.bases.constant >= alone
+        needs_constant = weighed.log_evidence + bases.constant >= alone
         found = held_out(products, TOGETHER, weighed)
         change = found.squared_change.sum(axis=1, keepdims=True)
         bins = bins_that_count(form.candidate, np.bincount(self._bins.fold)[:, None], change)
@@ -251,17 +271,19 @@ class CorrelatedChannels:
             forms=((form.freedom, log_evidence),),
         )
 
-    def weights(self, form: FewChannelsForm, left: Floats, strength: float, fold: int | None) -> Floats:
+    def weights(
+        self, form: FewChannelsForm, beside: NamedInChannels, strength: float, fold: int | None
+    ) -> Floats:
         """(21, k) weights of a form by the fit part, or all of it but one fold."""
-        products = Products.of(self.bases(left).beside, form.design)
+        products = _products(beside, form.design, form.channels)
         kept = None if fold is None else np.arange(products.folds) != fold
         every = Weighed(0.0, strength, np.ones(len(CHANNELS)), np.zeros(len(CHANNELS)))
         _, scaled = posterior_weights(products, TOGETHER, every, kept)
         return form.weights(scaled)
 
-    def beside(self, form: FewChannelsForm, left: Floats) -> tuple[Weighed, HeldOut]:
-        """A named form, weighed and tested for what other effects leave (n, 21), counts."""
-        products = Products.of(self.bases(left).beside, form.design)
+    def tested(self, form: FewChannelsForm, beside: NamedInChannels) -> tuple[Weighed, HeldOut]:
+        """A named form, weighed and tested beside others."""
+        products = _products(beside, form.design, form.channels)
         weighed = weigh(products, TOGETHER, self._constants)
         found = held_out(products, TOGETHER, weighed)
         gain = found.gain.sum(axis=1)[:, None] * form.included / form.included.sum()
@@ -343,6 +365,11 @@ class CorrelatedChannels:
         known = self._known.structure.get(label)
         gain = np.zeros(len(CHANNELS)) if known is None else np.array(known.gain)
         return Price(np.log(max(choices, 1)) + self._usual_odds(label), gain)
+
+
+def _products(beside: NamedInChannels, design: Design, channels: Collection[int]) -> Products:
+    """Of what is left in some channels and of the regressors of a change of them."""
+    return Products.of(beside.bases(channels).beside, beside.without(design, channels))
 
 
 def root_of(precision: Floats) -> Floats:

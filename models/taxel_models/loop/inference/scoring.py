@@ -33,6 +33,8 @@ from taxel_models.loop.inference.evidence import (
 )
 from taxel_models.loop.inference.few_channels_form import FewChannelsForm
 from taxel_models.loop.inference.forms import WhitenedForm, prepared, prepared_as_it_is
+from taxel_models.loop.inference.named_in_channels import NamedForm
+from taxel_models.loop.inference.proof import stands
 from taxel_models.loop.inference.score import Score, Taken
 from taxel_models.loop.inference.usual import Usual
 from taxel_models.loop.inference.weighing import Weighing
@@ -216,6 +218,8 @@ class Scoring:
                 lambda effect: [form.candidate for form in self._forms_of(effect, left)],
                 self.observations,
                 self._remaining(left),
+                rivals=self._rivals(found, taken),
+                named=_with_own_weights(taken),
                 beside_others=bool(taken),
                 constants=self.constants,
             )
@@ -223,6 +227,16 @@ class Scoring:
         contact = None if ContactOffset.name in names else self._contact_offset(bases.plain, left)
         found += [] if contact is None else [contact]
         return sorted(found, key=lambda score: -score.log_evidence)
+
+    def _rivals(self, scores: Sequence[Score], taken: Sequence[Taken]) -> set[str]:
+        """The effects that may be likelier than a change of few channels.
+
+        Beside a named effect whose form is not quite right, many are likely that do not repeat. Those will
+        not be named, and so they explain nothing.
+        """
+        if all(each.form.candidate.certain for each in taken):
+            return {score.name for score in scores}
+        return {score.name for score in scores if stands(score, True, self.constants)}
 
     def unknown_mean(self) -> Floats:
         """(21,) the size of a constant that the model's own held-out residual leaves open, counts."""
@@ -332,8 +346,8 @@ class Scoring:
     def weights(self, taken: Taken, others: Sequence[Taken], fold: int | None = None) -> Floats:
         """(21, k) weights of a named effect beside others, by the fit part or all of it but one fold."""
         if self._correlated is not None and isinstance(taken.form, FewChannelsForm):
-            left = self.residual(others)
-            return self._correlated.weights(taken.form, left, taken.weighed.strength, fold)
+            beside = self._correlated.beside_named(self.residual(others), _with_own_weights(others))
+            return self._correlated.weights(taken.form, beside, taken.weighed.strength, fold)
         products = Products.of(self.base(others), taken.form.design)
         kept = None if fold is None else np.arange(products.folds) != fold
         _, scaled = posterior_weights(products, taken.form.candidate.fitting, taken.weighed, kept)
@@ -342,7 +356,8 @@ class Scoring:
     def beside(self, taken: Taken, others: Sequence[Taken]) -> tuple[Weighed, HeldOut, Floats]:
         """A named effect's own form, weighed and tested beside the others; (21,) what share it removes."""
         if self._correlated is not None and isinstance(taken.form, FewChannelsForm):
-            weighed, tested = self._correlated.beside(taken.form, self.residual(others))
+            beside = self._correlated.beside_named(self.residual(others), _with_own_weights(others))
+            weighed, tested = self._correlated.tested(taken.form, beside)
             return weighed, tested, tested.shares
         products = Products.of(self.base(others), taken.form.design)
         fitting = taken.form.candidate.fitting
@@ -350,3 +365,14 @@ class Scoring:
         shares = (before - after) / np.maximum(before, 1e-12)
         weighed = weigh(products, fitting, self.constants)
         return weighed, held_out(products, fitting, taken.weighed), shares
+
+
+def _with_own_weights(taken: Sequence[Taken]) -> list[NamedForm]:
+    """The named effects that have weights of each channel."""
+    return [
+        NamedForm(each.form.candidate, each.weighed.changes)
+        for each in taken
+        if not (each.form.candidate.fitting.fixed or each.form.candidate.fitting.pooled)
+        and each.effect.is_predictable
+        and not each.form.candidate.certain
+    ]

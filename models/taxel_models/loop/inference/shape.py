@@ -35,4 +35,12 @@ def is_added(candidate: Candidate, channel: int, measured: Floats, left: Floats,
         return float(((counts - np.clip(found, limits.low[channel], limits.high[channel])) ** 2).sum())
 
     about_mean = (signal - signal.mean()) * course
-    return squared_error(course) < min(squared_error(signal * course), squared_error(about_mean))
+    in_proportion = min(squared_error(signal * course), squared_error(about_mean))
+    if course.shape[1] > 1:
+        # The model absorbs the mean of a gain that ages as a constant, which no factor of the signal is.
+        constant = np.ones_like(signal)
+        only_constant = squared_error(constant)
+        beside = squared_error(np.hstack([constant, signal * course]))
+        if squared_error(np.zeros_like(signal)) - only_constant < only_constant - beside:
+            in_proportion = min(in_proportion, beside)
+    return squared_error(course) < in_proportion

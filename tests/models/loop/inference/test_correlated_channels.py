@@ -133,7 +133,7 @@ def test_weights_are_those_of_generalised_least_squares(
     best = channels.best(Gain(), observations, remaining, least_t=DECLARED.least_t(channels.folds))
     assert best is not None
     assert best.form.channels == [CHANNELS.index("e4")]
-    found = channels.weights(best.form, left, UNSHRUNK, None)
+    found = channels.weights(best.form, channels.beside_named(left, []), UNSHRUNK, None)
     column = CHANNELS.index("e4")
     assert np.flatnonzero(found.any(axis=1)).tolist() == [column]
 
@@ -214,7 +214,7 @@ def test_electrodes_that_age_each_in_its_own_way_are_put_right(
     best = channels.best(Gain(), observations, remaining, least_t=DECLARED.least_t(channels.folds))
     assert best is not None
     assert best.form.channels == columns
-    weights = channels.weights(best.form, left, UNSHRUNK, None)
+    weights = channels.weights(best.form, channels.beside_named(left, []), UNSHRUNK, None)
     found = best.form.candidate.basis.times(weights)[:, columns]
     rows = observations.rows[0]
     true = (changed.channels - recording.channels)[rows][:, columns]
@@ -233,6 +233,20 @@ def test_gains_of_kinds_are_no_rival_of_a_gain_that_they_contain(
     other = replace(recording, channels=np.rint(recording.channels + gains[kinds] * about))
     found = named(smooth, weaker(other, "e9", 0.2), reference, "covariate:material")
     assert any(name == "gain" and "e9" in form and "beside all others" in form for name, form in found)
+
+
+@pytest.mark.parametrize("seed", [7, 8, 9])
+def test_an_electrode_is_weighed_beside_what_a_named_effect_may_be_in_it(
+    smooth: Any, recording: Recording, reference: HeldOutResidual, seed: int
+) -> None:
+    """Creep takes what it can of a weaker electrode, and what it leaves of it looks as if it aged."""
+    force = np.linalg.norm(recording.samples.force, axis=1)
+    low_passed = lfilter([0.01], [1.0, -0.99], force)[:, None]
+    crept = recording.channels + low_passed * np.random.default_rng(seed).normal(size=21) * 30.0
+    changed = weaker(replace(recording, channels=np.rint(crept)), "e4", 0.3)
+    (creep, _), gain = named(smooth, changed, reference, "creep", "load")
+    assert creep == "creep"
+    assert gain == ("gain", "by channel: e4, beside all others")
 
 
 def test_what_one_electrode_shows_by_itself_alone_is_left(

@@ -93,11 +93,14 @@ def test_the_less_an_effect_removes_the_surer_it_must_be(worth: float, t: float,
         (0.005, 3.1, False, True),
         (0.005, 2.9, False, False),
         (-0.005, 8.0, False, False),
-        (0.005, 8.0, True, False),
+        (0.005, 8.0, True, True),
+        (0.005, 5.0, True, False),
+        (-0.005, 8.0, True, False),
     ],
 )
 def test_a_delay_that_repeats_needs_no_share_of_the_error(
     worth: float, t: float, beside: bool, stands: bool
 ) -> None:
+    """Beside a named effect it must be the surer, the less it removes."""
     score = score_of(Lag(), Fitting(fixed=True), t=t, worth=np.full(21, worth))
     assert proof.stands(score, beside, DECLARED) is stands

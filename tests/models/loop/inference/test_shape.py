@@ -17,13 +17,14 @@ from taxel_models.loop.observations import Observations
 CHANNEL = 7
 
 
-def judged(observations: Observations, course: Any, change: Any, *, own: bool = False) -> bool:
-    """Of a tared channel: what it reads above rest, pressed or not, with noise and a change."""
+def judged(
+    observations: Observations, course: Any, change: Any, *, own: bool = False, always: bool = False
+) -> bool:
+    """Of a tared channel: what it reads above rest, with noise and a change; pressed or not, or always."""
     random = np.random.default_rng(1)
     rows = len(observations)
-    contact = (
-        (np.arange(rows) // 150) % 2 * np.repeat(random.uniform(20.0, 120.0, rows // 150 + 1), 150)[:rows]
-    )
+    force = np.repeat(random.uniform(60.0 if always else 20.0, 120.0, rows // 150 + 1), 150)[:rows]
+    contact = force if always else (np.arange(rows) // 150) % 2 * force
     signal = np.tile(contact[:, None], (1, 21))
     time = np.linspace(0.0, 1.0, rows)
     counts = signal[:, CHANNEL] + 3.0 * random.normal(size=rows) + change(signal[:, CHANNEL], time)
@@ -57,6 +58,23 @@ def test_counts_are_whether_they_end_at_a_limit_or_not(
 
 def test_a_gain_whose_mean_the_model_absorbed_is_none(observations: Observations) -> None:
     assert not judged(observations, "constant", lambda signal, _: 0.3 * (signal - signal.mean()))
+
+
+def test_a_gain_that_fades_is_none_where_a_constant_of_the_model_stands_beside_it(
+    observations: Observations,
+) -> None:
+    """A finger that is always pressed: the constant is no factor of a signal that is never 0."""
+
+    def change(signal: Any, time: Any) -> Any:
+        faded = -0.3 * signal * -np.expm1(-4.0 * time)
+        return faded - faded.mean()
+
+    assert not judged(observations, "ageing", change, always=True)
+
+
+@pytest.mark.parametrize("always", [False, True])
+def test_a_constant_is_no_gain_that_ages(observations: Observations, always: bool) -> None:
+    assert judged(observations, "ageing", lambda _, time: -15.0 * np.ones_like(time), always=always)
 
 
 def test_a_form_that_follows_no_signal_is_none(observations: Observations) -> None:

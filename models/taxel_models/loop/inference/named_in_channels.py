@@ -1,0 +1,92 @@
+"""Named effects whose weights in a few channels are inferred together with those of a change of them.
+
+An effect that was named first has weights of its own in every channel, and takes in them what it can of any
+other cause. A change of some channels is therefore weighed by what is left where the named effects' weights
+in these channels fit as well as they can (Frisch and Waugh 1933).
+"""
+
+from collections.abc import Callable, Collection, Sequence
+from functools import cache
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taxel_models.loop.basis import Floats
+from taxel_models.loop.effects.effect import Candidate
+from taxel_models.loop.inference.evidence import Bases, Design
+from taxel_models.loop.inference.few_channels_form import ChannelForms
+
+_LEAST: Final = 1e-9
+"""Least square of a direction of the regressors, over the largest: a smaller one is rounding."""
+
+
+class NamedForm(NamedTuple):
+    """A named effect.
+
+    Attributes:
+        candidate: its form, with weights of each channel.
+        changes: (21,) channels that have it.
+    """
+
+    candidate: Candidate
+    changes: NDArray[np.bool_]
+
+
+class NamedInChannels:
+    """What changes of a few channels are weighed beside.
+
+    Args:
+        named: effects.
+        forms: of their candidates, in the same order.
+        target: (21, bins, 1) what they leave of the whitened residual.
+        bases: gives what forms are weighed beside, of such a residual.
+    """
+
+    def __init__(
+        self,
+        named: Sequence[NamedForm],
+        forms: ChannelForms,
+        target: Floats,
+        bases: Callable[[Floats], Bases],
+    ) -> None:
+        self._named, self._forms = named, forms
+        self._first = bases(target)
+        # The root of the noise, by which whitened channels count.
+        self._root = np.sqrt(self._first.beside.counted_noise)[:, None, None]
+        self._directions = cache(self._found)
+        self._bases = cache(lambda channels: bases(self._without(target, self._directions(channels))))
+
+    def bases(self, channels: Collection[int]) -> Bases:
+        """What a change of some channels is weighed beside."""
+        key = tuple(sorted(channels))
+        return self._bases(key) if self._directions(key).size else self._first
+
+    def without(self, design: Design, channels: Collection[int]) -> Design:
+        """A design without what other weights of the named effects in some channels explain of it."""
+        directions = self._directions(tuple(sorted(channels)))
+        return Design(self._without(design.values, directions), design.fold) if directions.size else design
+
+    def _without(self, values: Floats, directions: Floats) -> Floats:
+        values = values / self._root
+        inside = np.tensordot(directions, values, axes=((0, 1), (0, 1)))
+        return np.asarray((values - directions @ inside) * self._root)
+
+    def _found(self, channels: tuple[int, ...]) -> Floats:
+        """(21, bins, k) independent directions of length 1, over the noise."""
+        images = [
+            self._forms.design({channel: place}).values
+            for place, one in enumerate(self._named)
+            for channel in channels
+            if one.changes[channel]
+        ]
+        if not images:
+            return np.empty((0, 0, 0))
+        # The constants of all channels are inferred anyway.
+        ones = self._first.beside.design.values[..., -1:]
+        values = np.concatenate(images, axis=2)
+        values = values - ones * ((ones * values).sum(axis=1) / (ones**2).sum(axis=1))[:, None]
+        values = values / self._root
+        squares, vectors = np.linalg.eigh(np.tensordot(values, values, axes=((0, 1), (0, 1))))
+        kept = squares > _LEAST * squares[-1]
+        return np.asarray(values @ (vectors[:, kept] / np.sqrt(squares[kept])))
