@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.commands.progress import shown
 from taxel.dependencies import SERVING
 from taxel.remote.options import Transport
 from taxel_bench.options import parse_names, parse_numbers
@@ -60,14 +61,14 @@ def capacity(
     machine = describe_machine()
     results: list[dict[str, Any]] = []
     services: list[dict[str, Any]] = []
-    with ERR.status("starting the server") as status, generator(served, clients, seconds) as asking:
+    with shown("starting the server") as tell, generator(served, clients, seconds) as asking:
         for model in names:
             for transport in ways:
-                status.update(f"{model} over {transport}: service time")
+                tell(f"{model} over {transport}: service time")
                 service = measure_service_time(asking, model, transport, seconds)
                 services.append({"model": model, "transport": transport, **service._asdict()})
                 for rate in steps:
-                    status.update(f"{model} over {transport} at {rate} Hz")
+                    tell(f"{model} over {transport} at {rate} Hz")
                     attempt = partial(asking.try_fingers, model, transport, rate)
                     fingers, attempts = find_capacity(attempt, most)
                     results.append(result_of(model, transport, rate, fingers, attempts, most))

@@ -7,7 +7,8 @@ from typing import Annotated, Any, Final, Literal, get_args
 
 import typer
 
-from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.commands.progress import shown
 
 Fault = Literal["flood", "oversize", "mutated", "clients", "full-disk"]
 
@@ -76,7 +77,7 @@ def chaos(
     bars: list[Bar] = []
     refused: list[Refused] = []
     start = noting_server(served, refused) if arrivals else server_at(connect, served)
-    with ERR.status("asking") as status, start as endpoint:
+    with shown("asking") as tell, start as endpoint:
         server = listening_process(endpoint)
         if server is None:
             raise TaxelError(
@@ -92,11 +93,11 @@ def chaos(
                     more_mib = held["peak_mib"] - held["calm_mib"]
                     bars.append(Bar("400 MiB in one message: more MiB held", more_mib, 50))
         if "mutated" in faults:
-            status.update("mutated requests")
+            tell("mutated requests")
             results["mutated"] = mutated_of(endpoint, model, payloads, seed)
             bars += bars_of_mutated(results["mutated"])
         if "clients" in faults:
-            status.update("bad clients")
+            tell("bad clients")
             results["clients"] = misbehaviour_of(endpoint, model, server)
             bars += bars_of_misbehaviour(results["clients"])
         bars.append(Bar("servers that have ended", float(not server.is_running()), 0))

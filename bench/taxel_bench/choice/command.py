@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 from taxel.atomic import check_folder_place
-from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.commands.progress import shown
 from taxel.dependencies import SERVING
 from taxel_bench.options import Seed
 
@@ -38,9 +39,9 @@ def choice(
 
     replacing = FIGURES if overwrite else None
     check_folder_place(output, replacing=replacing)
-    with ERR.status("reading"):
+    with shown("reading"):
         recording = unseen_twin(seed) if data is None else read_recording(data)
-    with ERR.status("comparing"):
+    with shown("comparing"):
         compared = compare_models(repository or shipped_repository(), recording, repetitions, seed)
     figures = {
         "machine": describe_machine(),

@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.commands.progress import shown
 from taxel.dependencies import SERVING
 
 
@@ -33,7 +34,7 @@ def churn(
 
     machine = describe_machine()
     with (
-        ERR.status("starting the server") as status,
+        shown("starting the server") as tell,
         running_server_process(repository or shipped_repository(), *ROOM) as server,
     ):
         held = let_them_come(
@@ -42,7 +43,7 @@ def churn(
             transport,
             clients,
             rows,
-            lambda gone: status.update(f"{gone} of {clients} clients"),
+            lambda gone: tell(f"{gone} of {clients} clients"),
         )
     reasons = reasons_against(held)
     verdict = "GROWS" if reasons else "FLAT"

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.commands.progress import shown
 from taxel.dependencies import SERVING
 from taxel_bench.options import Gaps, parse_gaps
 
@@ -54,8 +55,8 @@ def compare(
     machine = describe_machine()
     # Told to stop, it still stops the servers.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
-    with ERR.status("starting") as status:
-        comparison = run_comparison(settings, status.update)
+    with shown("starting") as tell:
+        comparison = run_comparison(settings, tell)
     report = {
         "machine": machine,
         "model": model,

@@ -8,7 +8,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.commands.progress import shown
 from taxel.dependencies import SERVING
 from taxel_bench.options import Gaps, Seed, parse_gaps
 
@@ -44,7 +45,7 @@ def lane(
     gaps_ms = parse_gaps(gap_ms)
     machine = describe_machine()
     with ExitStack() as stack:
-        status = stack.enter_context(ERR.status("preparing the model"))
+        tell = stack.enter_context(shown("preparing the model"))
         repository = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="taxel-lane-")))
         if size == "paper":
             folder = write_paper_sized(repository, model, 1, seed=seed)
@@ -54,9 +55,9 @@ def lane(
             shutil.copytree(shipped, folder)
         manifest = read(folder).manifest
         windows = random_windows(manifest, _WINDOWS, seed)
-        status.update("all ways in turn")
+        tell("all ways in turn")
         latencies = measure(repository, manifest.name, windows, gaps_ms, rounds, seconds)
-        status.update("stage by stage")
+        tell("stage by stage")
         stages = {
             f"{gap:g}": measure_stages(repository, manifest.name, windows, gap, seconds) for gap in gaps_ms
         }

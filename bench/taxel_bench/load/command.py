@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.commands.progress import shown
 from taxel_bench.load.settings import TIMEOUT_S, LoadSettings, Scenario, Server
 from taxel_bench.options import Gaps, parse_gaps
 
@@ -78,7 +79,7 @@ def load(
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     # Offline, a client sends everything at once: more than its share of the queue by default.
     served = repository or shipped_repository()
-    with ERR.status("measuring"), server_at(connect, served, *ROOM) as endpoint:
+    with shown("measuring"), server_at(connect, served, *ROOM) as endpoint:
         runs = [replace(settings, gap_ms=gap) for gap in gaps]
         outcomes = [drive(run, endpoint) for run in runs]
     several = [Results.of(run, outcome) for run, outcome in zip(runs, outcomes, strict=True)]

@@ -8,7 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from taxel.atomic import check_file_place, write_json
-from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.commands.progress import shown
 
 
 @needs("bench", "xgboost", "scipy", "psutil")
@@ -43,7 +44,7 @@ def planted(
         check_file_place(output)
     contents: dict[str, Any] = {"machine": describe_machine(), "seed": seed, "one_material": one_material}
     found: list[Asked] = []
-    with TemporaryDirectory() as folder, ERR.status("training") as status:
+    with TemporaryDirectory() as folder, shown("training") as tell:
         asked = Planted(recordings, Path(folder), seed, one_material=one_material)
         asked.train()
         for one in asked.ask(chosen, jobs):
@@ -51,7 +52,7 @@ def planted(
             contents |= {"right": sum(one.right for one in found), "recordings": [*map(asdict, found)]}
             if output is not None:
                 write_json(output, contents)
-            status.update(f"{len(found)} of {len(chosen)} recordings")
+            tell(f"{len(found)} of {len(chosen)} recordings")
     if as_json:
         print_json(contents)
         return

@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.commands.progress import shown
 from taxel.dependencies import SERVING
 
 
@@ -32,7 +33,7 @@ def reload(
 
     machine = describe_machine()
     with (
-        ERR.status("starting the server") as status,
+        shown("starting the server") as tell,
         running_server_process(repository or shipped_repository(), "--watch-seconds", "0") as server,
     ):
         measured = load_again(
@@ -42,7 +43,7 @@ def reload(
             loads,
             rate,
             calm,
-            lambda done: status.update(f"{done} of {loads} loads"),
+            lambda done: tell(f"{done} of {loads} loads"),
         )
     reasons = reasons_against(measured)
     verdict = "INVALID" if reasons else "VALID"

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.commands.progress import shown
 
 
 @needs("bench", "psutil")
@@ -30,14 +31,14 @@ def replicas(
     from taxel_bench.replicas.measurement import measure
     from taxel_models.shipped import shipped_repository
 
-    with ERR.status("starting servers") as status:
+    with shown("starting servers") as tell:
         phases = measure(
             repository or shipped_repository(),
             model,
             count,
             loops,
             seconds,
-            lambda phase: status.update(phase),
+            tell,
         )
     lost = sum(phase["lost"] for phase in phases)
     if as_json:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.commands.progress import shown
 from taxel.dependencies import SERVING
 from taxel.errors import SettingsError
 from taxel.remote.options import Transport
@@ -51,7 +52,7 @@ def scale(
     bound_ms = latency_bound or 1e3 / rate
     fleet = Fleet(fingers, windows, rate)
     service = _read(measured, model, transport) if measured is not None else _measure(model, transport)
-    with ERR.status("simulating"):
+    with shown("simulating"):
         tried = plan(
             fleet, service, bound_ms, arrivals=arrivals, balancing=balancing, requests=requests, seed=seed
         )
@@ -89,7 +90,7 @@ def _measure(model: str, transport: Transport) -> "ServiceTime":
     from taxel_bench.capacity.service_time import measure_service_time
     from taxel_models.shipped import shipped_repository
 
-    with ERR.status("measuring"), generator(shipped_repository(), 1, 2.0) as asking:
+    with shown("measuring"), generator(shipped_repository(), 1, 2.0) as asking:
         return measure_service_time(asking, model, transport, 2.0)
 
 

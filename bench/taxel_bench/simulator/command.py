@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from taxel.commands.cli import ERR, Json, needs, print_json
+from taxel.commands.cli import Json, needs, print_json
+from taxel.commands.progress import shown
 from taxel.dependencies import SERVING
 
 _HEAD = "| fingers | model | predicts | real-time factor | mean, µs a step | median, µs | p99, µs | steps |"
@@ -41,7 +42,7 @@ def simulator(
     machine, cells = describe_machine(), []
     repository = shipped_repository()
     with (
-        ERR.status("starting the server") as status,
+        shown("starting the server") as tell,
         running_server(repository, *ROOM) as endpoint,
         taxel.connect(endpoint) as remote,
         taxel.load(repository) as local,
@@ -51,7 +52,7 @@ def simulator(
         for count in counts:
             for cell in measure(count, local, remote, chosen, seconds):
                 cells.append(asdict(cell))
-                status.update(f"{count} fingers, {cell.model or 'physics'} {cell.where}")
+                tell(f"{count} fingers, {cell.model or 'physics'} {cell.where}")
     found = {"machine": machine, "timestep_s": TIMESTEP_S, "cells": cells}
     if as_json:
         print_json(found)

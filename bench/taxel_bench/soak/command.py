@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from taxel.atomic import check_folder_place, whole_folder
-from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.commands.progress import shown
 from taxel.dependencies import SERVING
 
 RESULT = "soak.json"
@@ -45,14 +46,14 @@ def soak(
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     machine = describe_machine()
     with (
-        ERR.status("starting the server") as status,
+        shown("starting the server") as tell,
         running_server_process(repository or shipped_repository()) as server,
     ):
         run = soak_server(
             server,
             model,
             minutes * 60,
-            lambda passed: status.update(f"{passed / 60:.1f} of {minutes:g} minutes"),
+            lambda passed: tell(f"{passed / 60:.1f} of {minutes:g} minutes"),
         )
     bars = bars_of(run)
     told = {

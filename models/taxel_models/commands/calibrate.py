@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.progress import Progress
 from rich.table import Table
 
-from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.commands.progress import shown
 from taxel_models.calibration.limits import LIGHT_N, TOUCH_N, Limits
 
 _DISTANCES = ("mean", "median", "rms")
@@ -53,12 +53,11 @@ def calibrate(
     output = output.resolve()
     check_folder_place(output, replacing=RECORD if overwrite else None)
     limits = Limits(touch, light)
-    with Progress(console=ERR, transient=True, disable=not ERR.is_terminal) as bar:
-        task = bar.add_task("reading", total=None)
+    with shown("reading") as tell:
         read = [read_unchecked(path) for path in recordings]
-        bar.update(task, description="fitting")
+        tell("fitting")
         calibration = estimate(read, limits=limits, standoff=standoff, seed=seed)
-        bar.update(task, description="writing")
+        tell("writing")
         write_calibration(calibration, output, read if rewrite else (), overwrite=overwrite)
     report = calibration.report()
     if as_json:

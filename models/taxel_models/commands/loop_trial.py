@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import typer
-from rich.progress import Progress
 from rich.table import Table
 
 from taxel.atomic import check_file_place, write_json
-from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
 from taxel.commands.models import Repository
+from taxel.commands.progress import bar
 from taxel.dependencies import SERVING, require
 from taxel_models.ground import GroundName
 
@@ -116,20 +116,22 @@ def loop_trial(
     draw = Draw(injector, tuple(only or ()), strength, pairs, clean, unknown)
     rounds: list[Round] = []
     moved: list[Sensitivity] = []
-    with Progress(console=ERR, disable=not ERR.is_terminal) as progress:
-        task = progress.add_task("preparing the ground", total=trials)
+    with bar("preparing the ground") as progress:
         benchmark = RecoveryBenchmark(chosen.prepare(), ground, seed, draw)
+        progress.say("playing rounds")
         for finished in run_rounds_on(benchmark, trials, jobs, scheduler):
             rounds.append(finished)
-            progress.update(task, advance=1, description=f"{finished.truth} found as {finished.found}")
+            known = f"{len(rounds)} of {trials}: {finished.truth} found as {finished.found}"
+            progress.reach(len(rounds) / trials, known)
             if output is not None:
                 write_json(output, _content(rounds, summarise(rounds)))
         if sensitivity:
-            progress.update(task, total=2 * len(DECLARED.names()), completed=0)
+            progress.say("moving each constant")
             play = partial(run_rounds_with, benchmark, rounds=trials, jobs=jobs, scheduler=scheduler)
             for one in sensitivities(benchmark.constants, rounds, play):
                 moved.append(one)
-                progress.update(task, advance=1, description=f"{one.constant} at {one.value:g}")
+                share = len(moved) / (2 * len(DECLARED.names()))
+                progress.reach(share, f"{one.constant} at {one.value:g}")
                 if output is not None:
                     write_json(output, _content(rounds, summarise(rounds), moved))
     summary = summarise(rounds)

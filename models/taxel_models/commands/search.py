@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.commands.progress import bar
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -73,8 +73,7 @@ def search(
     from taxel_models.search.search_settings import SearchSettings
 
     output = output.resolve()
-    with _progress() as progress, _cluster(scheduler) as client:
-        bar = progress.add_task("reading", total=1.0, note="")
+    with bar("reading") as progress, _cluster(scheduler) as client:
         recordings = [read_recording(path) for path in data]
         search_settings = SearchSettings.of(
             recordings,
@@ -92,13 +91,13 @@ def search(
             split_seed=split_seed,
         )
         task = fit_task(recordings, search_settings, 1 if client else jobs or os.cpu_count() or 1)
-        progress.update(bar, description="searching")
+        progress.say("searching")
         outcome = run(
             search_settings,
             task,
             output,
             client=client,
-            progress=lambda done, note: progress.update(bar, completed=done, note=note),
+            progress=progress.reach,
         )
         write_report(search_settings, outcome, output)
     winner = output / WINNER
@@ -122,17 +121,6 @@ def _cluster(address: str | None) -> Iterator["Client | None"]:
 
     with connect(address) as client:
         yield client
-
-
-def _progress() -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.fields[note]}"),
-        TimeElapsedColumn(),
-        console=ERR,
-        disable=not ERR.is_terminal,
-    )
 
 
 def _table(outcome: "Outcome") -> Table:

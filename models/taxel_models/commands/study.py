@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.commands.progress import bar
 
 if TYPE_CHECKING:
     from taxel_models.recordings import Recording
@@ -93,19 +93,17 @@ def study(
     )
     study_settings.check()
     store = Store(output)
-    cells = len(study_settings.cells())
-    with _progress() as progress:
-        bar = progress.add_task("reading", total=cells, note="")
+    with bar("reading") as progress:
         chosen = Study.of(study_settings, _read(data))
-        progress.update(bar, description="cells")
+        progress.say("cells")
         results = run_study(
             chosen,
             store,
             cluster_runner(scheduler) if scheduler else compute_here,
             1 if scheduler else jobs or os.cpu_count() or 1,
-            lambda done, note: progress.update(bar, completed=done * cells, note=note),
+            progress.reach,
         )
-        progress.update(bar, description="writing", note="")
+        progress.say("writing")
         write_report(chosen, results, store.folder)
     if as_json:
         print_json({"output": str(store.folder), **describe(chosen, results)})
@@ -120,18 +118,6 @@ def _read(paths: list[Path]) -> "list[Recording]":
     from taxel_models.recordings import read_recording
 
     return [read_recording(path) for path in paths]
-
-
-def _progress() -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[note]}"),
-        TimeElapsedColumn(),
-        console=ERR,
-        disable=not ERR.is_terminal,
-    )
 
 
 def _table(summary: "Summary") -> Table:

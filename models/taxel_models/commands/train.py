@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from taxel.commands.cli import ERR, OUT, Json, needs, print_json
+from taxel.commands.cli import OUT, Json, needs, print_json
+from taxel.commands.progress import bar
 from taxel.errors import SettingsError
 
 
@@ -84,24 +84,17 @@ def train(
         checkpoint=output.with_name(f".{output.name}.checkpoint"),
         jobs=jobs or os.cpu_count() or 1,
     )
-    with _progress() as progress:
-        bar = progress.add_task("reading", total=1.0, note="")
+    with bar("reading") as progress:
         recordings = [
             read_recording(
                 path,
-                lambda read, trials: progress.update(
-                    bar, completed=read / trials, note=f"{read} of {trials} trials"
-                ),
+                lambda read, trials: progress.reach(read / trials, f"{read} of {trials} trials"),
             )
             for path in data
         ]
-        progress.reset(bar, description="training", total=1.0, note="")
-        trained, held_out = fit(
-            recordings,
-            training_settings,
-            lambda done, note: progress.update(bar, completed=done, note=note),
-        )
-        progress.update(bar, description="writing", completed=1.0, note="")
+        progress.say("training")
+        trained, held_out = fit(recordings, training_settings, progress.reach)
+        progress.say("writing")
         save(trained, held_out, output, overwrite=overwrite)
     record = trained.record
     if as_json:
@@ -135,18 +128,6 @@ def parse_settings(settings: list[str]) -> dict[str, Any]:
         except ValueError:
             chosen[name] = text
     return chosen
-
-
-def _progress() -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.fields[note]}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        console=ERR,
-        disable=not ERR.is_terminal,
-    )
 
 
 def _table(metrics: dict[str, Any]) -> Table:

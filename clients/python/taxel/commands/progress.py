@@ -1,4 +1,4 @@
-"""What a command is doing, on standard error: one changing line on a terminal, else a line now and then."""
+"""What a command is doing, on standard error: in place on a terminal, else a line now and then."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from typing import Final
 
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from taxel.commands.cli import ERR
 
@@ -40,3 +41,59 @@ def shown(
 
     tell(doing)
     yield tell
+
+
+class Bar:
+    """How far a command is; made by `bar`.
+
+    Args:
+        doing: what it begins with.
+        draw: is told what is done now, the share of it that is done, and a note.
+    """
+
+    def __init__(self, doing: str, draw: Callable[[str, float, str], None]) -> None:
+        self._doing, self._draw = doing, draw
+
+    def say(self, doing: str) -> None:
+        """What is done now, from its beginning."""
+        self._doing = doing
+        self._draw(doing, 0.0, "")
+
+    def reach(self, share: float, note: str = "") -> None:
+        """So much of it is done, 0 to 1."""
+        self._draw(self._doing, share, note)
+
+
+@contextmanager
+def bar(doing: str, console: Console = ERR, *, every_s: float = BETWEEN_LINES_S) -> Iterator[Bar]:
+    """Shows how much is done while the context lasts: a bar on a terminal, else lines.
+
+    Args:
+        doing: what it begins with.
+        every_s: seconds between two lines at least, where the console is no terminal.
+    """
+    if not console.is_terminal:
+        with shown(doing, console, every_s=every_s) as tell:
+
+            def write(now_doing: str, share: float, note: str) -> None:
+                tell(f"{now_doing}: {note or f'{share:.0%}'}" if share else now_doing)
+
+            yield Bar(doing, write)
+        return
+    note = TextColumn("{task.fields[note]}")
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        note,
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task(doing, total=1.0, note="")
+
+        def draw(now_doing: str, share: float, told: str) -> None:
+            if share == 0.0:
+                progress.reset(task)
+            progress.update(task, description=now_doing, completed=share, note=told)
+
+        yield Bar(doing, draw)
