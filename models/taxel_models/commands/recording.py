@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
 
-from taxel.commands.cli import OUT, Json, print_json
-from taxel.commands.progress import bar
+from taxel.commands.cli import ERR, OUT, Json, print_json
 from taxel.dependencies import require
 from taxel.errors import SettingsError
 from taxel.ros2.settings import SHADOW_FINGERS
@@ -88,8 +88,11 @@ def _write(read: "Recording", output: Path, finger: str | None) -> None:
 def _read(path: Path, finger: str | None) -> "Recording":
     from taxel_models.recordings.reading import read_unchecked
 
-    with bar("reading") as progress:
-        return read_unchecked(path, lambda done, total: progress.reach(done / total), finger=finger)
+    with Progress(console=ERR, transient=True, disable=not ERR.is_terminal) as bar:
+        task = bar.add_task("reading", total=None)
+        return read_unchecked(
+            path, lambda done, total: bar.update(task, completed=done, total=total), finger=finger
+        )
 
 
 def _print(summary: "Summary") -> None:
