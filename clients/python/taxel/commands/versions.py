@@ -6,8 +6,7 @@ import typer
 
 from taxel.administration import Action, Order, give_order
 from taxel.artifacts import is_name, is_version
-from taxel.commands.cli import OUT, Json, print_json
-from taxel.commands.progress import shown
+from taxel.commands.cli import ERR, OUT, Json, print_json
 from taxel.errors import SettingsError
 from taxel.remote import connect
 
@@ -55,7 +54,7 @@ def _give(
     name, slash, version = model.partition("/")
     if not is_name(name) or (slash and not is_version(version)):
         raise SettingsError(f"{model!r}: expected NAME or NAME/VERSION")
-    with connect(endpoint) as source, shown(f"{action}ing {model}"):
+    with connect(endpoint) as source, ERR.status(f"{action}ing {model}"):
         settled = give_order(source, Order(action, name, version or None, shadow), timeout)
     if as_json:
         print_json({"name": name, "version": settled, "action": action, "shadow": shadow})
