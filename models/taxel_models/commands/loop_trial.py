@@ -121,8 +121,8 @@ def loop_trial(
         progress.say("playing rounds")
         for finished in run_rounds_on(benchmark, trials, jobs, scheduler):
             rounds.append(finished)
-            known = f"{len(rounds)} of {trials}: {finished.truth} found as {finished.found}"
-            progress.reach(len(rounds) / trials, known)
+            note = f"{len(rounds)} of {trials}: {finished.truth} found as {finished.found}"
+            progress.reach(len(rounds) / trials, note)
             if output is not None:
                 write_json(output, _content(rounds, summarise(rounds)))
         if sensitivity:

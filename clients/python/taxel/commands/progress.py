@@ -76,19 +76,12 @@ def bar(doing: str, console: Console = ERR, *, every_s: float = BETWEEN_LINES_S)
         with shown(doing, console, every_s=every_s) as tell:
 
             def write(now_doing: str, share: float, note: str) -> None:
-                tell(f"{now_doing}: {note or f'{share:.0%}'}" if share else now_doing)
+                tell(f"{now_doing}: {note or f'{share:.0%}'}" if share or note else now_doing)
 
             yield Bar(doing, write)
         return
-    note = TextColumn("{task.fields[note]}")
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        note,
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console) as progress:
+    words = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[note]}")
+    with Progress(*words, TimeElapsedColumn(), TimeRemainingColumn(), console=console) as progress:
         task = progress.add_task(doing, total=1.0, note="")
 
         def draw(now_doing: str, share: float, told: str) -> None:

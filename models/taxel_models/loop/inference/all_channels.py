@@ -8,7 +8,7 @@ from taxel.channels import CHANNELS
 from taxel_models.loop.effects.effect import Candidate, Effect, Remaining
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.correlated_channels import MOST_CHANNELS, CorrelatedChannels
-from taxel_models.loop.inference.named_in_channels import NamedForm
+from taxel_models.loop.inference.named_in_channels import NamedInChannels
 from taxel_models.loop.inference.proof import stands
 from taxel_models.loop.inference.score import Score
 from taxel_models.loop.observations import Observations
@@ -23,8 +23,8 @@ class AllChannels:
         forms: gives an effect's forms.
         observations: the recordings with the model's predictions.
         remaining: what no named effect explains.
+        beside: what changes of few channels are weighed beside.
         rivals: labels of effects that may be likelier than a change of few channels.
-        named: effects with weights of each channel.
         beside_others: something is named already.
         constants: of the inference.
     """
@@ -37,17 +37,17 @@ class AllChannels:
         observations: Observations,
         remaining: Remaining,
         *,
+        beside: NamedInChannels,
         rivals: Collection[str],
-        named: Sequence[NamedForm],
         beside_others: bool,
         constants: Constants,
     ) -> None:
         self._correlated, self._effects = correlated, effects
         self._observations, self._remaining = observations, remaining
         self._beside_others, self._constants = beside_others, constants
-        self._rivals, self._named = rivals, named
+        self._rivals, self._beside = rivals, beside
         self._least_t = constants.least_t(correlated.folds)
-        self._forms, self._bases = forms, correlated.bases(remaining.residual)
+        self._forms, self._bases = forms, beside.bases(())
         self._weighed = cache(self._weigh)
 
     def judged(self, score: Score) -> Score:
@@ -81,7 +81,7 @@ class AllChannels:
             observations,
             remaining,
             least_t=self._least_t,
-            named=self._named,
+            beside=self._beside,
             most_channels=most_channels,
         )
 

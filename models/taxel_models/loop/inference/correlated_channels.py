@@ -6,11 +6,12 @@ the rest. All channels are fitted together here, by generalised least squares (A
 the root of the precision of the model's own held-out residual, their errors have no correlation left.
 """
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
 from taxel.held_out_residual import CorrelatedResidual
@@ -167,7 +168,7 @@ class CorrelatedChannels:
         remaining: Remaining,
         *,
         least_t: float,
-        named: Sequence[NamedForm] = (),
+        beside: NamedInChannels,
         most_channels: int = MOST_CHANNELS,
     ) -> Score | None:
         """The likeliest change of a few channels by an effect that `follows` signals; None without one.
@@ -177,7 +178,7 @@ class CorrelatedChannels:
             observations: the recordings with the model's predictions.
             remaining: what no named effect explains.
             least_t: t over held-out folds that each channel must reach.
-            named: effects whose weights are inferred together with those of the change.
+            beside: what the change is weighed beside.
             most_channels: where more of them change, there is none either.
         """
         kinds = self.signals(effect, observations, remaining)
@@ -185,7 +186,7 @@ class CorrelatedChannels:
             effect=effect,
             measured=observations.measured,
             left=remaining.residual,
-            beside=self.beside_named(remaining.residual, named),
+            beside=beside,
             price=self._price(effect.name, sum(len(signals.about_mean.options) for signals in kinds)),
             least_t=least_t,
             most_channels=most_channels,
@@ -200,7 +201,7 @@ class CorrelatedChannels:
         forms = signals.about_mean
 
         def odds(forms: ChannelForms, channel: int, place: int) -> float:
-            products = _products(test.beside, forms.design({channel: place}), [channel])
+            products = test.beside.products(forms.design({channel: place}), [channel])
             return weigh(products, TOGETHER, self._constants).log_evidence - float(test.price.odds[channel])
 
         found: dict[int, dict[int, float]] = {}
@@ -231,7 +232,7 @@ class CorrelatedChannels:
     ) -> bool:
         """Whether its effect can make a channel's weights, and added counts explain it no better."""
         assert isinstance(score.form, FewChannelsForm)
-        weights = self.weights(score.form, test.beside, score.weighed.strength, None)[channel]
+        weights = self.weights(score.form, test.beside, score.weighed.strength)[0, channel]
         if (np.abs(weights) > test.effect.most_weight).any():
             return False
         return not is_added(predicted.candidate(place), channel, test.measured, test.left, self._bins)
@@ -242,10 +243,10 @@ class CorrelatedChannels:
         """A change of one channel, the last of the chosen ones, more than there were before."""
         form, about_rest = signals.about_mean.form(chosen), signals.about_rest.form(chosen)
         bases = test.beside.bases(chosen)
-        products = _products(test.beside, form.design, chosen)
+        products = test.beside.products(form.design, chosen)
         weighed = weigh(products, TOGETHER, self._constants)
         log_evidence = weighed.log_evidence - float(test.price.odds[form.channels].sum())
-        plain = replace(_products(test.beside, about_rest.design, chosen), base=bases.plain)
+        plain = replace(test.beside.products(about_rest.design, chosen), base=bases.plain)
         alone = weigh(plain, TOGETHER, self._constants).log_evidence
         needs_constant = weighed.log_evidence + bases.constant >= alone
         found = held_out(products, TOGETHER, weighed)
@@ -272,18 +273,25 @@ class CorrelatedChannels:
         )
 
     def weights(
-        self, form: FewChannelsForm, beside: NamedInChannels, strength: float, fold: int | None
+        self,
+        form: FewChannelsForm,
+        beside: NamedInChannels,
+        strength: float,
+        kept: NDArray[np.bool_] | None = None,
     ) -> Floats:
-        """(21, k) weights of a form by the fit part, or all of it but one fold."""
-        products = _products(beside, form.design, form.channels)
-        kept = None if fold is None else np.arange(products.folds) != fold
+        """(choices, 21, k) weights of a form by the folds that are kept in each choice (choices, folds).
+
+        Without choices, there is one: all folds.
+        """
+        products = beside.products(form.design, form.channels)
+        kept = np.ones((1, products.folds), np.bool_) if kept is None else kept
         every = Weighed(0.0, strength, np.ones(len(CHANNELS)), np.zeros(len(CHANNELS)))
         _, scaled = posterior_weights(products, TOGETHER, every, kept)
-        return form.weights(scaled)
+        return np.array([form.weights(each) for each in scaled])
 
     def tested(self, form: FewChannelsForm, beside: NamedInChannels) -> tuple[Weighed, HeldOut]:
         """A named form, weighed and tested beside others."""
-        products = _products(beside, form.design, form.channels)
+        products = beside.products(form.design, form.channels)
         weighed = weigh(products, TOGETHER, self._constants)
         found = held_out(products, TOGETHER, weighed)
         gain = found.gain.sum(axis=1)[:, None] * form.included / form.included.sum()
@@ -365,11 +373,6 @@ class CorrelatedChannels:
         known = self._known.structure.get(label)
         gain = np.zeros(len(CHANNELS)) if known is None else np.array(known.gain)
         return Price(np.log(max(choices, 1)) + self._usual_odds(label), gain)
-
-
-def _products(beside: NamedInChannels, design: Design, channels: Collection[int]) -> Products:
-    """Of what is left in some channels and of the regressors of a change of them."""
-    return Products.of(beside.bases(channels).beside, beside.without(design, channels))
 
 
 def root_of(precision: Floats) -> Floats:

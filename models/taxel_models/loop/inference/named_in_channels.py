@@ -1,7 +1,7 @@
 """Named effects whose weights in a few channels are inferred together with those of a change of them.
 
-An effect that was named first has weights of its own in every channel, and takes in them what it can of any
-other cause. A change of some channels is therefore weighed by what is left where the named effects' weights
+An effect that was named first has weights of its own in every channel, and these take a part of any other
+cause there. A change of some channels is therefore weighed by what is left where the named effects' weights
 in these channels fit as well as they can (Frisch and Waugh 1933).
 """
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Candidate
-from taxel_models.loop.inference.evidence import Bases, Design
+from taxel_models.loop.inference.evidence import Bases, Design, Products
 from taxel_models.loop.inference.few_channels_form import ChannelForms
 
 _LEAST: Final = 1e-9
@@ -66,6 +66,10 @@ class NamedInChannels:
         """A design without what other weights of the named effects in some channels explain of it."""
         directions = self._directions(tuple(sorted(channels)))
         return Design(self._without(design.values, directions), design.fold) if directions.size else design
+
+    def products(self, design: Design, channels: Collection[int]) -> Products:
+        """Of what is left in some channels, and of the regressors of a change of them."""
+        return Products.of(self.bases(channels).beside, self.without(design, channels))
 
     def _without(self, values: Floats, directions: Floats) -> Floats:
         values = values / self._root

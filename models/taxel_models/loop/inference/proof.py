@@ -21,15 +21,13 @@ def stands(score: Score, beside_others: bool, constants: Constants) -> bool:
         return worth >= constants.least_channel_share
     # A form that is not quite right leaves a little.
     share = max(constants.least_share, constants.least_channel_share if beside_others else 0.0)
-    if score.effect.fits_nothing and worth > 0:
-        # It has no weights that could take what another cause left.
-        share = 0.0
     # The less an effect removes, the surer it must be.
-    surer = min(1.0, worth / constants.clear_share)
-    if worth >= share and score.t >= constants.least_t(score.folds, surer):
+    surer = score.t >= constants.least_t(score.folds, min(1.0, worth / constants.clear_share))
+    if score.effect.fits_nothing:
+        # It has no weights that could take what another cause left, and needs no share.
+        return worth > 0 and (surer or not beside_others)
+    if worth >= share and surer:
         return True
-    if score.effect.fits_nothing and not beside_others:
-        return worth > 0
     if score.form.candidate.fitting.pooled:
         # What all channels share is not told by one of them.
         return False

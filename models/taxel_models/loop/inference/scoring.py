@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
 from taxel.held_out_residual import HeldOutResidual
@@ -33,7 +34,7 @@ from taxel_models.loop.inference.evidence import (
 )
 from taxel_models.loop.inference.few_channels_form import FewChannelsForm
 from taxel_models.loop.inference.forms import WhitenedForm, prepared, prepared_as_it_is
-from taxel_models.loop.inference.named_in_channels import NamedForm
+from taxel_models.loop.inference.named_in_channels import NamedForm, NamedInChannels
 from taxel_models.loop.inference.proof import stands
 from taxel_models.loop.inference.score import Score, Taken
 from taxel_models.loop.inference.usual import Usual
@@ -218,8 +219,8 @@ class Scoring:
                 lambda effect: [form.candidate for form in self._forms_of(effect, left)],
                 self.observations,
                 self._remaining(left),
+                beside=self._beside(self._correlated, taken),
                 rivals=self._rivals(found, taken),
-                named=_with_own_weights(taken),
                 beside_others=bool(taken),
                 constants=self.constants,
             )
@@ -314,9 +315,9 @@ class Scoring:
         added = np.zeros_like(predicted)
         order = self.bins.order
         fold = np.repeat(self.bins.fold, np.diff(self.bins.starts, append=len(order)))
-        for number in range(len(score.gain)):
+        for number, weights in enumerate(self.fold_weights(own, taken)):
             rows = order[fold == number]
-            added[rows] = score.form.candidate.basis.times(self.weights(own, taken, number))[rows]
+            added[rows] = score.form.candidate.basis.times(weights)[rows]
         row_weights = self.whitening.row_weights(len(measured)) / self.bins.rows_each
         noise = self.base(taken).noise * self.whitening.scale**2
 
@@ -343,21 +344,36 @@ class Scoring:
         predicted, measured = self._predicted(taken), self.observations.measured
         self._beyond = self.observations.limits.beyond(measured, predicted)
 
-    def weights(self, taken: Taken, others: Sequence[Taken], fold: int | None = None) -> Floats:
-        """(21, k) weights of a named effect beside others, by the fit part or all of it but one fold."""
+    def weights(self, taken: Taken, others: Sequence[Taken]) -> Floats:
+        """(21, k) weights of a named effect beside others, by the fit part."""
+        return np.asarray(self._weights(taken, others, np.ones((1, self._folds), np.bool_))[0])
+
+    def fold_weights(self, taken: Taken, others: Sequence[Taken]) -> Floats:
+        """(folds, 21, k) the same by all of the fit part but one fold."""
+        return self._weights(taken, others, ~np.eye(self._folds, dtype=np.bool_))
+
+    @property
+    def _folds(self) -> int:
+        return int(self.bins.fold.max()) + 1
+
+    def _weights(self, taken: Taken, others: Sequence[Taken], kept: NDArray[np.bool_]) -> Floats:
+        """(choices, 21, k) by the folds that are kept in each choice (choices, folds)."""
         if self._correlated is not None and isinstance(taken.form, FewChannelsForm):
-            beside = self._correlated.beside_named(self.residual(others), _with_own_weights(others))
-            return self._correlated.weights(taken.form, beside, taken.weighed.strength, fold)
+            beside = self._beside(self._correlated, others)
+            return self._correlated.weights(taken.form, beside, taken.weighed.strength, kept)
         products = Products.of(self.base(others), taken.form.design)
-        kept = None if fold is None else np.arange(products.folds) != fold
         _, scaled = posterior_weights(products, taken.form.candidate.fitting, taken.weighed, kept)
-        return taken.form.weights(scaled)
+        return np.array([taken.form.weights(each) for each in scaled])
+
+    def _beside(self, correlated: CorrelatedChannels, others: Sequence[Taken]) -> NamedInChannels:
+        """What changes of few channels are weighed beside where others are named."""
+        return correlated.beside_named(self.residual(others), _with_own_weights(others))
 
     def beside(self, taken: Taken, others: Sequence[Taken]) -> tuple[Weighed, HeldOut, Floats]:
         """A named effect's own form, weighed and tested beside the others; (21,) what share it removes."""
         if self._correlated is not None and isinstance(taken.form, FewChannelsForm):
-            beside = self._correlated.beside_named(self.residual(others), _with_own_weights(others))
-            weighed, tested = self._correlated.tested(taken.form, beside)
+            beside_others = self._beside(self._correlated, others)
+            weighed, tested = self._correlated.tested(taken.form, beside_others)
             return weighed, tested, tested.shares
         products = Products.of(self.base(others), taken.form.design)
         fitting = taken.form.candidate.fitting

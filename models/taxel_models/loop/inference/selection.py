@@ -324,18 +324,17 @@ class JointSelection:
         first = np.maximum((self._first.residual[fit] ** 2).mean(axis=0), 1e-9)
         now = self._scoring.residual(self._taken)[fit]
         lost = ((now + taken.contribution[fit]) ** 2).mean(axis=0) - (now**2).mean(axis=0)
-        fixed = taken.form.candidate.fitting.fixed
-        folds = 0 if fixed else int(self._scoring.bins.fold.max()) + 1
         # An interval around a shrunk weight would miss the true one.
         plain, beside = taken.without_prior, [each.without_prior for each in others]
-        fold_weights = [self._scoring.weights(plain, beside, fold) for fold in range(folds)]
+        fixed = taken.form.candidate.fitting.fixed
+        fold_weights = np.empty(0) if fixed else self._scoring.fold_weights(plain, beside)
         counts = taken.effect.is_constant and taken.form.candidate.weight_unit == "counts"
         unknown = self._scoring.unknown_mean()[:, None] if counts else np.zeros_like(taken.weights)
         return Named(
             candidate=taken.form.candidate,
             equation=taken.effect.equation,
             weights=taken.weights,
-            fold_weights=np.array(fold_weights),
+            fold_weights=fold_weights,
             unknown=unknown,
             served_share=share,
             contribution=taken.contribution,

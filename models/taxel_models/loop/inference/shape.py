@@ -39,8 +39,9 @@ def is_added(candidate: Candidate, channel: int, measured: Floats, left: Floats,
     if course.shape[1] > 1:
         # The model absorbs the mean of a gain that ages as a constant, which no factor of the signal is.
         constant = np.ones_like(signal)
-        only_constant = squared_error(constant)
+        nothing, alone = squared_error(0.0 * constant), squared_error(constant)
         beside = squared_error(np.hstack([constant, signal * course]))
-        if squared_error(np.zeros_like(signal)) - only_constant < only_constant - beside:
+        # What the constant explains alone would be explained with any other cause beside it, too.
+        if nothing - alone < alone - beside:
             in_proportion = min(in_proportion, beside)
     return squared_error(course) < in_proportion

@@ -130,10 +130,16 @@ def test_weights_are_those_of_generalised_least_squares(
     channels = CorrelatedChannels(left, bins, white, replace(DECLARED, robust=1e9))
     rows = len(observations)
     remaining = Remaining(left, blocks.fit, np.ones(rows))
-    best = channels.best(Gain(), observations, remaining, least_t=DECLARED.least_t(channels.folds))
+    best = channels.best(
+        Gain(),
+        observations,
+        remaining,
+        least_t=DECLARED.least_t(channels.folds),
+        beside=channels.beside_named(left, []),
+    )
     assert best is not None
     assert best.form.channels == [CHANNELS.index("e4")]
-    found = channels.weights(best.form, channels.beside_named(left, []), UNSHRUNK, None)
+    found = channels.weights(best.form, channels.beside_named(left, []), UNSHRUNK)[0]
     column = CHANNELS.index("e4")
     assert np.flatnonzero(found.any(axis=1)).tolist() == [column]
 
@@ -185,12 +191,27 @@ def test_an_electrode_that_fades_where_the_others_err_otherwise_than_usual_follo
     bins = Bins.of(blocks, DECLARED.bin_s)
     channels = CorrelatedChannels(left, bins, reference.correlated, DECLARED)
     remaining = Remaining(left, blocks.fit, np.ones(len(observations)))
-    best = channels.best(Gain(), observations, remaining, least_t=DECLARED.least_t(channels.folds))
+    best = channels.best(
+        Gain(),
+        observations,
+        remaining,
+        least_t=DECLARED.least_t(channels.folds),
+        beside=channels.beside_named(left, []),
+    )
     assert best is not None
     assert best.form.channels == [column]
     foretold, _ = channels.signals(Gain(), observations, remaining)
     monkeypatch.setattr(channels, "signals", lambda *_: [foretold])
-    assert channels.best(Gain(), observations, remaining, least_t=DECLARED.least_t(channels.folds)) is None
+    assert (
+        channels.best(
+            Gain(),
+            observations,
+            remaining,
+            least_t=DECLARED.least_t(channels.folds),
+            beside=channels.beside_named(left, []),
+        )
+        is None
+    )
 
 
 def test_electrodes_that_age_each_in_its_own_way_are_put_right(
@@ -211,10 +232,16 @@ def test_electrodes_that_age_each_in_its_own_way_are_put_right(
     left = observations.residual
     channels = CorrelatedChannels(left, bins, reference.correlated, DECLARED)
     remaining = Remaining(left, blocks.fit, np.ones(len(observations)))
-    best = channels.best(Gain(), observations, remaining, least_t=DECLARED.least_t(channels.folds))
+    best = channels.best(
+        Gain(),
+        observations,
+        remaining,
+        least_t=DECLARED.least_t(channels.folds),
+        beside=channels.beside_named(left, []),
+    )
     assert best is not None
     assert best.form.channels == columns
-    weights = channels.weights(best.form, channels.beside_named(left, []), UNSHRUNK, None)
+    weights = channels.weights(best.form, channels.beside_named(left, []), UNSHRUNK)[0]
     found = best.form.candidate.basis.times(weights)[:, columns]
     rows = observations.rows[0]
     true = (changed.channels - recording.channels)[rows][:, columns]
