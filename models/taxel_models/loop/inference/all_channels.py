@@ -7,7 +7,8 @@ from functools import cache
 from taxel.channels import CHANNELS
 from taxel_models.loop.effects.effect import Candidate, Effect, Remaining
 from taxel_models.loop.inference.constants import Constants
-from taxel_models.loop.inference.correlated_channels import MOST_CHANNELS, CorrelatedChannels
+from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
+from taxel_models.loop.inference.few_channels_search import MOST_CHANNELS, FewChannelsSearch
 from taxel_models.loop.inference.named_in_channels import NamedInChannels
 from taxel_models.loop.inference.proof import stands
 from taxel_models.loop.inference.score import Score
@@ -43,10 +44,9 @@ class AllChannels:
         constants: Constants,
     ) -> None:
         self._correlated, self._effects = correlated, effects
-        self._observations, self._remaining = observations, remaining
         self._beside_others, self._constants = beside_others, constants
-        self._rivals, self._beside = rivals, beside
-        self._least_t = constants.least_t(correlated.folds)
+        self._rivals = rivals
+        self._search = FewChannelsSearch(correlated, observations, remaining, beside)
         self._forms, self._bases = forms, beside.bases(())
         self._weighed = cache(self._weigh)
 
@@ -70,20 +70,9 @@ class AllChannels:
         """The likeliest change of a few channels that proves itself."""
         if effect.follows is None:
             return None
-        few = self._best(effect)
+        few = self._search.best(effect)
         stand = few is not None and stands(few, self._beside_others, self._constants)
         return few if stand else None
-
-    def _best(self, effect: Effect, most_channels: int = MOST_CHANNELS) -> Score | None:
-        observations, remaining = self._observations, self._remaining
-        return self._correlated.best(
-            effect,
-            observations,
-            remaining,
-            least_t=self._least_t,
-            beside=self._beside,
-            most_channels=most_channels,
-        )
 
     def _shows(self, score: Score, few: Score | None) -> bool:
         """Whether a proven effect shows in all channels together, too."""
@@ -94,7 +83,7 @@ class AllChannels:
         changes_few |= score.worth.mean() < self._constants.least_share
         # What few channels show must show beside all others. By itself it repeats already.
         changes_few &= effect.follows is not None
-        if changes_few and few is None and self._best(effect, most_channels=len(CHANNELS)) is None:
+        if changes_few and few is None and self._search.best(effect, most_channels=len(CHANNELS)) is None:
             return False
         least = self._rival(effect) if effect.follows == "measured" else 0.0
         return self._evidence(effect) > least

@@ -8,7 +8,7 @@ the root of the precision of the model's own held-out residual, their errors hav
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,15 +31,8 @@ from taxel_models.loop.inference.evidence import (
 )
 from taxel_models.loop.inference.few_channels_form import TOGETHER, ChannelForms, FewChannelsForm
 from taxel_models.loop.inference.named_in_channels import NamedForm, NamedInChannels
-from taxel_models.loop.inference.score import Score
-from taxel_models.loop.inference.shape import is_added
-from taxel_models.loop.inference.usual import bins_that_count
 from taxel_models.loop.inference.whitening import ROUNDING, Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations
-
-MOST_CHANNELS: Final = 5
-"""Channels of one form. A cause that all channels have, such as a wave, shows in more of them: it is no
-change of a few, though each channel follows its neighbours."""
 
 
 class Signals(NamedTuple):
@@ -70,30 +63,12 @@ class Price(NamedTuple):
     gain: Floats
 
 
-class FewChannelsTest(NamedTuple):
-    """What changes of a few channels are tested with.
+class CorrelatedChannels:
+    """Channels that are fitted together, on the fit part: their forms, and what these are weighed beside.
 
     Attributes:
-        effect: that changes them.
-        measured: (n, 21) counts.
-        left: (n, 21) what no named effect explains of them, counts.
-        beside: what forms are weighed beside.
-        price: of a change.
-        least_t: t over held-out folds that each channel must reach.
-        most_channels: where more of them change, nothing is found.
-    """
-
-    effect: Effect
-    measured: Floats
-    left: Floats
-    beside: NamedInChannels
-    price: Price
-    least_t: float
-    most_channels: int
-
-
-class CorrelatedChannels:
-    """Weighs and tests changes of a few channels on the fit part.
+        bins: of the fit part.
+        constants: of the inference.
 
     Args:
         residual: (n, 21) of the recordings, counts.
@@ -112,7 +87,7 @@ class CorrelatedChannels:
         constants: Constants,
         whiten: Callable[[Floats], Floats] | None = None,
     ) -> None:
-        self._bins, self._known, self._constants = bins, known, constants
+        self.bins, self._known, self.constants = bins, known, constants
         self._precision = np.array(known.precision)
         self._root = root_of(self._precision)
         self._whiten = whiten or (lambda residual: residual @ self._root.T)
@@ -124,7 +99,7 @@ class CorrelatedChannels:
     @property
     def folds(self) -> int:
         """That effects are tested on."""
-        return int(self._bins.fold.max()) + 1
+        return int(self.bins.fold.max()) + 1
 
     def knows(self, effect: str) -> bool:
         """Whether the model's own residual tells how much of an effect is usual."""
@@ -132,7 +107,7 @@ class CorrelatedChannels:
 
     def conditional_residual(self, residual: Floats) -> Floats:
         """(n, 21) of a residual, the part that the other channels do not foretell, about 0, counts."""
-        around = residual - residual[self._bins.order].mean(axis=0)
+        around = residual - residual[self.bins.order].mean(axis=0)
         return np.asarray(self._whiten(around) @ self._root / np.diag(self._precision))
 
     def bases(self, left: Floats) -> Bases:
@@ -141,15 +116,15 @@ class CorrelatedChannels:
 
     def _target(self, left: Floats) -> Floats:
         """(21, bins, 1) the whitened residual of one (n, 21) in counts."""
-        return self._whitening(self._bins.means(self._whiten(left).T[:, :, None]))
+        return self._whitening(self.bins.means(self._whiten(left).T[:, :, None]))
 
     def _bases_of(self, target: Floats) -> Bases:
         none = np.empty((len(CHANNELS), 0))
-        nothing = Design(none[:, None, :].repeat(len(self._bins), axis=1), self._bins.fold)
+        nothing = Design(none[:, None, :].repeat(len(self.bins), axis=1), self.bins.fold)
         # An error of 1 is what the model's own held-out residual has.
         noise = self._whitening.scale**-2
-        base = Base(Design(target, self._bins.fold), nothing, none, self._whitening.quantum, noise)
-        return Bases.of(base, self._ones, self._constants)
+        base = Base(Design(target, self.bins.fold), nothing, none, self._whitening.quantum, noise)
+        return Bases.of(base, self._ones, self.constants)
 
     def beside_named(self, left: Floats, named: Sequence[NamedForm]) -> NamedInChannels:
         """What changes of a few channels are weighed beside.
@@ -160,117 +135,6 @@ class CorrelatedChannels:
         """
         forms = ChannelForms([one.candidate for one in named], self._root, self._whitening)
         return NamedInChannels(named, forms, self._target(left), self._bases_of)
-
-    def best(
-        self,
-        effect: Effect,
-        observations: Observations,
-        remaining: Remaining,
-        *,
-        least_t: float,
-        beside: NamedInChannels,
-        most_channels: int = MOST_CHANNELS,
-    ) -> Score | None:
-        """The likeliest change of a few channels by an effect that `follows` signals; None without one.
-
-        Args:
-            effect: which.
-            observations: the recordings with the model's predictions.
-            remaining: what no named effect explains.
-            least_t: t over held-out folds that each channel must reach.
-            beside: what the change is weighed beside.
-            most_channels: where more of them change, there is none either.
-        """
-        kinds = self.signals(effect, observations, remaining)
-        test = FewChannelsTest(
-            effect=effect,
-            measured=observations.measured,
-            left=remaining.residual,
-            beside=beside,
-            price=self._price(effect.name, sum(len(signals.about_mean.options) for signals in kinds)),
-            least_t=least_t,
-            most_channels=most_channels,
-        )
-        found = [self._best(test, signals) for signals in kinds]
-        return max(
-            (one for one in found if one is not None), key=lambda one: one.log_evidence, default=None
-        )
-
-    def _best(self, test: FewChannelsTest, signals: Signals) -> Score | None:
-        """The likeliest change of a few channels that is in proportion to signals of one kind."""
-        forms = signals.about_mean
-
-        def odds(forms: ChannelForms, channel: int, place: int) -> float:
-            products = test.beside.products(forms.design({channel: place}), [channel])
-            return weigh(products, TOGETHER, self._constants).log_evidence - float(test.price.odds[channel])
-
-        found: dict[int, dict[int, float]] = {}
-        for channel, place in forms.options:
-            found.setdefault(channel, {})[place] = odds(forms, channel, place)
-        chosen: dict[int, int] = {}
-        best: Score | None = None
-        for channel, own in sorted(found.items(), key=lambda one: -max(one[1].values())):
-            able = [(own[place], place) for place in forms.beside(chosen, [*own])]
-            own_odds, place = max(able, default=(0.0, 0))
-            if own_odds <= 0:
-                break
-            more = {**chosen, channel: place}
-            score = self._scored(test, signals, more, best)
-            least = self._constants.foretold * own_odds
-            proven = score.channel_t[channel] >= test.least_t
-            proven = proven and odds(signals.predicted, channel, place) > least
-            likelier = score.log_evidence > (0.0 if best is None else best.log_evidence)
-            if proven and likelier and self._is_possible(test, score, signals.predicted, channel, place):
-                chosen, best = more, score
-            if not chosen or len(chosen) > test.most_channels:
-                # Where the likeliest one proves nothing, those that do may only stand for its cause.
-                return None
-        return best
-
-    def _is_possible(
-        self, test: FewChannelsTest, score: Score, predicted: ChannelForms, channel: int, place: int
-    ) -> bool:
-        """Whether its effect can make a channel's weights, and added counts explain it no better."""
-        assert isinstance(score.form, FewChannelsForm)
-        weights = self.weights(score.form, test.beside, score.weighed.strength)[0, channel]
-        if (np.abs(weights) > test.effect.most_weight).any():
-            return False
-        return not is_added(predicted.candidate(place), channel, test.measured, test.left, self._bins)
-
-    def _scored(
-        self, test: FewChannelsTest, signals: Signals, chosen: dict[int, int], before: Score | None
-    ) -> Score:
-        """A change of one channel, the last of the chosen ones, more than there were before."""
-        form, about_rest = signals.about_mean.form(chosen), signals.about_rest.form(chosen)
-        bases = test.beside.bases(chosen)
-        products = test.beside.products(form.design, chosen)
-        weighed = weigh(products, TOGETHER, self._constants)
-        log_evidence = weighed.log_evidence - float(test.price.odds[form.channels].sum())
-        plain = replace(test.beside.products(about_rest.design, chosen), base=bases.plain)
-        alone = weigh(plain, TOGETHER, self._constants).log_evidence
-        needs_constant = weighed.log_evidence + bases.constant >= alone
-        found = held_out(products, TOGETHER, weighed)
-        change = found.squared_change.sum(axis=1, keepdims=True)
-        bins = bins_that_count(form.candidate, np.bincount(self._bins.fold)[:, None], change)
-        usual = bins * test.price.gain * form.included
-        # Channels are not free of each other: one more is given what it adds to the gain of all.
-        gain = np.zeros_like(usual) if before is None else before.gain.copy()
-        gain[:, form.places[-1][0]] = (found.gain - usual - gain).sum(axis=1)
-        # A channel that errs less than on the reference is not judged by that little.
-        error = np.maximum(found.before.sum(axis=0), len(self._bins))
-        return Score(
-            effect=test.effect,
-            form=form if needs_constant else replace(about_rest, design=form.design, sizes=form.sizes),
-            weighed=replace(weighed, included=form.included),
-            log_evidence=log_evidence,
-            needs_constant=needs_constant,
-            gain=gain,
-            worth=gain.sum(axis=0) / error,
-            taken_off=gain.sum(axis=0) * found.noise,
-            usual=usual,
-            most_gain=float(gain.sum()),
-            forms=((form.freedom, log_evidence),),
-        )
 
     def weights(
         self,
@@ -292,7 +156,7 @@ class CorrelatedChannels:
     def tested(self, form: FewChannelsForm, beside: NamedInChannels) -> tuple[Weighed, HeldOut]:
         """A named form, weighed and tested beside others."""
         products = beside.products(form.design, form.channels)
-        weighed = weigh(products, TOGETHER, self._constants)
+        weighed = weigh(products, TOGETHER, self.constants)
         found = held_out(products, TOGETHER, weighed)
         gain = found.gain.sum(axis=1)[:, None] * form.included / form.included.sum()
         return weighed, HeldOut(gain, found.before, np.ones(len(CHANNELS)), found.squared_change)
@@ -307,7 +171,7 @@ class CorrelatedChannels:
         known, odds, found = self._known.structure[label], self._usual_odds(label), [0.0]
         for candidate, (products, fitting) in zip(forms, self.products_of_many(forms, bases), strict=True):
             usual = odds if known.has(candidate.form_itself) else 0.0
-            found.append(weigh(products, fitting, self._constants, usual).log_evidence)
+            found.append(weigh(products, fitting, self.constants, usual).log_evidence)
         return max(found)
 
     def products_of_many(
@@ -316,7 +180,7 @@ class CorrelatedChannels:
         """Of forms that change many channels, as the whitened channels show them."""
         apart = replace(bases.beside, known_noise=None)
         for candidate in forms:
-            fitting, means = candidate.fitting, self._bins.of_basis(candidate.basis)
+            fitting, means = candidate.fitting, self.bins.of_basis(candidate.basis)
             if len(means) > 1 and means.shape[2] == 1 and not (fitting.fixed or fitting.pooled):
                 every = dict.fromkeys(range(len(CHANNELS)), 0)
                 design = ChannelForms([candidate], self._root, self._whitening).design(every)
@@ -340,7 +204,7 @@ class CorrelatedChannels:
             size = np.sqrt((image**2).mean(axis=1)) / self._whitening.scale[:, None]
             size = np.sqrt((size**2).mean(axis=0, keepdims=True)) if fitting.pooled else size
             image = image / np.where(size > 1e-9, size, np.inf)[:, None, :]
-        return Design(self._whitening(image), self._bins.fold)
+        return Design(self._whitening(image), self.bins.fold)
 
     def signals(self, effect: Effect, observations: Observations, remaining: Remaining) -> list[Signals]:
         """The forms of an effect that `follows` signals, of each channel, by kinds of signals.
@@ -353,7 +217,7 @@ class CorrelatedChannels:
         expected = observations.measured - own
         seen = observations.measured if effect.follows == "measured" else expected
         remaining = replace(remaining, residual=own)
-        mean = seen[self._bins.order].mean(axis=0)
+        mean = seen[self.bins.order].mean(axis=0)
         about_mean = _of_each_channel(effect, observations.seen_as(seen, expected, mean), remaining)
         about_rest = _of_each_channel(effect, observations.seen_as(seen, expected, None), remaining)
         predicted = [one.again(observations) for one in about_mean if one.again is not None]
@@ -367,9 +231,10 @@ class CorrelatedChannels:
 
     def _usual_odds(self, label: str) -> Floats:
         known = self._known.structure.get(label)
-        return np.zeros(len(CHANNELS)) if known is None else len(self._bins) * np.array(known.log_evidence)
+        return np.zeros(len(CHANNELS)) if known is None else len(self.bins) * np.array(known.log_evidence)
 
-    def _price(self, label: str, choices: int) -> Price:
+    def price(self, label: str, choices: int) -> Price:
+        """What is taken from a change of a channel by an effect, one of so many choices."""
         known = self._known.structure.get(label)
         gain = np.zeros(len(CHANNELS)) if known is None else np.array(known.gain)
         return Price(np.log(max(choices, 1)) + self._usual_odds(label), gain)

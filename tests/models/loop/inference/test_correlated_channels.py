@@ -20,6 +20,7 @@ from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
+from taxel_models.loop.inference.few_channels_search import FewChannelsSearch
 from taxel_models.loop.inference.score import UNSHRUNK
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.inference.whitening import Bins
@@ -130,12 +131,8 @@ def test_weights_are_those_of_generalised_least_squares(
     channels = CorrelatedChannels(left, bins, white, replace(DECLARED, robust=1e9))
     rows = len(observations)
     remaining = Remaining(left, blocks.fit, np.ones(rows))
-    best = channels.best(
-        Gain(),
-        observations,
-        remaining,
-        least_t=DECLARED.least_t(channels.folds),
-        beside=channels.beside_named(left, []),
+    best = FewChannelsSearch(channels, observations, remaining, channels.beside_named(left, [])).best(
+        Gain()
     )
     assert best is not None
     assert best.form.channels == [CHANNELS.index("e4")]
@@ -191,25 +188,15 @@ def test_an_electrode_that_fades_where_the_others_err_otherwise_than_usual_follo
     bins = Bins.of(blocks, DECLARED.bin_s)
     channels = CorrelatedChannels(left, bins, reference.correlated, DECLARED)
     remaining = Remaining(left, blocks.fit, np.ones(len(observations)))
-    best = channels.best(
-        Gain(),
-        observations,
-        remaining,
-        least_t=DECLARED.least_t(channels.folds),
-        beside=channels.beside_named(left, []),
+    best = FewChannelsSearch(channels, observations, remaining, channels.beside_named(left, [])).best(
+        Gain()
     )
     assert best is not None
     assert best.form.channels == [column]
     foretold, _ = channels.signals(Gain(), observations, remaining)
     monkeypatch.setattr(channels, "signals", lambda *_: [foretold])
     assert (
-        channels.best(
-            Gain(),
-            observations,
-            remaining,
-            least_t=DECLARED.least_t(channels.folds),
-            beside=channels.beside_named(left, []),
-        )
+        FewChannelsSearch(channels, observations, remaining, channels.beside_named(left, [])).best(Gain())
         is None
     )
 
@@ -232,12 +219,8 @@ def test_electrodes_that_age_each_in_its_own_way_are_put_right(
     left = observations.residual
     channels = CorrelatedChannels(left, bins, reference.correlated, DECLARED)
     remaining = Remaining(left, blocks.fit, np.ones(len(observations)))
-    best = channels.best(
-        Gain(),
-        observations,
-        remaining,
-        least_t=DECLARED.least_t(channels.folds),
-        beside=channels.beside_named(left, []),
+    best = FewChannelsSearch(channels, observations, remaining, channels.beside_named(left, [])).best(
+        Gain()
     )
     assert best is not None
     assert best.form.channels == columns
