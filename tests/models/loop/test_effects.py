@@ -11,8 +11,9 @@ from scipy.spatial.transform import Rotation
 from taxel.channels import CHANNELS
 from taxel.corrections import Correction
 from taxel.windows import Relaxation, WindowSpec
+from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.crosstalk import Crosstalk
-from taxel_models.loop.effects.drift import _exponential
+from taxel_models.loop.effects.drift import _exponential, _of_pieces
 from taxel_models.loop.effects.effect import ABOUT_MEAN, Remaining
 from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.effects.registry import NAMES
@@ -235,6 +236,21 @@ def test_a_finger_that_warms_up_drifts_along_an_exponential(
     assert figure.unit == unit
     assert figure.value == pytest.approx(20.0, rel=0.25)
     np.testing.assert_allclose(served(smooth, case), case.result.after, atol=0.02)
+
+
+def test_straight_pieces_follow_the_course_that_all_channels_share(observations: Observations) -> None:
+    time_s, random = observations.time_s, np.random.default_rng(7)
+    edges = np.linspace(0.0, time_s.max(), 7)
+    course = np.interp(time_s, edges, [0.0, 1.0, -1.0, 0.5, 0.5, 2.0, -1.0])
+    sizes = random.normal(size=21)
+    # Another course of fewer channels is not the one.
+    other = np.interp(time_s, edges, random.normal(size=7))[:, None] * (np.arange(21) < 2)
+    counts = course[:, None] * sizes + 0.3 * other + random.normal(size=(len(time_s), 21))
+    fit = cut(observations, seed=0).fit
+    form = _of_pieces(observations, Remaining(counts + 40.0, fit, np.ones(len(time_s))))
+    assert form.basis.size == 1
+    found = form.basis.times(np.ones((21, 1)))[:, 0]
+    assert abs(np.corrcoef(found[fit], course[fit])[0, 1]) > 0.99
 
 
 @pytest.mark.parametrize("tau", [1.0, 4.0, 40.0])

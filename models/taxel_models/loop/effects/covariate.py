@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from typing_extensions import override
 
 from taxel.windows import ExtraFeature
@@ -15,6 +16,9 @@ from taxel_models.recordings.kinds import are_kinds
 
 MOST_PAIRED: Final = 16
 """The most kinds that may have a constant and a gain: with more, there are more weights than blocks."""
+
+BOTH: Final = "constant and gain by kind"
+"""The form that has both."""
 
 FEWEST_CONTACTS_OF_A_KIND: Final = 2
 """A kind that has one contact cannot be told from an offset of this contact."""
@@ -35,7 +39,7 @@ def _both(offsets: Candidate, gains: Candidate) -> Candidate:
 
     return Candidate(
         offsets.effect,
-        "constant and gain by kind",
+        BOTH,
         Joined(offsets.basis, gains.basis),
         weight_names=(
             *(f"constant, {name}" for name in offsets.weight_names),
@@ -83,36 +87,51 @@ class Covariate(Effect):
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
-        name = self.label
-        values = observations.covariates[self.column]
         # Of a kind that nothing can be fitted to, nothing is known.
-        kinds = np.unique(values[remaining.fit])
+        kinds = np.unique(observations.covariates[self.column][remaining.fit])
         if len(kinds) < 2:
             return
         if are_kinds(kinds):
-            drivers = [self._is(values, kind) for kind in kinds]
-            # About the mean of the fit part, constants sum to 0 there: no kind stands for what all share.
-            constants = weighted(
-                observations, name, "by kind", "unit", drivers, rows=remaining.fit, weight_unit="counts"
-            )
-            yield constants
-            # About their mean, a kind that other folds lack would stand for a gain that all share.
-            gains = weighted(
-                observations,
-                name,
-                "gain by kind",
-                "signal",
-                drivers,
-                centred=False,
-                weight_unit="relative",
-                contains=Gain.name,
-            )
-            yield gains
-            if len(kinds) <= MOST_PAIRED:
-                yield _both(constants, gains)
+            yield self._constants(observations, kinds, remaining.fit)
+            yield self._gains(observations, kinds)
         else:
             driver = given(observations, self.column, "")
-            yield weighted(observations, name, "line", "unit", [driver], weight_unit="counts per unit")
+            yield weighted(
+                observations, self.label, "line", "unit", [driver], weight_unit="counts per unit"
+            )
+
+    @override
+    def finer(
+        self, observations: Observations, best: Candidate, fit: NDArray[np.bool_]
+    ) -> Iterable[Candidate]:
+        # Each may be the whole cause, and only one of them what another cause is like. Once it is named,
+        # kinds may have both.
+        kinds = np.unique(observations.covariates[self.column][fit])
+        if are_kinds(kinds) and len(kinds) <= MOST_PAIRED and best.form_itself != BOTH:
+            constants = self._constants(observations, kinds, fit)
+            yield _both(constants, self._gains(observations, kinds))
+
+    def _constants(self, observations: Observations, kinds: Floats, fit: NDArray[np.bool_]) -> Candidate:
+        """About the mean of the fit part, they sum to 0 there: no kind stands for what all share."""
+        drivers, name = self._are(observations, kinds), self.label
+        return weighted(observations, name, "by kind", "unit", drivers, rows=fit, weight_unit="counts")
+
+    def _gains(self, observations: Observations, kinds: Floats) -> Candidate:
+        """About their mean, a kind that other folds lack would stand for a gain that all share."""
+        return weighted(
+            observations,
+            self.label,
+            "gain by kind",
+            "signal",
+            self._are(observations, kinds),
+            centred=False,
+            weight_unit="relative",
+            contains=Gain.name,
+        )
+
+    def _are(self, observations: Observations, kinds: Floats) -> list[Driver]:
+        values = observations.covariates[self.column]
+        return [self._is(values, kind) for kind in kinds]
 
     def _is(self, values: np.ndarray[tuple[int], np.dtype[np.float64]], kind: float) -> Driver:
         extra = kind_extra(self.column, values, kind)

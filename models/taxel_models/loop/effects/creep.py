@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from typing_extensions import override
 
 from taxel.windows import Relaxation, RelaxationShare
@@ -92,7 +93,9 @@ class Creep(Effect):
             yield self._of_signal(observations, tau)
 
     @override
-    def finer(self, observations: Observations, best: Candidate) -> Iterable[Candidate]:
+    def finer(
+        self, observations: Observations, best: Candidate, fit: NDArray[np.bool_]
+    ) -> Iterable[Candidate]:
         tau = best.form_parameters["time_constant"][0]
         taus = (tau * FINER[tau * FINER <= _longest_s(observations)]).tolist()
         if best.form.startswith(_OF_SIGNAL):

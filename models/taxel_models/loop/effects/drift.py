@@ -1,18 +1,27 @@
 """Drift: a slow function of the time since the session began."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from typing_extensions import override
 
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.course import along, has_long_pauses, recorded
-from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, elapsed, evenly_filled, weighted
+from taxel_models.loop.effects.effect import (
+    Candidate,
+    Effect,
+    Fitting,
+    Remaining,
+    elapsed,
+    evenly_filled,
+    weighted,
+)
 from taxel_models.loop.observations import Observations
 
 PIECES: Final = 6
-"""The straight pieces of a drift that is not a line: enough for one rise or one swing over a session."""
+"""The straight pieces of a course that is no other function: enough for one swing over a session."""
 
 STEPS: Final = np.arange(1, 32) / 32
 """Shares of the rows before a step. Where a segment begins nearby, the step is there."""
@@ -36,7 +45,10 @@ SETTLED: Final = 6.0
 
 
 class Drift(Effect):
-    """measured = model + d(t); d is a line, an exponential, a step or straight pieces.
+    """measured = model + w_c d(t); d is a line, an exponential, a step or straight pieces.
+
+    All channels follow one course, each with its own size: what drifts is the finger. A course of its own
+    in each channel would be as free as constants of kinds that were recorded one after the other.
 
     A line and an exponential are also tried in the time that was recorded: with long pauses, such as
     nights, a finger that changes while it is used does not follow the clock. d is constant after the end
@@ -44,8 +56,9 @@ class Drift(Effect):
     """
 
     name = "drift"
+    looks_at_residual = True
     is_steady = True
-    equation = "delta_c = sum_k w_ck clip(t, t_k, t_k+1)"
+    equation = "delta_c = w_c d(t), with one course d of all channels"
     source = "warm-up of an idle finger: one exponential of 220 to 270 s (LASA recordings)"
     signature = "the residual moves with the clock, in free air as in contact, and follows no temperature"
 
@@ -55,9 +68,9 @@ class Drift(Effect):
         span = float(time.max())
         if span < SHORTEST_S:
             return
-        for form, pieces in (("line", 1), (f"{PIECES} pieces", PIECES)):
-            drivers = elapsed(observations, evenly_filled(observations, pieces))
-            yield weighted(observations, self.name, form, "unit", drivers, weight_unit="counts/s")
+        drivers = elapsed(observations, evenly_filled(observations, 1))
+        yield weighted(observations, self.name, "line", "unit", drivers, weight_unit="counts/s")
+        yield _of_pieces(observations, remaining)
         for share in WARMING:
             yield _exponential(share * span, "s", observations)
         times = np.unique(time)
@@ -70,7 +83,9 @@ class Drift(Effect):
                 yield _exponential(share * float(recorded_s[-1]), "s recorded", observations)
 
     @override
-    def finer(self, observations: Observations, best: Candidate) -> Iterable[Candidate]:
+    def finer(
+        self, observations: Observations, best: Candidate, fit: NDArray[np.bool_]
+    ) -> Iterable[Candidate]:
         if "time_constant" in best.form_parameters:
             tau, unit = best.form_parameters["time_constant"]
             for factor in FINER:
@@ -81,6 +96,27 @@ class Drift(Effect):
             for finer in (share + FINER_STEPS).tolist():
                 if 0 < finer < 1:
                     yield _step(finer, times, observations)
+
+
+def _of_pieces(observations: Observations, remaining: Remaining) -> Candidate:
+    """Straight pieces of the course that explains most of what all channels do.
+
+    It is the first principal component of the pieces that are fitted to each channel by least squares.
+    """
+    edges = evenly_filled(observations, PIECES)
+    pieces = np.column_stack([driver.values for driver in elapsed(observations, edges)])
+    row_weights = remaining.row_weights * remaining.fit
+    left = remaining.residual - np.average(remaining.residual, axis=0, weights=row_weights)
+    left = left / np.maximum(np.sqrt(np.average(left**2, axis=0, weights=row_weights)), 1e-9)
+    roots = np.sqrt(row_weights)[:, None]
+    regressors = roots * (pieces - np.average(pieces, axis=0, weights=row_weights))
+    slopes, *_ = np.linalg.lstsq(regressors, roots * left)
+    fitted = regressors @ slopes
+    _, vectors = np.linalg.eigh(fitted.T @ fitted)
+    course = np.concatenate([[0.0], np.cumsum(slopes @ vectors[:, -1] * np.diff(edges))])
+    course /= max(float(np.abs(course).max()), 1e-12)
+    fitting = Fitting(beforehand=len(edges) - 2)
+    return _along(observations, f"{PIECES} pieces", edges, course, fitting=fitting)
 
 
 def _exponential(tau: float, unit: str, observations: Observations) -> Candidate:
@@ -96,7 +132,7 @@ def _exponential(tau: float, unit: str, observations: Observations) -> Candidate
         edges, elapsed_s = recorded(observations)
     course = -np.expm1(-elapsed_s / tau)
     form = f"an exponential of {tau:.3g} {unit}"
-    return _along(observations, form, edges, course, time_constant=(tau, unit))
+    return _along(observations, form, edges, course, {"time_constant": (tau, unit)})
 
 
 def _steps(times: Floats, observations: Observations) -> Floats:
@@ -115,11 +151,16 @@ def _step(share: float, times: Floats, observations: Observations) -> Candidate:
     place = min(max(round(share * len(times)), 1), len(times) - 1)
     edges = np.array([times[place - 1], times[place]])
     form = f"a step at {edges[1]:.1f} s"
-    return _along(observations, form, edges, np.array([0.0, 1.0]), **{"rows before": (share, "share")})
+    return _along(observations, form, edges, np.array([0.0, 1.0]), {"rows before": (share, "share")})
 
 
 def _along(
-    observations: Observations, form: str, edges: Floats, course: Floats, **parameters: tuple[float, str]
+    observations: Observations,
+    form: str,
+    edges: Floats,
+    course: Floats,
+    parameters: Mapping[str, tuple[float, str]] | None = None,
+    fitting: Fitting | None = None,
 ) -> Candidate:
     return along(
         observations,
@@ -130,5 +171,6 @@ def _along(
         course,
         weight_names=("size",),
         weight_unit="counts",
-        form_parameters=parameters,
+        fitting=fitting or Fitting(),
+        form_parameters=parameters or {},
     )

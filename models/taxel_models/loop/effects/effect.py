@@ -28,7 +28,7 @@ class Fitting:
         allowed: (21,), which channels may change; None for all.
         prior: (k,) each regressor's prior size over the usual one, for many collinear regressors.
         choices: how many regressors each channel's one was chosen from, or how many motions.
-        motion: how many parameters of the inputs were fitted beforehand.
+        beforehand: how many parameters of the form, such as a motion's, were fitted beforehand.
         few_channels: whether it changes few channels, and is weighed beside all others.
     """
 
@@ -38,7 +38,7 @@ class Fitting:
     allowed: NDArray[np.bool_] | None = None
     prior: Floats | None = None
     choices: int = 1
-    motion: int = 0
+    beforehand: int = 0
     few_channels: bool = False
 
 
@@ -208,9 +208,15 @@ class Effect(ABC):
         del observations
         return None
 
-    def finer(self, observations: Observations, best: Candidate) -> Iterable[Candidate]:
-        """Forms around the best one, if forms are points of a grid."""
-        del observations, best
+    def finer(
+        self, observations: Observations, best: Candidate, fit: NDArray[np.bool_]
+    ) -> Iterable[Candidate]:
+        """Forms around the best one, if forms are points of a grid, and what it may have beside it.
+
+        Args:
+            fit: (n,) the rows of the fit part.
+        """
+        del observations, best, fit
         return ()
 
     def by_rows(

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from typing_extensions import override
 
 from taxel.windows import Direction, Friction, HistoryFeature, Play
@@ -49,7 +50,9 @@ class Hysteresis(Effect):
         )
 
     @override
-    def finer(self, observations: Observations, best: Candidate) -> Iterable[Candidate]:
+    def finer(
+        self, observations: Observations, best: Candidate, fit: NDArray[np.bool_]
+    ) -> Iterable[Candidate]:
         for name, forms in (("play", self._plays), ("friction", self._frictions)):
             if best.form.startswith(name):
                 width, _ = best.form_parameters["width"]

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from typing_extensions import override
 
 from taxel.windows import BoundedRate, Relaxation, Speed, history
@@ -52,7 +53,9 @@ class Rate(Effect):
             yield self._smoothed(observations, smoothed_s)
 
     @override
-    def finer(self, observations: Observations, best: Candidate) -> Iterable[Candidate]:
+    def finer(
+        self, observations: Observations, best: Candidate, fit: NDArray[np.bool_]
+    ) -> Iterable[Candidate]:
         if "half" in best.form_parameters:
             for factor in FINER:
                 yield self._bounded(observations, best.form_parameters["half"][0] * factor)

@@ -29,8 +29,8 @@ class Constants:
         clear_share: an effect that removes less over all channels must be surer: `chance` falls in
             proportion. A constant, and a change of few channels beside named effects, must remove so
             much in one channel: a channel's mean scatters from finger to finger.
-        alike: an effect that explains this share of what another does is not told apart from it; if it is
-            the simpler one of the two, it is named first.
+        alike: an effect that explains this share of what another does is not told apart from it, if its
+            evidence is this share of the other's, too; if it is the simpler one, it is named first.
         simpler: a simpler effect has at most this share of the other's parameters.
         foretold: share of the evidence for a change of a few channels that the model's prediction alone
             must give.

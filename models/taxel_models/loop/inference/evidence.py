@@ -217,11 +217,12 @@ def weigh(
     energy = np.maximum(energy, 0.0) + base.bins * base.quantum
     half, channels = 0.5 * base.bins, len(energy)
     allowed = np.ones(channels, bool) if fitting.allowed is None else fitting.allowed
+    # The price of a parameter by the Bayesian information criterion (Schwarz 1978).
+    price = 0.5 * fitting.beforehand * np.log(base.bins)
     if fitting.fixed:
         left = energy - 2 * cross.sum(axis=1) + gram.sum(axis=(1, 2))
         by_channel = -half * np.log(np.maximum(left, 1e-9 * energy) / energy) * allowed
-        price = 0.5 * fitting.motion * np.log(base.bins) + np.log(fitting.choices)
-        total = float((by_channel - usual)[allowed].sum() - price)
+        total = float((by_channel - usual)[allowed].sum() - price - np.log(fitting.choices))
         return Weighed(total, 1.0, allowed.astype(float), by_channel)
     if fitting.pooled:
         return _pooled(base, gram, cross, energy, allowed, constants, usual, positive=fitting.positive)
@@ -241,7 +242,7 @@ def weigh(
     table = mixed[..., allowed].sum(axis=2)
     row, column = divmod(int(table.argmax()), table.shape[1])
     included = share[column] * np.exp(own[row, 0] - mixed[row, column]) * allowed
-    return Weighed(mean_odds(table), constants.strengths[row], included, factors[row] * allowed)
+    return Weighed(mean_odds(table) - price, constants.strengths[row], included, factors[row] * allowed)
 
 
 class Bases(NamedTuple):

@@ -39,8 +39,9 @@ class WhitenedForm:
         """How many figures it can fit; a cause is not simpler because it shows in fewer channels."""
         fitting = self.candidate.fitting
         if fitting.fixed:
-            return max(1, fitting.motion)
-        return self.size if fitting.pooled else self.size * len(CHANNELS)
+            return max(1, fitting.beforehand)
+        weights = self.size if fitting.pooled else self.size * len(CHANNELS)
+        return weights + fitting.beforehand
 
     def weights(self, scaled: Floats) -> Floats:
         """(21, k) weights of the candidate's own regressors."""

@@ -276,21 +276,23 @@ class Scoring:
         return bool(deviation > alike * max(float(np.linalg.norm(mean)), 1e-12))
 
     def refined(self, score: Score, taken: Sequence[Taken]) -> Score:
-        """The likeliest of the forms around an effect's likeliest one, if its forms are a grid.
+        """The likeliest of the forms around an effect's likeliest one, or with what it may have beside it.
 
         Where single rows tell more than their means, they have the last word.
         """
-        bases = self.bases(taken)
+        bases, fit = self.bases(taken), self._blocks.fit
         for _ in range(REFITS):
             finer = [
                 form
-                for candidate in score.effect.finer(self.observations, score.form.candidate)
+                for candidate in score.effect.finer(self.observations, score.form.candidate, fit)
                 for form in prepared(candidate, self.whitening)
             ]
             if not finer:
                 break
             forms = [score.form, *finer]
-            found = self._weighing.likeliest(score.effect, forms, bases, beside_others=bool(taken))
+            found = self._weighing.likeliest(
+                score.effect, forms, bases, beside_others=bool(taken), named=True
+            )
             found = replace(found, log_evidence=score.log_evidence)
             if found.form is score.form:
                 break

@@ -308,7 +308,10 @@ class JointSelection:
         return chosen.log_evidence > own.log_evidence or (is_simpler and self.proves_itself(own, own))
 
     def _alike(self, own: Score, scores: Sequence[Score]) -> tuple[str, ...]:
-        """Effects that explain nearly as much on held-out folds."""
+        """Effects that explain nearly as much on held-out folds, and are nearly as likely.
+
+        Where the noise is small, any slow cause explains most of another one, and is far less likely.
+        """
         names = {each.name for each in self._taken}
         return tuple(
             other.name
@@ -316,6 +319,7 @@ class JointSelection:
             if other.name not in names
             and other.effect.is_predictable
             and other.most_gain >= self._constants.alike * own.total_gain > 0
+            and other.log_evidence >= self._constants.alike * own.log_evidence
         )
 
     def _finished(self, taken: Taken, either: tuple[str, ...], share: Floats) -> Named:

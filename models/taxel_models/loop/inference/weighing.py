@@ -57,7 +57,13 @@ class Weighing:
         self._error_about_mean = errors.shape[1] * errors.var(axis=1)
 
     def likeliest(
-        self, effect: Effect, forms: Sequence[WhitenedForm], bases: Bases, *, beside_others: bool
+        self,
+        effect: Effect,
+        forms: Sequence[WhitenedForm],
+        bases: Bases,
+        *,
+        beside_others: bool,
+        named: bool = False,
     ) -> Score:
         """The score of an effect by the likeliest of its forms, or a simpler one that carries most of it.
 
@@ -66,6 +72,7 @@ class Weighing:
             forms: at least one.
             bases: what they are weighed beside.
             beside_others: something is named already.
+            named: the effect is. Its simpler form has not to compete any more.
         """
         weighed, total = self._weighed(effect, forms, bases)
 
@@ -96,7 +103,7 @@ class Weighing:
                 proven = tuple(stands(one, beside_others, self._constants) for one in (best, simple))
                 if proven == (False, True):
                     best = simple
-                elif proven != (True, False):
+                elif proven != (True, False) and not named:
                     best = simplest(best, [simple], self._constants)
         sizes = tuple((option.form.freedom, option.log_evidence) for option in weighed)
         return replace(best, log_evidence=total, most_gain=most_gain, forms=sizes)

@@ -121,7 +121,7 @@ def test_a_fixed_form_pays_for_what_moved_the_inputs(draw: Draw) -> None:
     target = base.target.values[:, :, 0]
     after = ((target - values.sum(axis=2)) ** 2).sum(axis=1)
     expected = -0.5 * base.bins * np.log(after / (target**2).sum(axis=1))
-    found = weigh(products, Fitting(fixed=True, motion=3), DECLARED)
+    found = weigh(products, Fitting(fixed=True, beforehand=3), DECLARED)
     np.testing.assert_allclose(found.by_channel, expected)
     assert found.log_evidence == pytest.approx(expected.sum() - 1.5 * np.log(base.bins))
 

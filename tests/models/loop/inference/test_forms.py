@@ -59,7 +59,7 @@ def test_figures_are_counted_by_channel_unless_all_share_them(
 ) -> None:
     alike, own = (next(prepared(one, whitening)) for one in forms_of(observations, "gain")[:2])
     assert (alike.freedom, own.freedom) == (1, 21)
-    fixed = replace(alike.candidate, fitting=Fitting(fixed=True, motion=3))
+    fixed = replace(alike.candidate, fitting=Fitting(fixed=True, beforehand=3))
     assert next(prepared(fixed, whitening)).freedom == 3
 
 

@@ -203,6 +203,36 @@ def test_kinds_are_told_from_time(smooth: Any, make: Make) -> None:
     assert only(attributed(smooth, injection.recording)).name == "covariate:material"
 
 
+def one_kind_after_another(injection: Injection) -> np.ndarray:
+    """(n,) seven kinds, each recorded at a time of its own."""
+    rows = len(injection.recording)
+    kinds = np.minimum(np.arange(rows) * 7 // rows, 6)
+    injection.recording = replace(injection.recording, covariates={"material": kinds.astype(float)})
+    return kinds
+
+
+def test_kinds_that_follow_each_other_are_told_from_a_drift(smooth: Any, make: Make) -> None:
+    """A drift has one course in all channels; constants of kinds are as many as there are kinds."""
+    injection = into(make, 9_000)
+    kinds = one_kind_after_another(injection)
+    counts = np.random.default_rng(1).uniform(-1.0, 1.0, (7, 21)) * 20.0
+    add(injection, counts[kinds] - counts[kinds].mean(axis=0))
+    found = names(attributed(smooth, injection.recording, exclude=("temperature",)))
+    assert found == ["covariate:material"]
+
+
+def test_gains_of_kinds_do_not_hide_a_drift(smooth: Any, make: Make) -> None:
+    """Constants and gains of kinds together explain more than a drift; constants alone explain as much."""
+    injection = into(make, 9_000)
+    kinds = one_kind_after_another(injection)
+    rest = smooth.counts(np.zeros((1, 3)), np.zeros((1, 3)))
+    gains = np.array([-0.2, 0.15, -0.1, 0.2, -0.2, 0.1, 0.05])[kinds, None]
+    clock = np.linspace(-1.0, 1.0, len(kinds))[:, None] * np.resize([25.0, -30.0, 15.0], 21)
+    add(injection, gains * (injection.recording.channels - rest) + clock)
+    found = names(attributed(smooth, injection.recording, exclude=("temperature",)))
+    assert found == ["drift", "covariate:material"]
+
+
 def test_positions_of_a_robot_are_no_places_on_a_skin(smooth: Any, make: Make) -> None:
     recording = make(ROWS)
     # The model takes none of the positions' shift, so that the predictions stay.
@@ -406,17 +436,14 @@ def test_the_evaluation_part_is_not_used(smooth: Any, make: Make) -> None:
 
 def test_creep_is_not_refined_beyond_what_the_contacts_show(observations: Observations) -> None:
     (effect,) = [one for one in candidates(observations) if one.label == "creep"]
-    whitening = Whitening(
-        Bins.of(cut(observations, seed=0), DECLARED.bin_s),
-        NoiseShape.usual(),
-        observations.residual,
-        DECLARED,
-    )
+    blocks = cut(observations, seed=0)
+    bins = Bins.of(blocks, DECLARED.bin_s)
+    whitening = Whitening(bins, NoiseShape.usual(), observations.residual, DECLARED)
     remaining: Any = None
     forms = list(effect.forms(observations, remaining))
     longest = max(one.form_parameters["time_constant"][0] for one in forms)
     for form in prepared(forms[-1], whitening):
-        finer = list(effect.finer(observations, form.candidate))
+        finer = list(effect.finer(observations, form.candidate, blocks.fit))
         assert max(one.form_parameters["time_constant"][0] for one in finer) <= longest
 
 
