@@ -150,12 +150,15 @@ class Remaining:
         fit: (n,) the rows of the fit part. A form may be chosen only by these.
         row_weights: (n,) how much each row counts.
         waves: with as much energy as is usual of the model.
+        beside: the regressors of the named effects that have weights of each channel. Whatever is found of
+            the residual is inferred together with these weights.
     """
 
     residual: Floats
     fit: NDArray[np.bool_]
     row_weights: Floats
     waves: Sequence[OwnWave] = ()
+    beside: Sequence[Basis] = ()
 
 
 class Effect(ABC):

@@ -12,7 +12,7 @@ from typing_extensions import override
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
-from taxel_models.loop.effects.rigid_motion import after, fit_motion, turn_of
+from taxel_models.loop.effects.rigid_motion import Misfit, after, fit_motion, rows_of, turn_of
 from taxel_models.loop.observations import Observations
 from taxel_models.model import predict_all
 
@@ -81,7 +81,7 @@ class FrameEffect(Effect):
         kind, vector = found
         turned = turn_of(kind, vector).turn(observations.windows, observations.manifest.spec)
         change = predict_all(observations.model.predict, turned) - observations.predicted
-        begins, takes = _course_of(time_s, change, remaining)
+        begins, takes = _course_of(observations, kind, change, remaining)
         change *= _course(time_s, begins, takes)[:, None]
         parameters = _form_parameters(kind, vector) | {"begins": (begins, "s"), "takes": (takes, "s")}
         yield self._reported(change, NAMES[kind], parameters)
@@ -106,19 +106,19 @@ def _course(time_s: Floats, begins: float, takes: float) -> Floats:
     return np.clip((time_s - begins) / max(takes, TICK_S), 0.0, 1.0)
 
 
-def _course_of(time_s: Floats, change: Floats, remaining: Remaining) -> tuple[float, float]:
+def _course_of(
+    observations: Observations, kind: str, change: Floats, remaining: Remaining
+) -> tuple[float, float]:
     """When a whole change (n, 21) begins and how long it takes, s, by least squares."""
-    fit, end = remaining.fit, float(time_s.max())
-    target = remaining.residual[fit]
-    counted = remaining.row_weights[fit, None] / np.maximum((target**2).mean(axis=0), 1e-9)
-    cross = (counted * target * change[fit]).sum(axis=1)
-    own = (counted * change[fit] ** 2).sum(axis=1)
+    rows = rows_of(remaining.fit)
+    time_s, end = observations.time_s, float(observations.time_s.max())
+    misfit = Misfit(observations, remaining, kind, rows)
 
-    def explained(times: tuple[float, float]) -> float:
-        course = _course(time_s[fit], *times)
-        return float(2 * course @ cross - course**2 @ own)
+    def left(times: tuple[float, float]) -> float:
+        course = _course(time_s[rows], *times)[:, None]
+        return float(misfit.of(misfit.weighted(course * change[rows])[None])[0])
 
-    return max(product(end * BEGINS, end * TAKES), key=explained)
+    return min(product(end * BEGINS, end * TAKES), key=left)
 
 
 def _form_parameters(kind: str, vector: Floats) -> dict[str, tuple[float, str]]:

@@ -1,5 +1,6 @@
 """The rigid motion of a model's inputs that explains most of a residual."""
 
+from collections.abc import Sequence
 from itertools import product
 from typing import Final
 
@@ -9,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from taxel.corrections import Frame
 from taxel.schema import Matrix, Vector
-from taxel_models.loop.basis import Floats
+from taxel_models.loop.basis import Basis, Floats
 from taxel_models.loop.effects.effect import Remaining
 from taxel_models.loop.observations import Observations
 from taxel_models.model import predict_all
@@ -48,14 +49,13 @@ def fit_motion(observations: Observations, remaining: Remaining) -> tuple[str, F
     Returns:
         What moves, see `turn_of`, and the rotation vector (3,), rad, or shift (3,), m.
     """
-    fit = np.flatnonzero(remaining.fit)
-    rows = fit[np.linspace(0, len(fit) - 1, min(len(fit), FIT_ROWS)).astype(np.int64)]
+    rows = rows_of(remaining.fit)
     rough: list[tuple[float, str, Floats]] = []
     for kind in KINDS:
-        few = _Misfit(observations, remaining, kind, rows[::FEW])
+        few = Misfit(observations, remaining, kind, rows[::FEW])
         starts = np.zeros((1, 3))
         if kind != "shift":
-            scan = _Misfit(observations, remaining, kind, rows[:: FEW * SCANNED])
+            scan = Misfit(observations, remaining, kind, rows[:: FEW * SCANNED])
             starts = TURNS[np.argsort(scan.of(scan.changes(TURNS)))[:BEST_STARTS]]
         near = [_gauss_newton(few, start, _step(kind), ROUGH_STEPS) for start in starts]
         vector, least = min(near, key=lambda found: found[1])
@@ -66,7 +66,7 @@ def fit_motion(observations: Observations, remaining: Remaining) -> tuple[str, F
     found = []
     for share, kind, vector in rough:
         if share >= AS_GOOD * most:
-            every = _Misfit(observations, remaining, kind, rows)
+            every = Misfit(observations, remaining, kind, rows)
             vector, least = _gauss_newton(every, vector, _step(kind), STEPS)
             found.append((least, kind, vector))
     _, kind, vector = min(found, key=lambda one: one[0])
@@ -89,8 +89,16 @@ TURNS: Final = _great_turns()
 """The starts of fits: if the model is not smooth, small steps do not lead far."""
 
 
-class _Misfit:
-    """How much of a residual a motion leaves at some rows. Rows and channels are weighted."""
+class Misfit:
+    """How much of a residual a motion leaves at some rows. Rows and channels are weighted.
+
+    The weights of named effects are fitted together with the motion (variable projection, Golub and Pereyra
+    1973): what their regressors explain counts neither in the residual nor in a change.
+
+    Attributes:
+        target: (n, 21) the residual.
+        energy: its sum of squares.
+    """
 
     def __init__(
         self, observations: Observations, remaining: Remaining, kind: str, rows: NDArray[np.int64]
@@ -101,8 +109,8 @@ class _Misfit:
         self._counted = np.sqrt(
             remaining.row_weights[rows, None] / np.maximum((target**2).mean(axis=0), 1e-9)
         )
-        self.target = target * self._counted
-
+        self._directions = _directions(remaining.beside, rows, self._counted)
+        self.target = self._without(target * self._counted)
         self.energy = float((self.target**2).sum())
 
     def changes(self, vectors: Floats) -> Floats:
@@ -112,15 +120,38 @@ class _Misfit:
             [turn_of(self._kind, vector).turn(self._windows, spec) for vector in vectors]
         )
         answers = predict_all(self._observations.model.predict, turned)
-        changed = answers.reshape(len(vectors), *self._still.shape) - self._still
-        return np.asarray(changed * self._counted)
+        return self.weighted(answers.reshape(len(vectors), *self._still.shape) - self._still)
+
+    def weighted(self, changes: Floats) -> Floats:
+        """Changes (..., n, 21), counts, weighted as the target is, less what named effects explain."""
+        return self._without(np.asarray(changes * self._counted))
+
+    def _without(self, values: Floats) -> Floats:
+        inside = np.einsum("cnk,...nc->...ck", self._directions, values)
+        return np.asarray(values - np.einsum("cnk,...ck->...nc", self._directions, inside))
 
     def of(self, changes: Floats) -> Floats:
         """(k,) the sum of squares that each change leaves."""
         return np.asarray(((self.target - changes) ** 2).sum(axis=(1, 2)))
 
 
-def _gauss_newton(misfit: _Misfit, vector: Floats, step: float, steps: int) -> tuple[Floats, float]:
+def _directions(beside: Sequence[Basis], rows: NDArray[np.int64], counted: Floats) -> Floats:
+    """(21, n, k) orthogonal directions of length 1 that regressors have at some rows, weighted (n, 21)."""
+    channels = counted.shape[1]
+    values = [np.broadcast_to(basis.at(rows), (channels, len(rows), basis.size)) for basis in beside]
+    if not values:
+        return np.zeros((channels, len(rows), 0))
+    directions, _ = np.linalg.qr(np.concatenate(values, axis=2) * counted.T[:, :, None])
+    return np.asarray(directions)
+
+
+def rows_of(fit: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """(m,) the rows of the fit part (n,) that a motion is fitted to."""
+    rows = np.flatnonzero(fit)
+    return rows[np.linspace(0, len(rows) - 1, min(len(rows), FIT_ROWS)).astype(np.int64)]
+
+
+def _gauss_newton(misfit: Misfit, vector: Floats, step: float, steps: int) -> tuple[Floats, float]:
     """The best motion (3,) downhill from a start, by finite differences over a step, and its misfit."""
     change = misfit.changes(vector[None])[0]
     least = float(misfit.of(change[None])[0])

@@ -171,13 +171,14 @@ class Scoring:
         means = self.bins.means(shown.T[:, :, None]) * self.whitening.scale[:, None, None]
         return Design(self.whitening(means), self.bins.fold)
 
-    def _remaining(self, left: Floats) -> Remaining:
+    def _remaining(self, left: Floats, taken: Sequence[Taken]) -> Remaining:
         waves = () if self._reference is None else self._reference.waves
-        return Remaining(left, self._blocks.fit, self._mean_row_weights, waves)
+        beside = [each.form.candidate.basis for each in taken if each.is_regressor]
+        return Remaining(left, self._blocks.fit, self._mean_row_weights, waves, beside)
 
-    def _forms_of(self, effect: Effect, left: Floats) -> list[WhitenedForm]:
+    def _forms_of(self, effect: Effect, left: Floats, taken: Sequence[Taken]) -> list[WhitenedForm]:
         if effect.looks_at_residual or effect.label not in self._forms:
-            remaining = self._remaining(left)
+            remaining = self._remaining(left, taken)
             self._forms[effect.label] = [
                 form
                 for candidate in effect.forms(self.observations, remaining)
@@ -191,7 +192,7 @@ class Scoring:
 
     def forms_of(self, effect: Effect) -> list[WhitenedForm]:
         """The forms of an effect while nothing is named."""
-        return self._forms_of(effect, self.residual([]))
+        return self._forms_of(effect, self.residual([]), [])
 
     def scores(self, taken: Sequence[Taken]) -> list[Score]:
         """Every other effect beside some named ones, the likeliest first."""
@@ -205,7 +206,7 @@ class Scoring:
             if effect.label in names or self._hopeless.get(effect.label, -1) >= beside:
                 continue
             self._progress(effect.label)
-            forms = self._forms_of(effect, left)
+            forms = self._forms_of(effect, left, taken)
             if forms:
                 score = self._weighing.likeliest(effect, forms, bases, beside_others=bool(taken))
                 found.append(score)
@@ -216,9 +217,9 @@ class Scoring:
             together = AllChannels(
                 self._correlated,
                 [effect for effect in self._effects if effect.label not in names],
-                lambda effect: [form.candidate for form in self._forms_of(effect, left)],
+                lambda effect: [form.candidate for form in self._forms_of(effect, left, taken)],
                 self.observations,
-                self._remaining(left),
+                self._remaining(left, taken),
                 beside=self._beside(self._correlated, taken),
                 rivals=self._rivals(found, taken),
                 beside_others=bool(taken),
