@@ -74,8 +74,7 @@ def _new_extras(base: Manifest, extras: Sequence[ExtraFeature]) -> tuple[ExtraFe
     for extra in extras:
         if extra.name in known and known[extra.name].history != extra.history:
             raise ArtifactError(
-                f"extra {extra.name!r} is another feature in {base.name}/{base.version}: "
-                "expected another name"
+                f"extra {extra.name!r} is another feature in {base.label}: expected another name"
             )
     return tuple(extra for extra in extras if extra.name not in known)
 
@@ -101,7 +100,7 @@ def _corrected(
         return base.with_window(layout, **changes)
     except (InvalidArgument, ValidationError) as error:
         reason = artifacts.describe(error) if isinstance(error, ValidationError) else str(error)
-        raise ArtifactError(f"{base.name}/{base.version} cannot be corrected so: {reason}") from None
+        raise ArtifactError(f"{base.label} cannot be corrected so: {reason}") from None
 
 
 def _check_parity(

@@ -169,4 +169,4 @@ def _exported(result: "LoopResult", repository: Path) -> "LoopResult":
         windows=result.served_windows(_CHECKED_WINDOWS),
         description=f"{manifest.description} Corrected for: {names}.",
     )
-    return result.exported(f"{written.name}/{written.version}")
+    return result.exported(written.label)

@@ -45,7 +45,7 @@ class LoadedModel:
     @property
     def label(self) -> str:
         """Name and version, for messages."""
-        return f"{self.manifest.name}/{self.manifest.version}"
+        return self.manifest.label
 
     @cached_property
     def features(self) -> int:

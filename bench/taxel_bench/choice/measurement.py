@@ -95,7 +95,7 @@ def compare_models(
         timed = interleaved(calls, repetitions=repetitions, seed=seed)
         return [
             ComparedModel(
-                model=f"{each.manifest.name}/{each.manifest.version}",
+                model=each.manifest.label,
                 combination=each.window.combination,
                 delay_ms=each.window.delay_s * 1e3,
                 warm_up_ms=each.window.warm_up_s * 1e3,

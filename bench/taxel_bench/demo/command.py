@@ -64,7 +64,7 @@ def demo(
     runs = {"100 Hz": paced, "flat out": flat_out}
     if as_json:
         timings = {name: {**run.latencies.report(), "late": run.late} for name, run in runs.items()}
-        print_json({"model": f"{manifest.name}/{manifest.version}", "latency": timings, **errors.report()})
+        print_json({"model": manifest.label, "latency": timings, **errors.report()})
         return
     OUT.print(f"[bold]Predicted against measured[/], {manifest.name} version {manifest.version}:")
     OUT.print(error_table(errors))

@@ -97,5 +97,5 @@ def load(
         )
         return
     for run, each in zip(runs, several, strict=True):
-        print_results(OUT, run, f"{manifest.name}/{manifest.version}", each)
+        print_results(OUT, run, manifest.label, each)
     OUT.print(f"on {machine['cpu']}, {machine['cores']} cores, load {machine['load']}", soft_wrap=True)

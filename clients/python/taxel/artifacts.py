@@ -115,7 +115,7 @@ def read(folder: Path) -> Artifact:
         raise ArtifactError(f"{path}: {describe(error)}") from None
     if (manifest.name, manifest.version) != (folder.parent.name, folder.name):
         place = f"{folder.parent.name}/{folder.name}"
-        raise ArtifactError(f"{path} is of {manifest.name}/{manifest.version}, but lies in {place}")
+        raise ArtifactError(f"{path} is of {manifest.label}, but lies in {place}")
     model_path = folder / manifest.model_file.name
     _check_model_file(model_path, manifest.model_file, repository)
     return Artifact(manifest, model_path)

@@ -232,6 +232,11 @@ class Manifest(Schema):
     taxel_version: str
 
     @property
+    def label(self) -> str:
+        """Name and version, for messages."""
+        return f"{self.name}/{self.version}"
+
+    @property
     def gives_spread(self) -> bool:
         """Whether it has a second output with the spread of its members."""
         return len(self.outputs) > 1

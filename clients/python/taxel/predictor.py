@@ -150,7 +150,7 @@ class BasePredictor:
         training = self.manifest.training
         if training is None or training.contacts is None:
             return None
-        label = f"{of}{self.manifest.name}/{self.manifest.version}"
+        label = f"{of}{self.manifest.label}"
         period_ns = period_of(rate_hz)
         ticks = rows_are_ticks(period_ns)
         return InputCheck(label, training.contacts, period_ns / 1e9, ticks=ticks, strict=strict)
@@ -162,8 +162,9 @@ class BasePredictor:
             InvalidArgument: the model is no ensemble.
         """
         if not self.manifest.gives_spread:
-            label = f"{self.manifest.name}/{self.manifest.version}"
-            raise InvalidArgument(f"outputs[1]: {label} gives no spread: expected an ensemble")
+            raise InvalidArgument(
+                f"outputs[1]: {self.manifest.label} gives no spread: expected an ensemble"
+            )
 
     @override
     def __reduce__(self) -> NoReturn:

@@ -114,8 +114,7 @@ class _Way(NamedTuple):
 
     @property
     def label(self) -> str:
-        manifest = self.predictor.manifest
-        return f"{manifest.name}/{manifest.version}{self.what}"
+        return f"{self.predictor.manifest.label}{self.what}"
 
     def counts(self, recording: Recording) -> NDArray[np.float64]:
         """(n, 21) counts, NaN where a window would reach beyond its segment."""

@@ -150,7 +150,7 @@ def _compare(
         write_report(
             report,
             about={
-                "model": f"{predictor.manifest.name}/{predictor.manifest.version}",
+                "model": predictor.manifest.label,
                 "inputs": f"input combination {predictor.window.combination}",
                 "recording": recording,
             },

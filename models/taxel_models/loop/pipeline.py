@@ -127,7 +127,7 @@ def run_loop(
     observations = gather(model, recordings, withheld=settings.withheld)
     manifest = model.manifest
     check_scale(
-        f"{manifest.name}/{manifest.version}",
+        manifest.label,
         observations.pressed,
         observations.base,
         observations.measured,
@@ -264,7 +264,7 @@ def _findings(
         # It is explained, although it cannot be served.
         left = left if named.name in served else left - named.contribution
     return Findings(
-        model=f"{manifest.name}/{manifest.version}",
+        model=manifest.label,
         data=tuple(
             {
                 "name": source.name,

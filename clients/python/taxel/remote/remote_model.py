@@ -42,9 +42,8 @@ class RemoteModel:
             InvalidArgument: the model is corrected.
         """
         if self.manifest.effects:
-            label = f"{self.manifest.name}/{self.manifest.version}"
             raise InvalidArgument(
-                f"{label} is corrected, and a server gives corrected counts only: "
+                f"{self.manifest.label} is corrected, and a server gives corrected counts only: "
                 "expected a model of taxel.load"
             )
 

@@ -131,7 +131,7 @@ class TactileNode:
             level,
             text,
             {
-                "model": f"{manifest.name}/{manifest.version}",
+                "model": manifest.label,
                 "predictions": str(self._predicted),
                 "delay_ms": f"{self._predictor.window.delay_s * 1e3:g}",
             },

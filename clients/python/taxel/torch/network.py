@@ -70,7 +70,7 @@ class Network(nn.Module):
     def __init__(self, artifact: artifacts.Artifact) -> None:
         super().__init__()
         self.manifest = artifact.manifest
-        label = f"{self.manifest.name}/{self.manifest.version}"
+        label = self.manifest.label
         if self.manifest.platform != "onnxruntime_onnx":
             raise ArtifactError(f"{label} is a model of trees: expected a network")
         if self.manifest.effects:

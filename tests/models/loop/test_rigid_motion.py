@@ -1,0 +1,68 @@
+"""The motion of inputs that explains a residual, beside the weights of named effects."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from taxel_models.loop.basis import Shared
+from taxel_models.loop.blocks import cut
+from taxel_models.loop.effects.effect import Remaining
+from taxel_models.loop.effects.rigid_motion import Misfit, fit_motion, turn_of
+from taxel_models.loop.observations import Observations
+from taxel_models.model import predict_all
+
+TURN = np.radians(15.0) * np.array([0.6, 0.0, 0.8])
+
+
+@pytest.fixture(scope="module")
+def turned(observations: Observations) -> np.ndarray:
+    """(n, 21) what a turn of the forces adds, counts."""
+    windows = turn_of("force", TURN).turn(observations.windows, observations.manifest.spec)
+    return np.asarray(predict_all(observations.model.predict, windows) - observations.predicted)
+
+
+def remaining(observations: Observations, residual: np.ndarray, **others: Any) -> Remaining:
+    return Remaining(residual, cut(observations, seed=0).fit, np.ones(len(observations)), **others)
+
+
+def angle(observations: Observations, left: Remaining) -> float:
+    """Between the motion that is found and the one that was, in degrees."""
+    found = fit_motion(observations, left)
+    assert found is not None
+    kind, vector = found
+    assert kind == "force"
+    return float(np.degrees((Rotation.from_rotvec(vector).inv() * Rotation.from_rotvec(TURN)).magnitude()))
+
+
+def test_a_motion_is_found_though_named_effects_took_a_part_of_it(
+    observations: Observations, turned: np.ndarray
+) -> None:
+    """A named effect follows the force, as the turn does, and its weights were fitted first."""
+    regressors = np.column_stack([observations.windows[:, -3:], observations.pressed])
+    weights, *_ = np.linalg.lstsq(regressors, turned, rcond=None)
+    left = turned - regressors @ weights
+    assert (left**2).sum() < 0.5 * (turned**2).sum()
+    beside = [Shared(regressors.astype(np.float64))]
+    assert angle(observations, remaining(observations, turned)) < 0.1
+    assert angle(observations, remaining(observations, left)) > 5.0
+    assert angle(observations, remaining(observations, left, beside=beside)) < 0.5
+
+
+def test_what_named_effects_explain_is_no_misfit(observations: Observations, turned: np.ndarray) -> None:
+    """As a regression by least squares leaves it, in each channel, with its rows weighted."""
+    random = np.random.default_rng(1)
+    rows, counted = np.arange(0, 600), random.uniform(0.5, 2.0, len(observations))
+    features = random.normal(size=(len(observations), 3))
+    shape = random.normal(size=turned.shape)
+    residual = turned + features @ random.normal(size=(3, 21)) * shape
+    left = Remaining(residual, np.ones(len(turned), np.bool_), counted, beside=[Shared(features, shape)])
+    misfit = Misfit(observations, left, "force", rows)
+    roots = np.sqrt(counted[rows])
+    for channel in (0, 7):
+        values = roots[:, None] * features[rows] * shape[rows, channel, None]
+        own = roots * residual[rows, channel]
+        expected = own - values @ np.linalg.lstsq(values, own, rcond=None)[0]
+        scale = np.sqrt((residual[rows, channel] ** 2).mean())
+        np.testing.assert_allclose(misfit.target[:, channel], expected / scale, atol=1e-9)
