@@ -225,7 +225,8 @@ def weigh(
         total = float((by_channel - usual)[allowed].sum() - price - np.log(fitting.choices))
         return Weighed(total, 1.0, allowed.astype(float), by_channel)
     if fitting.pooled:
-        return _pooled(base, gram, cross, energy, allowed, constants, usual, positive=fitting.positive)
+        shared = _pooled(base, gram, cross, energy, allowed, constants, usual, positive=fitting.positive)
+        return replace(shared, log_evidence=shared.log_evidence - price)
     if fitting.positive:
         cross = np.maximum(cross, 0.0)
     values, vectors = np.linalg.eigh(gram)

@@ -72,7 +72,8 @@ class Weighing:
             forms: at least one.
             bases: what they are weighed beside.
             beside_others: something is named already.
-            named: the effect is. Its simpler form has not to compete any more.
+            named: whether the effect is named already. Then a simpler form that proves itself, too, is not
+                preferred to a likelier one.
         """
         weighed, total = self._weighed(effect, forms, bases)
 

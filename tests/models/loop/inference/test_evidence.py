@@ -126,6 +126,14 @@ def test_a_fixed_form_pays_for_what_moved_the_inputs(draw: Draw) -> None:
     assert found.log_evidence == pytest.approx(expected.sum() - 1.5 * np.log(base.bins))
 
 
+@pytest.mark.parametrize("pooled", [False, True])
+def test_a_form_with_weights_pays_for_what_was_fitted_beforehand(draw: Draw, pooled: bool) -> None:
+    products = draw(8)
+    free = weigh(products, Fitting(pooled=pooled), DECLARED).log_evidence
+    found = weigh(products, Fitting(pooled=pooled, beforehand=5), DECLARED).log_evidence
+    assert found == pytest.approx(free - 2.5 * np.log(products.base.bins))
+
+
 def test_channels_that_may_not_change_do_not_count(draw: Draw) -> None:
     allowed = np.arange(21) % 3 == 0
     for fitting in (Fitting(allowed=allowed), Fitting(allowed=allowed, pooled=True)):

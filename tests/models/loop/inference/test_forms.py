@@ -61,6 +61,8 @@ def test_figures_are_counted_by_channel_unless_all_share_them(
     assert (alike.freedom, own.freedom) == (1, 21)
     fixed = replace(alike.candidate, fitting=Fitting(fixed=True, beforehand=3))
     assert next(prepared(fixed, whitening)).freedom == 3
+    course = replace(own.candidate, fitting=Fitting(beforehand=5))
+    assert next(prepared(course, whitening)).freedom == 26
 
 
 def test_only_a_form_with_a_mean_has_another_without_it(
