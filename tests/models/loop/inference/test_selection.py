@@ -1,6 +1,5 @@
 """Which effects are named in small recordings with known causes."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -10,10 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from taxel.channels import CHANNELS
 from taxel.windows import Relaxation, Warmth
-from taxel_models.loop.attribution import Attribution, Named
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.registry import candidates
-from taxel_models.loop.inference.constants import DECLARED, Constants
+from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.inference.forms import prepared
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
@@ -24,35 +22,7 @@ from taxel_models.recordings import Recording
 from taxel_models.recovery.injection import Injection
 from taxel_models.recovery.injectors import inject
 
-Make = Callable[..., Recording]
-ROWS = 6_000
-
-
-def into(make: Make, rows: int = ROWS, seed: int = 3) -> Injection:
-    return Injection.into(make(rows, seed=seed), 2, np.full(21, 12.0))
-
-
-def add(injection: Injection, delta: np.ndarray) -> None:
-    """Counts (n, 21) or (n, 1), as they are."""
-    counts = injection.recording.channels + delta
-    injection.recording = replace(injection.recording, channels=np.clip(np.rint(counts), 0, 4095))
-
-
-def attributed(
-    smooth: Any, recording: Recording, constants: Constants = DECLARED, exclude: tuple[str, ...] = ()
-) -> Attribution:
-    observations = gather(smooth, [recording])
-    effects = [effect for effect in candidates(observations) if effect.label not in exclude]
-    return JointSelection(observations, cut(observations, seed=0), effects, constants=constants).run()
-
-
-def names(found: Attribution) -> list[str]:
-    return [one.name for one in found.named]
-
-
-def only(found: Attribution) -> Named:
-    (one,) = found.named
-    return one
+from .selected import ROWS, Make, add, attributed, into, names, only
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -161,17 +131,6 @@ def test_a_channel_at_a_limit_of_the_counts_is_no_fault(smooth: Any, make: Make)
     assert names(attributed(smooth, cut_off(make)[0])) == ["offset"]
 
 
-def test_a_drift_inside_kinds_of_a_covariate_is_no_covariate(smooth: Any, make: Make) -> None:
-    """Each kind is recorded at its own time, so that its mean tells when it was."""
-    injection = into(make, 9_000)
-    rows = len(injection.recording)
-    kinds = np.minimum(np.arange(rows) * 5 // rows, 4).astype(float)
-    injection.recording = replace(injection.recording, covariates={"material": kinds})
-    clock = np.linspace(-1.0, 1.0, rows)
-    add(injection, clock[:, None] * np.resize([25.0, -30.0, 15.0], 21))
-    assert names(attributed(smooth, injection.recording, exclude=("temperature",)))[0] == "drift"
-
-
 def test_what_single_rows_show_nothing_of_is_not_named(
     smooth: Any, make: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -193,44 +152,6 @@ def test_what_single_rows_show_nothing_of_is_not_named(
     found = names(attributed(smooth, injection.recording))
     assert "offset" in found
     assert "gain" not in found
-
-
-def test_kinds_are_told_from_time(smooth: Any, make: Make) -> None:
-    injection = into(make, 9_000)
-    kinds = injection.recording.covariates["material"].astype(int)
-    counts = np.random.default_rng(1).normal(size=(6, 21)) * 12.0
-    add(injection, counts[kinds] - counts[kinds].mean(axis=0))
-    assert only(attributed(smooth, injection.recording)).name == "covariate:material"
-
-
-def one_kind_after_another(injection: Injection) -> np.ndarray:
-    """(n,) seven kinds, each recorded at a time of its own."""
-    rows = len(injection.recording)
-    kinds = np.minimum(np.arange(rows) * 7 // rows, 6)
-    injection.recording = replace(injection.recording, covariates={"material": kinds.astype(float)})
-    return kinds
-
-
-def test_kinds_that_follow_each_other_are_told_from_a_drift(smooth: Any, make: Make) -> None:
-    """A drift has one course in all channels; constants of kinds are as many as there are kinds."""
-    injection = into(make, 9_000)
-    kinds = one_kind_after_another(injection)
-    counts = np.random.default_rng(1).uniform(-1.0, 1.0, (7, 21)) * 20.0
-    add(injection, counts[kinds] - counts[kinds].mean(axis=0))
-    found = names(attributed(smooth, injection.recording, exclude=("temperature",)))
-    assert found == ["covariate:material"]
-
-
-def test_gains_of_kinds_do_not_hide_a_drift(smooth: Any, make: Make) -> None:
-    """Constants and gains of kinds together explain more than a drift; constants alone explain as much."""
-    injection = into(make, 9_000)
-    kinds = one_kind_after_another(injection)
-    rest = smooth.counts(np.zeros((1, 3)), np.zeros((1, 3)))
-    gains = np.array([-0.2, 0.15, -0.1, 0.2, -0.2, 0.1, 0.05])[kinds, None]
-    clock = np.linspace(-1.0, 1.0, len(kinds))[:, None] * np.resize([25.0, -30.0, 15.0], 21)
-    add(injection, gains * (injection.recording.channels - rest) + clock)
-    found = names(attributed(smooth, injection.recording, exclude=("temperature",)))
-    assert found == ["drift", "covariate:material"]
 
 
 def test_positions_of_a_robot_are_no_places_on_a_skin(smooth: Any, make: Make) -> None:
