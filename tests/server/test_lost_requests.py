@@ -3,11 +3,9 @@
 The server runs in a process of its own: zenoh's threads are set once in a process.
 """
 
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +14,9 @@ import zenoh
 
 import taxel
 from taxel.protocol import model_key, pack_infer_request
+from taxel_bench.chaos.stopped import stopped_clients
 from taxel_bench.plain_client import client_config
 from taxel_bench.server_process import running_server
-
-_READER = Path(__file__).with_name("stopped_reader.py")
 
 _PAST_LEASES_S = 13.0
 """zenoh ends the connection of a client that reads nothing after 10 s."""
@@ -108,18 +105,13 @@ def test_no_size_is_lost(repository: Path, shared_memory: bool) -> None:
                 np.testing.assert_array_equal(fresh.predictor("wide").predict(windows), expected)
 
 
-@pytest.mark.parametrize("stopped", [1, 4])
+@pytest.mark.parametrize("stopped", [1, 12])
 def test_clients_that_stop_reading_silence_nobody(server: str, stopped: int) -> None:
-    with ExitStack() as readers, taxel.connect(server, timeout=_WAIT_S, transport="zenoh") as source:
+    with (
+        taxel.connect(server, timeout=_WAIT_S, transport="zenoh") as source,
+        stopped_clients(server, "wide", stopped),
+    ):
         predictor = source.predictor("wide")
-        running = [readers.enter_context(_stopped_reader(server)) for _ in range(stopped)]
-        for reader in running:
-            assert reader.stdout is not None
-            assert reader.stdout.readline() == "ready\n"
-        for reader in running:
-            assert reader.stdin is not None
-            reader.stdin.write("\n")
-            reader.stdin.flush()
         end = time.monotonic() + _PAST_LEASES_S
         while time.monotonic() < end:
             assert predictor.predict(np.zeros((1, 12), dtype=np.float32)).shape == (1, 21)
@@ -153,13 +145,3 @@ def test_stopping_gives_a_slow_reader_its_answers(repository: Path) -> None:
         # The server was asked to stop, and has ended.
         slow.wait()
     assert slow.outcomes == ["answered"] * _SLOWLY_READ
-
-
-@contextmanager
-def _stopped_reader(endpoint: str) -> Iterator[subprocess.Popen[str]]:
-    command = [sys.executable, str(_READER), endpoint]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            yield process
-        finally:
-            process.kill()

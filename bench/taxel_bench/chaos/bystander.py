@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Event, Thread
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,15 @@ class Bystander:
     def failed(self) -> int:
         """Requests without the right answer."""
         return self.wrong + self.errors.total()
+
+    def as_dict(self) -> dict[str, Any]:
+        """For `--json`."""
+        return {
+            "answers": self.answers,
+            "failed": self.failed,
+            "errors": dict(self.errors),
+            "longest_ms": self.longest_ms,
+        }
 
     def ask(self) -> None:
         """Ask once."""

@@ -10,7 +10,7 @@ import typer
 from taxel.commands.cli import OUT, Json, needs, print_json
 from taxel.commands.progress import shown
 
-Fault = Literal["flood", "oversize", "mutated", "clients", "full-disk"]
+Fault = Literal["flood", "oversize", "mutated", "clients", "stopped", "full-disk"]
 
 _ALL: Final[tuple[Fault, ...]] = get_args(Fault)
 
@@ -51,11 +51,8 @@ def chaos(
     from taxel_bench.chaos.flooders import FLOODERS
     from taxel_bench.chaos.hostile import (
         bars_of_full_disk,
-        bars_of_misbehaviour,
-        bars_of_mutated,
         full_disk_of,
-        misbehaviour_of,
-        mutated_of,
+        hostile_of,
     )
     from taxel_bench.chaos.printing import bars_table, verdict_of_bars
     from taxel_bench.load.drive import server_at
@@ -92,14 +89,9 @@ def chaos(
                     results["oversize"] = held = oversize_of(pool, server, model)
                     more_mib = held["peak_mib"] - held["calm_mib"]
                     bars.append(Bar("400 MiB in one message: more MiB held", more_mib, 50))
-        if "mutated" in faults:
-            tell("mutated requests")
-            results["mutated"] = mutated_of(endpoint, model, payloads, seed)
-            bars += bars_of_mutated(results["mutated"])
-        if "clients" in faults:
-            tell("bad clients")
-            results["clients"] = misbehaviour_of(endpoint, model, server)
-            bars += bars_of_misbehaviour(results["clients"])
+        told, more = hostile_of(faults, endpoint, server, model, payloads, seed, tell)
+        results |= told
+        bars += more
         bars.append(Bar("servers that have ended", float(not server.is_running()), 0))
     bars = bars_of_floods(results.get("flood", []), refused if arrivals else None) + bars
     if "full-disk" in faults:
@@ -107,8 +99,8 @@ def chaos(
         bars += bars_of_full_disk(results["full-disk"])
     verdict = verdict_of_bars(bars)
     if as_json:
-        told = {"machine": describe_machine(), "model": model, "seconds": seconds}
-        print_json({**told, **results, "bars": [bar.as_dict() for bar in bars], "verdict": verdict})
+        about = {"machine": describe_machine(), "model": model, "seconds": seconds}
+        print_json({**about, **results, "bars": [bar.as_dict() for bar in bars], "verdict": verdict})
         return
     OUT.print(bars_table(bars))
     OUT.print(verdict)

@@ -1,5 +1,6 @@
 """Faults that are no flood: mutated requests, bad clients, a full disk; with a bar for each figure."""
 
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,10 +20,40 @@ from taxel_bench.chaos.mutated import (
     valid_payload,
 )
 from taxel_bench.chaos.mutations import mutations
+from taxel_bench.chaos.stopped import STOPPED, bars_of_stopped, stopped_of
 from taxel_bench.server_process import running_server_process
 
 _LOGGED: Final = 50
 """Mutated requests to a server that cannot write its log."""
+
+
+def hostile_of(
+    faults: Collection[str],
+    endpoint: str,
+    server: psutil.Process,
+    model: str,
+    payloads: int,
+    seed: int,
+    tell: Callable[[str], None],
+) -> tuple[dict[str, Any], list[Bar]]:
+    """The figures and bars of those faults of these that are asked for, against a live server."""
+    results: dict[str, Any] = {}
+    bars: list[Bar] = []
+    if "mutated" in faults:
+        tell("mutated requests")
+        results["mutated"] = mutated_of(endpoint, model, payloads, seed)
+        bars += bars_of_mutated(results["mutated"])
+    if "clients" in faults:
+        tell("bad clients")
+        results["clients"] = misbehaviour_of(endpoint, model, server)
+        bars += bars_of_misbehaviour(results["clients"])
+    if "stopped" in faults:
+        results["stopped"] = []
+        for count in STOPPED:
+            tell(f"{count} that read nothing")
+            results["stopped"].append(stopped_of(endpoint, model, count))
+            bars += bars_of_stopped(results["stopped"][-1])
+    return results, bars
 
 
 def mutated_of(endpoint: str, model: str, payloads: int, seed: int) -> dict[str, Any]:
@@ -38,7 +69,7 @@ def mutated_of(endpoint: str, model: str, payloads: int, seed: int) -> dict[str,
             "lane": _told(
                 mutated_over_lane(lane_of(source), manifest, mutations(frame, payloads, seed + 1))
             ),
-            "bystanders": [_of(each) for each in several],
+            "bystanders": [each.as_dict() for each in several],
         }
 
 
@@ -63,7 +94,7 @@ def misbehaviour_of(endpoint: str, model: str, server: psutil.Process) -> dict[s
         unread = read_slowly(lane, manifest, several)
         kept = vanish(lane, manifest, server)
         use_up_files(lane, server, several)
-        told = [_of(each) for each in several]
+        told = [each.as_dict() for each in several]
     return {
         "unread_requests": unread,
         "kept_files": kept,
@@ -91,7 +122,7 @@ def full_disk_of(repository: Path, model: str, seed: int) -> dict[str, Any]:
         manifest: Manifest = source.predictor(model).manifest
         payloads = mutations(valid_payload(manifest), _LOGGED, seed)
         answers = mutated_over_zenoh(source, manifest, payloads)
-    return {**_told(answers), "bystanders": [_of(each) for each in several]}
+    return {**_told(answers), "bystanders": [each.as_dict() for each in several]}
 
 
 def bars_of_full_disk(result: dict[str, Any]) -> list[Bar]:
@@ -118,15 +149,6 @@ def _asks(endpoint: str, model: str) -> int:
 
 def _told(answers: Answers) -> dict[str, Any]:
     return {**vars(answers), "errors": dict(answers.errors)}
-
-
-def _of(bystander: Bystander) -> dict[str, Any]:
-    return {
-        "answers": bystander.answers,
-        "failed": bystander.failed,
-        "errors": dict(bystander.errors),
-        "longest_ms": bystander.longest_ms,
-    }
 
 
 def _failed(beside: str, result: dict[str, Any]) -> Bar:

@@ -1,7 +1,8 @@
-"""Gives answers over zenoh: a client that reads slowly holds up nobody but itself.
+"""Gives answers over zenoh: a client that reads slowly, or not at all, holds up nobody but itself.
 
-zenoh lets who replies wait while the client's connection is full. Where that has taken long, a thread of
-the client's own gives it what follows, until nothing more waits.
+zenoh lets who replies wait while the client's connection is full. A client that was given more than Linux
+keeps for a connection may not have read it, so a thread of its own gives it what follows, until nothing
+more waits. The same happens where giving an answer has taken long.
 """
 
 import logging
@@ -16,6 +17,7 @@ import zenoh
 from taxel.errors import RequestError
 from taxel.protocol import pack_error
 from taxel_server.core.policy import SLICE_S
+from taxel_server.transports.zenoh_session import SEND_BUFFER
 
 _LOG: Final = logging.getLogger(__name__)
 
@@ -26,6 +28,12 @@ _SLOW_S: Final = SLICE_S
 
 _IDLE_S: Final = 0.1
 """How long a thread waits for more, before the client counts as quick again."""
+
+_LARGE_BYTES: Final = 2**14
+"""An answer of less fills no connection soon: a client has at most some thousand requests under way."""
+
+_LATELY_S: Final = 0.5
+"""How long a large answer counts as possibly unread."""
 
 _LAST_S: Final = 0.2
 """Time for what zenoh still holds of the last answers to clients that read slowly."""
@@ -64,16 +72,32 @@ class Outgoing:
     def __init__(self) -> None:
         self._changed = Condition()
         self._slow: dict[Hashable, _Backlog] = {}
+        self._lately: dict[Hashable, int] = {}  # Bytes of large answers, by client.
+        self._counted_from = 0.0
         self._closing = False
 
     def give(self, client: Hashable, query: zenoh.Query, answer: Answer) -> None:
-        """Answer a client's query, and release it; before this returns, if the client reads quickly."""
+        """Answer a query and release it: before this returns, unless the connection may be full."""
+        if self._may_fill(client, _size(answer)):
+            self._begin(client)
         if client in self._slow and self._wait_in_line(client, query, answer):
             return
         started = time.monotonic()
         reply(query, answer)
         if time.monotonic() - started > _SLOW_S:
             self._begin(client)
+
+    def _may_fill(self, client: Hashable, size: int) -> bool:
+        """Whether a client's connection could be full, if it has read no large answer lately."""
+        if size < _LARGE_BYTES:
+            return False
+        with self._changed:
+            now = time.monotonic()
+            if now - self._counted_from > _LATELY_S:
+                self._lately.clear()
+                self._counted_from = now
+            given = self._lately[client] = self._lately.get(client, 0) + size
+        return given > SEND_BUFFER
 
     def close(self, patience_s: float) -> None:
         """Wait until everything is given, or for so long."""

@@ -14,11 +14,11 @@ from taxel.errors import SettingsError, TaxelError
 _PATIENCE_S: Final = 0.25
 """How long an answer waits for a client that reads nothing; then that client is disconnected.
 
-Meanwhile the worker waits, too, for the first of that client's answers; those after it have a thread
-of their own. zenoh's default of 5 s would hold up all other clients for as long.
+A client that may be full has a thread of its own, but zenoh's threads wait for it, too, and now and then
+the worker. zenoh's default of 5 s would hold up all other clients for as long.
 """
 
-_SEND_BUFFER: Final = 256 * 2**10
+SEND_BUFFER: Final = 256 * 2**10
 """Bytes of the answers to a client that Linux keeps, before zenoh waits; it doubles this figure.
 
 By default it grows to 4 MB, of which a third must be free again before Linux lets zenoh write. A client
@@ -33,9 +33,8 @@ _RUNTIME: Final = (
 
 The two must not share a thread. zenoh ends a query on a receiving thread, and this may wait for memory
 that only the sending task gives back. On a shared thread both then wait until zenoh closes the
-connection, and the client's next queries are lost. There are several receiving threads because zenoh
-blocks one of them, for 10 s, for each client that has stopped reading when its lease ends. If eight
-clients stop at the same time, all others may wait for these 10 s.
+connection, and the client's next queries are lost. There are several receiving threads because one of
+them may wait for a client that reads nothing, as long as `_PATIENCE_S`.
 """
 
 
@@ -74,7 +73,7 @@ def open_session(
         settings["transport/link/rx/max_message_size"] = max_message_bytes
     settings.update(security or {})
     for link in ("tcp", "tls"):
-        settings[f"transport/link/{link}/so_sndbuf"] = _SEND_BUFFER
+        settings[f"transport/link/{link}/so_sndbuf"] = SEND_BUFFER
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
     endpoints = ", ".join(listen)
