@@ -14,6 +14,7 @@ from weakref import WeakSet
 import zenoh
 
 from taxel.errors import Unavailable
+from taxel.lingering import end_without_lingering
 
 AFTER_FORK: Final = (
     "connections do not survive a fork: start processes with multiprocessing's 'spawn' or 'forkserver', "
@@ -52,7 +53,9 @@ def open_session(config: zenoh.Config) -> zenoh.Session:
             f"process {_first_process} used zenoh before it forked this process: {AFTER_FORK}"
         )
     _first_process = os.getpid()
-    return zenoh.open(config)
+    session = zenoh.open(config)
+    end_without_lingering(session)
+    return session
 
 
 def close_session(session: zenoh.Session, *, patience_s: float = 1.0) -> bool:

@@ -28,7 +28,6 @@ from taxel_server.core.pacing import RefusalPace
 from taxel_server.engine import LoadedModel
 from taxel_server.options import ServerOptions
 from taxel_server.transports.access import security_settings
-from taxel_server.transports.lingering import end_without_lingering
 from taxel_server.transports.metadata_thread import MetadataThread
 from taxel_server.transports.outgoing import Outgoing, reply
 from taxel_server.transports.zenoh_clients import Asker, ZenohClients
@@ -127,7 +126,6 @@ class ZenohTransport:
             security=security_settings(self._options),
         )
         self._session = session
-        self._link_listener = end_without_lingering(session)
         self._core.statistics.connections["zenoh"] = lambda: len(session.info.transports())
 
     def start(self) -> None:
@@ -176,7 +174,6 @@ class ZenohTransport:
 
     def hang_up(self) -> bool:
         """Close the session; enough where `start` was not called. Returns as `close` does."""
-        self._link_listener.undeclare()  # type: ignore[no-untyped-call]
         return close_session(self._session, patience_s=_FAREWELL_S)
 
     def _receive(self, channel: Handler[zenoh.Query]) -> None:

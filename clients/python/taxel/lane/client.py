@@ -179,8 +179,10 @@ class Lane:
         """
         connection = self._taken()
         try:
+            # A small request is sent at once.
+            began = time.monotonic() if windows.nbytes > _SMALL else None
             connection.send(path, windows, timeout_s, wait_s, spread=spread, traceparent=traceparent)
-            head, content = connection.receive(wait_s)
+            head, content = connection.receive(wait_s, began)
         except BaseException as error:
             raise _closed(connection, error) from None
         self._give_back(connection)
@@ -259,12 +261,15 @@ class LaneConnection:
             windows = windows.astype("<f4")
         if wait_s != self._wait_s:
             self._set_wait(wait_s)
+        head = b"".join((before, number.to_bytes(4, "little"), after))
         try:
-            if windows.nbytes <= _SMALL:
-                self._send_all(b"".join((before, number.to_bytes(4, "little"), after, windows.data)))
+            if windows.nbytes > _SMALL:
+                self._send_all(head, wait_s)
+                self._send_all(windows.data.cast("B"), wait_s)
+            elif self._in_flight:
+                self._send_all(head + windows.data, wait_s)
             else:
-                self._send_all(b"".join((before, number.to_bytes(4, "little"), after)))
-                self._send_all(windows.data.cast("B"))
+                self.socket.sendall(head + windows.data)
         except (BlockingIOError, TimeoutError):
             raise self._late(wait_s) from None
         except OSError as error:
@@ -300,22 +305,31 @@ class LaneConnection:
             self.has_answered = True
         return counts
 
-    def receive(self, wait_s: float) -> tuple[ReplyHead, bytes | bytearray]:
+    def receive(self, wait_s: float, began: float | None = None) -> tuple[ReplyHead, bytes | bytearray]:
         """The next reply, and its content.
+
+        Args:
+            wait_s: how long it is waited for.
+            began: from when on, on `time.monotonic`; None: from now on.
 
         Raises:
             DeadlineExceeded: it does not come in time.
             ConnectionLost: the server has gone.
         """
+        if began is None:
+            ends = time.monotonic() + wait_s
+        else:
+            ends = began + wait_s
+            self._wait_until(ends)
         received: bytes | bytearray = self._received or self._some(wait_s)
         if len(received) < HEAD_BYTES:
-            received = self._up_to(HEAD_BYTES, received, wait_s)
+            received = self._up_to(HEAD_BYTES, received, wait_s, ends)
         try:
             head = read_reply_head(received)
         except Internal as error:
             raise ConnectionLost(str(error)) from None
         if len(received) < head.size:
-            received = self._up_to(head.size, received, wait_s)
+            received = self._up_to(head.size, received, wait_s, ends)
         self._received = bytes(received[head.size :]) if len(received) > head.size else b""
         self._in_flight -= 1
         self.has_answered = True
@@ -345,22 +359,28 @@ class LaneConnection:
                 self._heads[what] = known
         return known
 
-    def _send_all(self, data: bytes | memoryview) -> None:
-        """Send, and meanwhile take replies: the server reads nothing from a client that does not."""
-        if not self._in_flight or _DONT_WAIT is None:
+    def _send_all(self, data: bytes | memoryview, wait_s: float) -> None:
+        """Send, and meanwhile take replies: the server reads nothing from a client that does not.
+
+        Raises:
+            BlockingIOError: the server has not read all of it in time.
+        """
+        if _DONT_WAIT is None:
             self.socket.sendall(data)
             return
-        unsent = memoryview(data)
+        ends = time.monotonic() + wait_s
+        unsent, waiting = memoryview(data), select.poll()
+        waiting.register(self.socket, select.POLLOUT | (select.POLLIN if self._in_flight else 0))
         while unsent:
             try:
                 unsent = unsent[self.socket.send(unsent, _DONT_WAIT) :]
             except BlockingIOError:
-                wait = None if self._wait_s == math.inf else self._wait_s
-                ready, writable, _ = select.select([self.socket], [self.socket], [], wait)
-                if ready:
-                    self._received += self.socket.recv(_RECEIVE_BYTES)
-                elif not writable:
+                left = ends - time.monotonic()
+                happened = waiting.poll(None if left == math.inf else left * 1e3) if left > 0 else []
+                if not happened:
                     raise
+                if happened[0][1] & select.POLLIN:
+                    self._received += self.socket.recv(_RECEIVE_BYTES)
 
     def _some(self, wait_s: float, most: int = _RECEIVE_BYTES) -> bytes:
         began = time.monotonic()
@@ -388,13 +408,13 @@ class LaneConnection:
                 give_way()
         return None
 
-    def _up_to(self, size: int, received: bytes | bytearray, wait_s: float) -> bytearray:
-        """At least `size` bytes, of which the first were received already."""
+    def _up_to(self, size: int, received: bytes | bytearray, wait_s: float, ends: float) -> bytearray:
+        """At least `size` bytes by a time, of which the first were received already."""
         whole = bytearray(size)
         whole[: len(received)] = received
         missing = memoryview(whole)[len(received) :]
-        ends = time.monotonic() + wait_s
         while missing:
+            self._wait_until(ends)
             try:
                 count = self.socket.recv_into(missing)
             except (BlockingIOError, TimeoutError):
@@ -403,10 +423,13 @@ class LaneConnection:
                 raise ConnectionLost(str(error)) from None
             if not count:
                 raise ConnectionLost("the server closed the connection")
-            if time.monotonic() > ends:
-                raise self._late(wait_s)
             missing = missing[count:]
         return whole
+
+    def _wait_until(self, ends: float) -> None:
+        """Let the next call of the system wait until then, and at least for a moment."""
+        if ends < math.inf:
+            self._set_wait(max(ends - time.monotonic(), 1e-6))
 
     def _set_wait(self, wait_s: float) -> None:
         self._wait_s = wait_s

@@ -46,8 +46,9 @@ NO_LANE: Final = (
     "without transport='lane', zenoh is asked"
 )
 
-GRACE_S: Final = 0.25
-"""How much longer a client waits than the server's deadline: time for the server's refusal."""
+_GRACE: Final = 0.25
+"""What a client waits longer than the server's deadline, of the timeout and in seconds at most: time for
+the server's refusal."""
 
 REPEATED_ROWS: Final = 64
 """The most windows in a request whose other bytes are kept."""
@@ -61,6 +62,11 @@ _RECONNECT_S: Final = 2.0
 _LOOK_AGAIN_S: Final = 0.01
 _DECLARED_S: Final = 0.05
 """How soon after a connection, or an end, the server's keys are known to be there, or to be gone."""
+
+
+def waited(timeout: float) -> float:
+    """Seconds that an answer is waited for, if the server has so many."""
+    return timeout + min(_GRACE * timeout, _GRACE)
 
 
 class RemoteCore(Generic[LaneT]):
@@ -157,7 +163,7 @@ class RemoteCore(Generic[LaneT]):
             model_key(self.prefix, name, version),
             lambda described: RemoteModel.read(described["parameters"], self.prefix),
         )
-        self.transport.prepare(model.key, self.timeout + GRACE_S)
+        self.transport.prepare(model.key, waited(self.timeout))
         return model
 
     async def ready(self) -> bool:
@@ -210,15 +216,15 @@ class RemoteCore(Generic[LaneT]):
         """The reply. After a lost connection the request is sent once more within its time."""
         left = ends - time.monotonic()
         # What was prepared has the whole timeout; only a lost lane takes a notable part of it.
-        left = wait if left > wait - GRACE_S else max(left, 1e-3)
+        left = wait if waited(left) > wait else max(left, 1e-3)
         try:
-            return await self._ask(model.key, payload, left + GRACE_S, model.cancel_key)
+            return await self._ask(model.key, payload, waited(left), model.cancel_key)
         except ServerLost:
             if not await self._connected_again(min(ends - time.monotonic(), _RECONNECT_S)):
                 raise
         self._repeated += 1
         left = max(ends - time.monotonic(), 1e-3)
-        return await self._ask(model.key, payload, left + GRACE_S, model.cancel_key)
+        return await self._ask(model.key, payload, waited(left), model.cancel_key)
 
     async def _over_lane(
         self,
@@ -243,7 +249,7 @@ class RemoteCore(Generic[LaneT]):
                     raise failed
                 told = traceparent if TRACE_CONTEXT in lane.extensions else None
                 head, counts = await self._waiting.ask_lane(
-                    lane, model.path, rows, left, left + GRACE_S, spread, told
+                    lane, model.path, rows, left, waited(left), spread, told
                 )
             except (ConnectionLost, OSError) as error:
                 failed = None

@@ -118,7 +118,11 @@ def _open_several(options: ConnectOptions) -> Replicas:
 
 
 def _connection(options: ConnectOptions, endpoint: str, timeout: float) -> Connection:
-    shared_memory, credentials = options.shared_memory, options.credentials
     return Connection(
-        endpoint, options.prefix, timeout, shared_memory=shared_memory, credentials=credentials
+        endpoint,
+        options.prefix,
+        timeout,
+        patience=options.timeout,
+        shared_memory=options.shared_memory,
+        credentials=options.credentials,
     )

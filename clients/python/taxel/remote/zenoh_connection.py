@@ -52,6 +52,7 @@ class Connection(QueryTransport):
         endpoint: where the server listens, such as `tcp/127.0.0.1:7447`.
         prefix: the server's key prefix.
         timeout: seconds to wait for the connection.
+        patience: seconds that a request may wait to be sent; not less than 0.25, nor more than 5.
         shared_memory: whether large requests go through shared memory, where the server allows it.
         credentials: what the client shows to the server.
 
@@ -69,13 +70,18 @@ class Connection(QueryTransport):
         prefix: str,
         timeout: float,
         *,
+        patience: float = 5.0,
         shared_memory: bool = False,
         credentials: Credentials | None = None,
     ) -> None:
         self.endpoint = endpoint
         self._process = os.getpid()
         self._session = open_client_session(
-            endpoint, timeout, shared_memory=shared_memory, credentials=credentials or Credentials()
+            endpoint,
+            timeout,
+            patience,
+            shared_memory=shared_memory,
+            credentials=credentials or Credentials(),
         )
         self._first_reply = FirstReply()
         self._open_requests = OpenRequests()

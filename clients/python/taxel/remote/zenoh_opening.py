@@ -23,18 +23,24 @@ _CERTAIN_S: Final = 0.4
 """A server that is starting or stopping, or has too many clients at once, turns a client away for a moment.
 One that still does so after this time means it."""
 
+_PATIENCE_S: Final = 0.25, 5.0
+"""Least and most time that a request waits to be sent to a server that reads nothing. Then zenoh ends the
+connection, and looks for the server again. The most is zenoh's own default: then a call waits for so long,
+however short its timeout is."""
+
 _KNOCK_S: Final = 0.25
 """How long to wait for an answer when looking whether somebody listens."""
 
 
 def open_client_session(
-    endpoint: str, timeout: float, *, shared_memory: bool, credentials: Credentials
+    endpoint: str, timeout: float, patience: float, *, shared_memory: bool, credentials: Credentials
 ) -> zenoh.Session:
     """A session with whoever listens at an endpoint.
 
     Args:
         endpoint: such as `tcp/127.0.0.1:7447`.
         timeout: seconds to wait for a server.
+        patience: seconds that a request may wait to be sent.
         shared_memory: whether large messages go through shared memory.
         credentials: what the client shows.
 
@@ -44,12 +50,14 @@ def open_client_session(
         Unavailable: nobody listens there.
     """
     ends = time.monotonic() + timeout
+    least, most = _PATIENCE_S
+    patience = min(max(patience, least), most)
     turned_away_at: float | None = None
     while True:
         began = time.monotonic()
         left = max(ends - began, 1e-3)
         try:
-            return open_session(_config(endpoint, left, shared_memory, credentials))
+            return open_session(_config(endpoint, left, patience, shared_memory, credentials))
         except zenoh.ZError as error:
             reason = reason_of(error)
         last = time.monotonic() + _PAUSE_S > ends
@@ -68,11 +76,14 @@ def open_client_session(
         time.sleep(_PAUSE_S)
 
 
-def _config(endpoint: str, left: float, shared_memory: bool, credentials: Credentials) -> zenoh.Config:
+def _config(
+    endpoint: str, left: float, patience: float, shared_memory: bool, credentials: Credentials
+) -> zenoh.Config:
     settings: dict[str, Any] = {
         "mode": "client",
         "scouting/multicast/enabled": False,
         "transport/shared_memory/enabled": shared_memory,
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": round(patience * 1e6),
         "transport/unicast/open_timeout": max(round(left * 1e3), 1),
         # One attempt; a session that was open connects again without end.
         "connect/timeout_ms": 0,

@@ -1,9 +1,10 @@
-"""Ends zenoh's connections without waiting for what their clients have not read.
+"""Ends zenoh's connections without waiting for what the other end has not read.
 
-zenoh sets `SO_LINGER` to 10 s on each connection. Linux then lets `close` wait for so long, if a client
-that has stopped reading still has answers to take. zenoh closes on a thread that receives, and each one
-that waits there is missing for all other clients. While the last one waits that had looked for new
-messages, nobody looks for them (https://github.com/eclipse-zenoh/zenoh/issues/1101).
+zenoh sets `SO_LINGER` to 10 s on each connection. Linux then lets `close` wait for so long, if the other
+end has stopped reading and there still is something to send. In a server, zenoh closes on a thread that
+receives, and each one that waits there is missing for all other clients. While the last one waits that had
+looked for new messages, nobody looks for them (https://github.com/eclipse-zenoh/zenoh/issues/1101). In a
+client, a call may wait for the closing, past its deadline.
 """
 
 import os
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import Final
 
 import zenoh
+from zenoh.handlers import Callback
 
 _OPEN: Final = Path("/dev/fd")
 """Where Linux and macOS list the open files of the process that asks."""
@@ -23,9 +25,12 @@ _OFF: Final = struct.pack("ii", 0, 0)
 """`struct linger`: `close` returns at once, and the system goes on to send what is left."""
 
 
-def end_without_lingering(session: zenoh.Session) -> "zenoh.LinkEventsListener[None]":
-    """Set `SO_LINGER` off on each connection of a session, now and while the result is declared."""
-    return session.info.declare_link_events_listener(_note, history=True)
+def end_without_lingering(session: zenoh.Session) -> None:
+    """Set `SO_LINGER` off on each connection of a session, now and for as long as it is open."""
+    # Called by zenoh's own thread: one of Python's would keep the interpreter from ending. Nothing is kept
+    # here, and nothing needs to end after a fork: without the listener's object zenoh goes on to call.
+    noted: Callback[zenoh.LinkEvent] = Callback(_note, indirect=False)
+    session.info.declare_link_events_listener(noted, history=True)
 
 
 def _note(event: zenoh.LinkEvent) -> None:

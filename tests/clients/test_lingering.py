@@ -1,5 +1,7 @@
 """zenoh's connections end at once: no thread of zenoh waits for what a client has not read."""
 
+import gc
+import json
 import os
 import socket
 import stat
@@ -12,9 +14,10 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from taxel.lingering import turn_off
+from taxel.zenoh_process import open_session
 from taxel_bench.plain_client import client_config
-from taxel_server.transports.lingering import end_without_lingering, turn_off
-from taxel_server.transports.zenoh_session import open_session
+from taxel_bench.server_process import free_port
 
 _ON = struct.pack("ii", 1, 10)
 
@@ -75,17 +78,33 @@ def test_only_the_named_end_is_turned_off_and_nothing_stays_open(pair: Pair, tmp
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "[::1]"])
-def test_a_server_ends_each_connection_without_lingering(endpoint: str, host: str) -> None:
-    port = int(endpoint.rpartition(":")[2])
-    place = f"tcp/{host}:{port}"
-    with open_session([place]) as session, zenoh.open(client_config(place)):
-        end_without_lingering(session)
-        with zenoh.open(client_config(place)):
-            ends = time.monotonic() + 10
-            while any(lingering_at(port).values()) and time.monotonic() < ends:
-                time.sleep(0.01)
-            # One client was there before, and one came.
-            assert list(lingering_at(port).values()) == [False, False]
+def test_a_session_ends_each_connection_without_lingering(host: str) -> None:
+    place = f"tcp/{host}:{(port := free_port())}"
+    config = zenoh.Config()
+    config.insert_json5("listen/endpoints", json.dumps([place]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    with open_session(config), zenoh.open(client_config(place)), zenoh.open(client_config(place)):
+        gc.collect()
+        ends = time.monotonic() + 10
+        while len(found := lingering_at(port)) < 2 or (any(found.values()) and time.monotonic() < ends):
+            time.sleep(0.01)
+        assert list(found.values()) == [False, False]
+
+
+def test_a_client_ends_its_connection_without_lingering() -> None:
+    place = f"tcp/127.0.0.1:{(port := free_port())}"
+    config = zenoh.Config()
+    config.insert_json5("listen/endpoints", json.dumps([place]))
+    with zenoh.open(config), open_session(client_config(place)):
+        ends = time.monotonic() + 10
+        while not (theirs := [*lingering_at(port)]) and time.monotonic() < ends:
+            time.sleep(0.01)
+        own = theirs[0]
+        while any(lingering_at(own).values()) and time.monotonic() < ends:
+            time.sleep(0.01)
+        assert lingering_at(own) == {port: False}
+        # The other end is zenoh's alone.
+        assert lingering_at(port) == {own: True}
 
 
 def test_a_link_without_a_port_is_left_alone() -> None:
