@@ -4,10 +4,11 @@ import json
 import logging
 import socket
 from collections.abc import Callable
+from contextlib import suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from socketserver import TCPServer
-from threading import BoundedSemaphore, Thread
+from threading import Lock, Thread
 from typing import Any, Final
 
 from prometheus_client import CollectorRegistry
@@ -23,7 +24,8 @@ _PATIENCE_S: Final = 5.0
 """How long a client may take for its request."""
 
 _AT_ONCE: Final = 8
-"""Clients that are answered at the same time; more are closed."""
+"""Clients that are answered at the same time. One more takes the place of the oldest, which may be one that
+asks nothing, or reads nothing: a health check must get its answer beside it."""
 
 
 class HttpEndpoint:
@@ -78,7 +80,8 @@ class _Server(ThreadingHTTPServer):
 
     def __init__(self, place: tuple[str, int], endpoint: HttpEndpoint) -> None:
         self.endpoint = endpoint
-        self._free = BoundedSemaphore(_AT_ONCE)
+        self._changing = Lock()
+        self._open: dict[socket.socket, None] = {}  # From the oldest.
         self.address_family = socket.AF_INET6 if ":" in place[0] else socket.AF_INET
         super().__init__(place, _Handler)
 
@@ -89,17 +92,21 @@ class _Server(ThreadingHTTPServer):
 
     @override
     def process_request(self, request: Any, client_address: Any) -> None:
-        if self._free.acquire(blocking=False):
-            super().process_request(request, client_address)
-        else:
-            self.shutdown_request(request)
+        with self._changing:
+            if len(self._open) >= _AT_ONCE:
+                oldest = next(iter(self._open))
+                del self._open[oldest]
+                with suppress(OSError):  # Its client has gone.
+                    # Its thread sees an end, and closes it.
+                    oldest.shutdown(socket.SHUT_RDWR)
+            self._open[request] = None
+        super().process_request(request, client_address)
 
     @override
-    def process_request_thread(self, request: Any, client_address: Any) -> None:
-        try:
-            super().process_request_thread(request, client_address)
-        finally:
-            self._free.release()
+    def shutdown_request(self, request: Any) -> None:
+        with self._changing:
+            self._open.pop(request, None)
+        super().shutdown_request(request)
 
     @override
     def handle_error(
