@@ -2,9 +2,9 @@
 
 zenoh sets `SO_LINGER` to 10 s on each connection. Linux then lets `close` wait for so long, if the other
 end has stopped reading and there still is something to send. In a server, zenoh closes on a thread that
-receives, and each one that waits there is missing for all other clients. While the last one waits that had
-looked for new messages, nobody looks for them (https://github.com/eclipse-zenoh/zenoh/issues/1101). In a
-client, a call may wait for the closing, past its deadline.
+receives, and all other clients miss that thread. If it is the one that looks for new messages, nobody
+looks for them meanwhile (https://github.com/eclipse-zenoh/zenoh/issues/1101). In a client, a call may wait
+for the closing, past its deadline.
 """
 
 import os

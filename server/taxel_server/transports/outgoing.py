@@ -30,7 +30,7 @@ _IDLE_S: Final = 0.1
 """How long a thread waits for more, before the client counts as quick again."""
 
 _LARGE_BYTES: Final = 2**14
-"""An answer of less fills no connection soon: a client has at most some thousand requests under way."""
+"""Many answers of less fit into a connection; the first one that has to wait tells that it is full."""
 
 _LATELY_S: Final = 0.5
 """How long a large answer counts as possibly unread."""

@@ -14,8 +14,8 @@ from taxel.errors import SettingsError, TaxelError
 _PATIENCE_S: Final = 0.25
 """How long an answer waits for a client that reads nothing; then that client is disconnected.
 
-A client that may be full has a thread of its own, but zenoh's threads wait for it, too, and now and then
-the worker. zenoh's default of 5 s would hold up all other clients for as long.
+A client whose connection may be full has a thread of its own, but zenoh's threads wait for it, too, and
+now and then the worker. zenoh's default of 5 s would hold up all other clients for as long.
 """
 
 SEND_BUFFER: Final = 256 * 2**10

@@ -264,10 +264,11 @@ class LaneConnection:
         head = b"".join((before, number.to_bytes(4, "little"), after))
         try:
             if windows.nbytes > _SMALL:
-                self._send_all(head, wait_s)
-                self._send_all(windows.data.cast("B"), wait_s)
+                ends = time.monotonic() + wait_s
+                self._send_all(head, ends)
+                self._send_all(windows.data.cast("B"), ends)
             elif self._in_flight:
-                self._send_all(head + windows.data, wait_s)
+                self._send_all(head + windows.data, time.monotonic() + wait_s)
             else:
                 self.socket.sendall(head + windows.data)
         except (BlockingIOError, TimeoutError):
@@ -359,8 +360,8 @@ class LaneConnection:
                 self._heads[what] = known
         return known
 
-    def _send_all(self, data: bytes | memoryview, wait_s: float) -> None:
-        """Send, and meanwhile take replies: the server reads nothing from a client that does not.
+    def _send_all(self, data: bytes | memoryview, ends: float) -> None:
+        """Send until then, and meanwhile take replies: the server reads nothing from who does not.
 
         Raises:
             BlockingIOError: the server has not read all of it in time.
@@ -368,7 +369,6 @@ class LaneConnection:
         if _DONT_WAIT is None:
             self.socket.sendall(data)
             return
-        ends = time.monotonic() + wait_s
         unsent, waiting = memoryview(data), select.poll()
         waiting.register(self.socket, select.POLLOUT | (select.POLLIN if self._in_flight else 0))
         while unsent:

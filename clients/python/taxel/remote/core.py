@@ -47,8 +47,8 @@ NO_LANE: Final = (
 )
 
 _GRACE: Final = 0.25
-"""What a client waits longer than the server's deadline, of the timeout and in seconds at most: time for
-the server's refusal."""
+"""The server's refusal is waited for longer than its deadline: this share of the timeout, and so many
+seconds at most."""
 
 REPEATED_ROWS: Final = 64
 """The most windows in a request whose other bytes are kept."""
