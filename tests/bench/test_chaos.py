@@ -32,6 +32,7 @@ from taxel_bench.chaos.misbehaviour import FULL_DISK
 from taxel_bench.chaos.mutated import owed_replies
 from taxel_bench.chaos.mutations import mutations
 from taxel_bench.chaos.senders import Asked, Sent
+from taxel_bench.chaos.stopped import bars_of_stopped
 from taxel_bench.server_process import RunningServer, running_server_process
 from taxel_bench.windows import random_windows
 from taxel_models.shipped import shipped_repository
@@ -62,6 +63,14 @@ def test_each_figure_of_a_flood_is_judged_by_its_bar() -> None:
     _, refusals, *_ = bars_of(FLOOD | {"waited_for_core": 0.06})
     assert refusals.as_dict()["verdict"] == "no core: it waited 6% of the time"
     assert refusals.holds
+
+
+def test_the_longest_wait_and_each_failure_beside_stopped_clients_are_judged() -> None:
+    quick, slow = {"longest_ms": 8.0, "failed": 0}, {"longest_ms": 500.1, "failed": 1}
+    for others, holds in (([quick, quick], [True, True]), ([quick, slow], [False, False])):
+        bars = bars_of_stopped({"stopped": 4, "bystanders": others})
+        assert [bar.holds for bar in bars] == holds
+        assert bars[0].figure == others[1]["longest_ms"]
 
 
 def test_a_refusal_counts_from_when_its_request_had_been_sent() -> None:

@@ -50,6 +50,13 @@ def lingering_at(port: int) -> dict[int, bool]:
     return found
 
 
+def listening(place: str) -> zenoh.Config:
+    config = zenoh.Config()
+    config.insert_json5("listen/endpoints", json.dumps([place]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    return config
+
+
 @pytest.fixture(params=[socket.AF_INET, socket.AF_INET6])
 def pair(request: pytest.FixtureRequest) -> Iterator[Pair]:
     """Two ends of a connection, both of which linger."""
@@ -80,22 +87,17 @@ def test_only_the_named_end_is_turned_off_and_nothing_stays_open(pair: Pair, tmp
 @pytest.mark.parametrize("host", ["127.0.0.1", "[::1]"])
 def test_a_session_ends_each_connection_without_lingering(host: str) -> None:
     place = f"tcp/{host}:{(port := free_port())}"
-    config = zenoh.Config()
-    config.insert_json5("listen/endpoints", json.dumps([place]))
-    config.insert_json5("scouting/multicast/enabled", "false")
-    with open_session(config), zenoh.open(client_config(place)), zenoh.open(client_config(place)):
+    with open_session(listening(place)), zenoh.open(client_config(place)), zenoh.open(client_config(place)):
         gc.collect()
         ends = time.monotonic() + 10
-        while len(found := lingering_at(port)) < 2 or (any(found.values()) and time.monotonic() < ends):
+        while list(lingering_at(port).values()) != [False, False] and time.monotonic() < ends:
             time.sleep(0.01)
-        assert list(found.values()) == [False, False]
+        assert list(lingering_at(port).values()) == [False, False]
 
 
 def test_a_client_ends_its_connection_without_lingering() -> None:
     place = f"tcp/127.0.0.1:{(port := free_port())}"
-    config = zenoh.Config()
-    config.insert_json5("listen/endpoints", json.dumps([place]))
-    with zenoh.open(config), open_session(client_config(place)):
+    with zenoh.open(listening(place)), open_session(client_config(place)):
         ends = time.monotonic() + 10
         while not (theirs := [*lingering_at(port)]) and time.monotonic() < ends:
             time.sleep(0.01)

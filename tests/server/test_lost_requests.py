@@ -14,12 +14,9 @@ import zenoh
 
 import taxel
 from taxel.protocol import model_key, pack_infer_request
-from taxel_bench.chaos.stopped import stopped_clients
+from taxel_bench.chaos.stopped import PAST_LEASES_S, stopped_clients
 from taxel_bench.plain_client import client_config
 from taxel_bench.server_process import running_server
-
-_PAST_LEASES_S = 13.0
-"""zenoh ends the connection of a client that reads nothing after 10 s."""
 
 _WAIT_S = 3.0
 """What another client waits at most; where zenoh was deafened, it waited for 10 s."""
@@ -112,7 +109,7 @@ def test_clients_that_stop_reading_silence_nobody(server: str, stopped: int) -> 
         stopped_clients(server, "wide", stopped),
     ):
         predictor = source.predictor("wide")
-        end = time.monotonic() + _PAST_LEASES_S
+        end = time.monotonic() + PAST_LEASES_S
         while time.monotonic() < end:
             assert predictor.predict(np.zeros((1, 12), dtype=np.float32)).shape == (1, 21)
             time.sleep(0.005)

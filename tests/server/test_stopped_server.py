@@ -12,7 +12,7 @@ import pytest
 
 import taxel
 from taxel.errors import RequestError
-from taxel.remote.core import waited
+from taxel.remote.core import with_grace
 from taxel.remote.options import Transport
 from taxel_bench.server_process import RunningServer, running_server_process
 
@@ -53,10 +53,10 @@ def test_a_request_that_cannot_be_sent_ends_at_its_deadline(
                 began = time.monotonic()
                 with pytest.raises(RequestError):
                     predictor.predict(windows)
-                assert time.monotonic() - began < waited(_TIMEOUT_S) + _LATE_S
+                assert time.monotonic() - began < with_grace(_TIMEOUT_S) + _LATE_S
         np.testing.assert_array_equal(predictor.predict(windows, timeout=20.0), expected)
 
 
 @pytest.mark.parametrize(("timeout", "whole"), [(0.02, 0.025), (1.0, 1.25), (5.0, 5.25), (60.0, 60.25)])
-def test_a_refusal_is_waited_for_a_quarter_longer(timeout: float, whole: float) -> None:
-    assert waited(timeout) == pytest.approx(whole)
+def test_a_refusal_has_a_quarter_of_the_timeout_more(timeout: float, whole: float) -> None:
+    assert with_grace(timeout) == pytest.approx(whole)

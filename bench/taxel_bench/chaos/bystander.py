@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from threading import Event, Thread
 from typing import Any, Final
@@ -14,6 +14,7 @@ from taxel.errors import RequestError
 from taxel.predictor import Predictor
 from taxel.remote import RemoteSource
 from taxel.remote.options import Transport
+from taxel_bench.chaos.bars import Bar
 from taxel_bench.windows import random_windows
 
 _PAUSE_S: Final = 0.01
@@ -90,3 +91,9 @@ def bystanders(endpoint: str, model: str) -> Iterator[list[Bystander]]:
     finally:
         for source in sources:
             source.close()
+
+
+def bar_of_failed(beside: str, told: Sequence[Mapping[str, Any]]) -> Bar:
+    """That no request of these bystanders failed, as `Bystander.as_dict` tells them."""
+    failed = float(sum(each["failed"] for each in told))
+    return Bar(f"clients that behave, beside {beside}: requests that failed", failed, 0.0)

@@ -10,7 +10,7 @@ from taxel.errors import RequestError
 from taxel.manifest import Manifest
 from taxel.remote import RemoteSource
 from taxel_bench.chaos.bars import Bar
-from taxel_bench.chaos.bystander import Bystander, bystanders
+from taxel_bench.chaos.bystander import Bystander, bar_of_failed, bystanders
 from taxel_bench.chaos.misbehaviour import FULL_DISK, lane_of, read_slowly, use_up_files, vanish
 from taxel_bench.chaos.mutated import (
     Answers,
@@ -81,7 +81,7 @@ def bars_of_mutated(result: dict[str, Any]) -> list[Bar]:
         for what in ("unanswered", "repeated", "untyped"):
             name = f"{told['requests']} mutated requests over {transport}: {what}"
             bars.append(Bar(name, float(told[what]), 0.0))
-    return [*bars, _failed("mutated requests", result)]
+    return [*bars, bar_of_failed("mutated requests", result["bystanders"])]
 
 
 def misbehaviour_of(endpoint: str, model: str, server: psutil.Process) -> dict[str, Any]:
@@ -108,7 +108,7 @@ def bars_of_misbehaviour(result: dict[str, Any]) -> list[Bar]:
     return [
         Bar("vanished clients: open files that are kept", float(result["kept_files"]), 0.0),
         Bar("used-up files: new clients that fail afterwards", float(result["new_client_failed"]), 0.0),
-        _failed("bad clients", result),
+        bar_of_failed("bad clients", result["bystanders"]),
     ]
 
 
@@ -129,7 +129,7 @@ def bars_of_full_disk(result: dict[str, Any]) -> list[Bar]:
     """What must be true of a server whose log goes to a full disk."""
     return [
         Bar("full disk: unanswered requests", float(result["unanswered"]), 0.0),
-        _failed("full disk", result),
+        bar_of_failed("full disk", result["bystanders"]),
     ]
 
 
@@ -149,8 +149,3 @@ def _asks(endpoint: str, model: str) -> int:
 
 def _told(answers: Answers) -> dict[str, Any]:
     return {**vars(answers), "errors": dict(answers.errors)}
-
-
-def _failed(beside: str, result: dict[str, Any]) -> Bar:
-    failed = sum(each["failed"] for each in result["bystanders"])
-    return Bar(f"clients that behave, beside {beside}: requests that failed", float(failed), 0.0)

@@ -17,7 +17,7 @@ import zenoh
 from taxel.protocol import model_key, pack_infer_request
 from taxel.remote import RemoteSource
 from taxel_bench.chaos.bars import Bar
-from taxel_bench.chaos.bystander import bystanders
+from taxel_bench.chaos.bystander import bar_of_failed, bystanders
 from taxel_bench.plain_client import client_config
 from taxel_bench.windows import random_windows
 
@@ -31,7 +31,7 @@ _ROWS: Final = 1000
 _REQUESTS: Final = 200
 _ASKED: Final = "asked"
 
-_PAST_LEASES_S: Final = 13.0
+PAST_LEASES_S: Final = 13.0
 """zenoh ends the connection of a client that reads nothing after 10 s."""
 
 
@@ -63,17 +63,17 @@ def stopped_of(endpoint: str, model: str, count: int) -> dict[str, Any]:
         # Until now new processes took the processors.
         for each in several:
             each.longest_ms = 0.0
-        time.sleep(_PAST_LEASES_S)
+        time.sleep(PAST_LEASES_S)
     return {"stopped": count, "bystanders": [each.as_dict() for each in several]}
 
 
 def bars_of_stopped(result: dict[str, Any]) -> list[Bar]:
     """What must be true of others while clients read nothing."""
-    beside = f"beside {result['stopped']} that read nothing"
-    others = result["bystanders"]
+    others, beside = result["bystanders"], f"{result['stopped']} that read nothing"
+    longest_ms = max(each["longest_ms"] for each in others)
     return [
-        Bar(f"clients {beside}: longest wait, ms", max(each["longest_ms"] for each in others), LONGEST_MS),
-        Bar(f"clients {beside}: requests that failed", float(sum(each["failed"] for each in others)), 0.0),
+        Bar(f"clients that behave, beside {beside}: longest wait, ms", longest_ms, LONGEST_MS),
+        bar_of_failed(beside, others),
     ]
 
 

@@ -205,8 +205,8 @@ class Predictor(BasePredictor, ABC):
         Args:
             windows: (n, f), raw values in m and N, columns as `window.features`; best float32.
                 Extra features of the model, if it has any, may follow: `manifest.window.extras`.
-            timeout: seconds that a server has to answer; for its refusal a quarter more is waited, 0.25 s
-                at most. A local predictor never waits.
+            timeout: seconds that a server has to answer. The client waits for a quarter of it longer,
+                0.25 s at most, so that a refusal arrives. A local predictor never waits.
 
         Returns:
             (n, 21) float32, counts, columns as `taxel.CHANNELS`.

@@ -361,7 +361,7 @@ class LaneConnection:
         return known
 
     def _send_all(self, data: bytes | memoryview, ends: float) -> None:
-        """Send until then, and meanwhile take replies: the server reads nothing from who does not.
+        """Send by a deadline, and take replies meanwhile: without that the server would read no more.
 
         Raises:
             BlockingIOError: the server has not read all of it in time.

@@ -17,7 +17,7 @@ from taxel.lane.client import ConnectionLost, RepeatedRequest
 from taxel.predictor import DEFAULT_MODEL, NOT_PICKLED, BasePredictor, ModelInfo, Timing
 from taxel.protocol import PREFIX, InferResponse
 from taxel.remote.awaited_calls import AwaitedCalls
-from taxel.remote.core import NO_LANE, REPEATED_ROWS, RemoteCore, TransportName, waited
+from taxel.remote.core import NO_LANE, REPEATED_ROWS, RemoteCore, TransportName, with_grace
 from taxel.remote.credentials import Credentials
 from taxel.remote.options import ConnectOptions, Transport, lane_of, open_transport
 from taxel.remote.query_transport import QueryTransport
@@ -213,7 +213,7 @@ class AsyncPredictor(BasePredictor):
         )
         if lane is not None and timeout is None and len(reply.outputs) <= REPEATED_ROWS:
             shape, wait = (len(reply.outputs), len(self._features)), core.timeout
-            self._repeated[shape] = RepeatedRequest(self._model.path, shape, wait, waited(wait))
+            self._repeated[shape] = RepeatedRequest(self._model.path, shape, wait, with_grace(wait))
         return (reply.outputs, timing_of(reply)) if checked_flag("timing", timing) else reply.outputs
 
     async def predict_base(

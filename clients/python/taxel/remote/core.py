@@ -46,9 +46,10 @@ NO_LANE: Final = (
     "without transport='lane', zenoh is asked"
 )
 
-_GRACE: Final = 0.25
-"""The server's refusal is waited for longer than its deadline: this share of the timeout, and so many
-seconds at most."""
+_GRACE_SHARE: Final = 0.25
+_GRACE_S: Final = 0.25
+"""A client waits longer than the server's deadline, for the server's refusal: this share of the timeout,
+and so many seconds at most."""
 
 REPEATED_ROWS: Final = 64
 """The most windows in a request whose other bytes are kept."""
@@ -64,9 +65,9 @@ _DECLARED_S: Final = 0.05
 """How soon after a connection, or an end, the server's keys are known to be there, or to be gone."""
 
 
-def waited(timeout: float) -> float:
-    """Seconds that an answer is waited for, if the server has so many."""
-    return timeout + min(_GRACE * timeout, _GRACE)
+def with_grace(timeout: float) -> float:
+    """Seconds that a client waits for an answer, if the server has `timeout` seconds for it."""
+    return timeout + min(_GRACE_SHARE * timeout, _GRACE_S)
 
 
 class RemoteCore(Generic[LaneT]):
@@ -163,7 +164,7 @@ class RemoteCore(Generic[LaneT]):
             model_key(self.prefix, name, version),
             lambda described: RemoteModel.read(described["parameters"], self.prefix),
         )
-        self.transport.prepare(model.key, waited(self.timeout))
+        self.transport.prepare(model.key, with_grace(self.timeout))
         return model
 
     async def ready(self) -> bool:
@@ -216,15 +217,15 @@ class RemoteCore(Generic[LaneT]):
         """The reply. After a lost connection the request is sent once more within its time."""
         left = ends - time.monotonic()
         # What was prepared has the whole timeout; only a lost lane takes a notable part of it.
-        left = wait if waited(left) > wait else max(left, 1e-3)
+        left = wait if with_grace(left) > wait else max(left, 1e-3)
         try:
-            return await self._ask(model.key, payload, waited(left), model.cancel_key)
+            return await self._ask(model.key, payload, with_grace(left), model.cancel_key)
         except ServerLost:
             if not await self._connected_again(min(ends - time.monotonic(), _RECONNECT_S)):
                 raise
         self._repeated += 1
         left = max(ends - time.monotonic(), 1e-3)
-        return await self._ask(model.key, payload, waited(left), model.cancel_key)
+        return await self._ask(model.key, payload, with_grace(left), model.cancel_key)
 
     async def _over_lane(
         self,
@@ -249,7 +250,7 @@ class RemoteCore(Generic[LaneT]):
                     raise failed
                 told = traceparent if TRACE_CONTEXT in lane.extensions else None
                 head, counts = await self._waiting.ask_lane(
-                    lane, model.path, rows, left, waited(left), spread, told
+                    lane, model.path, rows, left, with_grace(left), spread, told
                 )
             except (ConnectionLost, OSError) as error:
                 failed = None

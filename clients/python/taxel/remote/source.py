@@ -13,7 +13,7 @@ from taxel.errors import Unavailable
 from taxel.lane.client import ConnectionLost, Lane, RepeatedRequest
 from taxel.predictor import DEFAULT_MODEL, ModelInfo, Predictor, PredictorSource, Timing
 from taxel.protocol import PREFIX, InferResponse
-from taxel.remote.core import NO_LANE, REPEATED_ROWS, RemoteCore, TransportName, waited
+from taxel.remote.core import NO_LANE, REPEATED_ROWS, RemoteCore, TransportName, with_grace
 from taxel.remote.credentials import Credentials
 from taxel.remote.options import ConnectOptions, Transport, lane_of, open_transport
 from taxel.remote.query_transport import QueryTransport
@@ -179,7 +179,7 @@ class RemotePredictor(Predictor):
         )
         if lane is not None and timeout is None and len(reply.outputs) <= REPEATED_ROWS:
             shape, wait = (len(reply.outputs), len(self._features)), self._core.timeout
-            self._repeated[shape] = RepeatedRequest(self._model.path, shape, wait, waited(wait))
+            self._repeated[shape] = RepeatedRequest(self._model.path, shape, wait, with_grace(wait))
         return (reply.outputs, timing_of(reply)) if checked_flag("timing", timing) else reply.outputs
 
     def _repeat(
