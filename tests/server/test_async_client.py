@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 import taxel
 from taxel.errors import DeadlineExceeded, InvalidArgument, Unavailable
 from taxel.lane.async_client import AsyncLane
-from taxel.lane.client import ConnectionLost, RepeatedRequest
+from taxel.lane.connection import ConnectionLost
 from taxel.lane.frames import pack_reply
 from taxel.lane.prompt_future import PromptFuture
+from taxel.lane.repeated_request import RepeatedRequest
 from taxel.protocol import InferResponse
 from taxel.remote.async_source import AsyncSource
 from taxel_server.engine import Engine

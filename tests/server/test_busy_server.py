@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 import taxel
 from taxel.errors import DeadlineExceeded, RequestError, ResourceExhausted, Unavailable
-from taxel.lane.client import LaneConnection
+from taxel.lane.connection import LaneConnection
 from taxel.protocol import pack_infer_request, unpackb
 from taxel.remote import Transport
 from taxel.remote.async_source import AsyncSource

@@ -23,7 +23,7 @@ from taxel.errors import (
     RequestError,
     ResourceExhausted,
 )
-from taxel.lane.client import ConnectionLost, LaneConnection
+from taxel.lane.connection import ConnectionLost, LaneConnection
 from taxel.lane.frames import ERROR, pack_cancel, pack_request_head, read_counts, read_error
 from taxel.lane.offer import LaneOffer
 from taxel.protocol import unpackb
@@ -250,7 +250,7 @@ def test_a_flood_takes_no_answer_from_others(
 
 _KILLED = """
 import sys, numpy as np
-from taxel.lane.client import LaneConnection
+from taxel.lane.connection import LaneConnection
 windows = np.zeros((3000, 12), np.float32)
 connections = [LaneConnection(sys.argv[1]) for _ in range(10)]
 for connection in connections:

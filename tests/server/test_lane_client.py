@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 import taxel
 from taxel.errors import DeadlineExceeded, InvalidArgument, SettingsError, Unavailable
-from taxel.lane.client import ConnectionLost, Lane
+from taxel.lane.client import Lane
+from taxel.lane.connection import ConnectionLost
 from taxel.lane.offer import LaneOffer, machine_identity
 from taxel.protocol import unpackb
 from taxel.remote import core

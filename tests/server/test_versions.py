@@ -26,7 +26,7 @@ from taxel.channels import CHANNELS
 from taxel.commands.cli import build
 from taxel.errors import InvalidArgument, NotFound, PermissionDenied, Unavailable
 from taxel.lane import frames
-from taxel.lane.client import LaneConnection
+from taxel.lane.connection import LaneConnection
 from taxel.predictor import ModelInfo
 from taxel.protocol import pack_infer_request, unpack_infer_response, unpackb
 from taxel.remote import RemoteSource

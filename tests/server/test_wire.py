@@ -12,7 +12,7 @@ from taxel.administration import Order, pack_version
 from taxel.envelopes import RequestReader, RequestWriter
 from taxel.errors import InvalidArgument, NotFound
 from taxel.lane import frames
-from taxel.lane.client import LaneConnection
+from taxel.lane.connection import LaneConnection
 from taxel.lane.offer import LaneOffer
 from taxel.protocol import (
     InferResponse,

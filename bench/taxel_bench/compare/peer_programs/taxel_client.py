@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from taxel.lane.client import LaneConnection
+from taxel.lane.connection import LaneConnection
 from taxel.lane.frames import read_counts
 from taxel.protocol import model_key, model_path, pack_infer_request, unpack_infer_response
 from taxel.remote import RemoteSource

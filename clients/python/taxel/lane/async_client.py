@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.errors import DeadlineExceeded, Internal
-from taxel.lane.client import POLL_US, ConnectionLost, RepeatedRequest
+from taxel.lane.connection import POLL_US, ConnectionLost
 from taxel.lane.frames import (
     HEAD_BYTES,
     ID_AT,
@@ -27,6 +27,7 @@ from taxel.lane.frames import (
 from taxel.lane.offer import UNIX, of_this_user, parse_address
 from taxel.lane.outgoing import Outgoing
 from taxel.lane.prompt_future import PromptFuture
+from taxel.lane.repeated_request import RepeatedRequest
 from taxel.polling import PollingInLoop, give_way
 from taxel.protocol import CANCEL
 

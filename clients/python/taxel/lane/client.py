@@ -1,128 +1,17 @@
 """The client's end of a lane: a pool of connections, so that each call has one to itself."""
 
-import math
-import select
-import socket
-import sys
 import time
-from struct import Struct
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.channels import CHANNELS
-from taxel.errors import DeadlineExceeded, Internal
-from taxel.lane.frames import (
-    HEAD_BYTES,
-    ID_AT,
-    ID_END,
-    ReplyHead,
-    pack_predictions,
-    pack_request_head,
-    read_counts,
-    read_reply_head,
-)
-from taxel.lane.offer import connect_to
-from taxel.polling import give_way
+from taxel.lane.connection import SMALL, ConnectionLost, LaneConnection
+from taxel.lane.frames import ReplyHead, read_counts
+from taxel.lane.repeated_request import RepeatedRequest
 
 _MOST_IDLE: Final = 64
 """Connections that are kept for later calls."""
-
-_KEPT_HEADS: Final = 64
-_RECEIVE_BYTES: Final = 65_536
-_SMALL: Final = 65_536
-"""A request with so many bytes of windows is put together before it is sent."""
-
-_LEAST_BYTES: Final = 4096
-"""Room for a reply, where an error may come in place of few counts."""
-
-_SAME_BYTES: Final = 20
-"""The first bytes of replies with the same number of counts to requests with the same id are the same."""
-
-POLL_US: Final = 100
-"""A reply is asked for again and again for so long before the thread sleeps.
-
-The reply to a single window usually comes within this time, and waking a sleeping thread on another core
-takes nearly as long. Where the last reply took twice as long, the next one is not asked for in this way.
-"""
-
-_FLOAT: Final = np.dtype(np.float32)
-_WIRE_FLOAT: Final = np.dtype("<f4")
-
-_TIMEVAL: Final = Struct("ll") if sys.platform == "linux" else None
-"""How the kernel is told a timeout; elsewhere Python keeps it, which takes a system call more."""
-
-_DONT_WAIT: Final = getattr(socket, "MSG_DONTWAIT", None)
-"""Windows has no such flag: a client that sends much before it reads may be closed there."""
-
-
-class ConnectionLost(Exception):
-    """The server closed the connection, or broke the lane's rules, before the answer was there.
-
-    Attributes:
-        new: whether nothing was ever answered on this connection, so that another one may do no better.
-    """
-
-    new = False
-
-
-def _closed(connection: "LaneConnection", error: BaseException) -> BaseException:
-    """The error of a call, whose connection is closed: a late reply must not answer the next call."""
-    if isinstance(error, ConnectionLost):
-        error.new = not connection.has_answered
-    connection.close()
-    return error
-
-
-class RepeatedRequest:
-    """Requests of a control loop, which differ only in their windows: all other bytes are made once.
-
-    Each has a connection to itself, so their ids need not differ.
-
-    Args:
-        path: of the requests, such as `v2/models/xgb/infer`.
-        shape: (n, f) of their windows.
-        timeout_s: the deadline that the server is told.
-        wait_s: how long an answer is waited for.
-
-    Attributes:
-        head: the bytes before the windows.
-        reply_head: the first bytes of a reply with counts, up to what differs.
-        reply_size: bytes of such a reply.
-        before, after: `head` before and after the id, for connections that several calls share.
-    """
-
-    def __init__(self, path: str, shape: tuple[int, ...], timeout_s: float, wait_s: float) -> None:
-        self.head = pack_request_head(path, 1, shape, timeout_s * 1e3, spread=False)
-        reply = pack_predictions(1, np.zeros((shape[0], len(CHANNELS)), np.float32), 0, 0, 0)
-        self.shape = shape
-        self.before, self.after = self.head[:ID_AT], self.head[ID_END:]
-        self.reply_head = reply[:_SAME_BYTES]
-        self._reply_before, self._reply_after = reply[:ID_AT], reply[ID_END:_SAME_BYTES]
-        self.reply_size = len(reply)
-        self.wait_s = wait_s
-        self._counts_shape = shape[0], len(CHANNELS)
-
-    def takes(self, windows: NDArray[Any]) -> bool:
-        """Whether windows of its shape can be sent as they are. The server checks that they are finite."""
-        return type(windows) is np.ndarray and windows.dtype is _FLOAT
-
-    def counts_for(self, reply: bytes) -> NDArray[np.float32] | None:
-        """As `counts_in`, whatever the id of the request was."""
-        if (
-            len(reply) == self.reply_size
-            and reply.startswith(self._reply_before)
-            and reply.startswith(self._reply_after, ID_END)
-        ):
-            return np.ndarray(self._counts_shape, _WIRE_FLOAT, reply, HEAD_BYTES)
-        return None
-
-    def counts_in(self, reply: bytes) -> NDArray[np.float32] | None:
-        """The counts (n, 21) of a reply; None if it is another one, or not all of it."""
-        if len(reply) == self.reply_size and reply.startswith(self.reply_head):
-            return np.ndarray(self._counts_shape, _WIRE_FLOAT, reply, HEAD_BYTES)
-        return None
 
 
 class Lane:
@@ -180,7 +69,7 @@ class Lane:
         connection = self._taken()
         try:
             # A small request is sent at once.
-            began = time.monotonic() if windows.nbytes > _SMALL else None
+            began = time.monotonic() if windows.nbytes > SMALL else None
             connection.send(path, windows, timeout_s, wait_s, spread=spread, traceparent=traceparent)
             head, content = connection.receive(wait_s, began)
         except BaseException as error:
@@ -200,13 +89,13 @@ class Lane:
         self._give_back(connection)
         return read_counts(content, head)[0] if counts is None else counts
 
-    def _taken(self) -> "LaneConnection":
+    def _taken(self) -> LaneConnection:
         try:
             return self.idle.pop()
         except IndexError:
             return LaneConnection(self.address, self.spin_us)
 
-    def _give_back(self, connection: "LaneConnection") -> None:
+    def _give_back(self, connection: LaneConnection) -> None:
         if len(self.idle) < _MOST_IDLE and not self._closed:
             self.idle.append(connection)
         else:
@@ -219,227 +108,9 @@ class Lane:
             self.idle.pop().close()
 
 
-class LaneConnection:
-    """One connection; `receive` gives the replies to what was sent, in any order.
-
-    The arguments and errors are those of `Lane`.
-    """
-
-    def __init__(self, address: str, spin_us: int = 0) -> None:
-        self.address = address
-        self.socket = connect_to(address)
-        self._poll_s = max(spin_us, POLL_US) / 1e6
-        self._quick_s = math.inf if spin_us else 2 * self._poll_s
-        self._polls = _DONT_WAIT is not None
-        self._wait_s = math.inf
-        self._heads: dict[tuple[str, tuple[int, ...], float, bool], tuple[bytes, bytes]] = {}
-        self._last_id = 0
-        self._in_flight = 0
-        self.has_answered = False
-        self._received = b""
-        """What came behind the last reply."""
-
-    def send(
-        self,
-        path: str,
-        windows: NDArray[np.float32],
-        timeout_s: float,
-        wait_s: float,
-        *,
-        spread: bool,
-        traceparent: str | None = None,
-    ) -> int:
-        """Send a request; the arguments are those of `Lane.infer`. The reply repeats the id returned.
-
-        Raises:
-            DeadlineExceeded: the server does not read.
-            ConnectionLost: it has gone.
-        """
-        self._last_id = number = self._last_id % 0xFFFFFFFF + 1
-        before, after = self._head(path, windows.shape, timeout_s, spread, traceparent)
-        if sys.byteorder == "big":
-            windows = windows.astype("<f4")
-        if wait_s != self._wait_s:
-            self._set_wait(wait_s)
-        head = b"".join((before, number.to_bytes(4, "little"), after))
-        try:
-            if windows.nbytes > _SMALL:
-                ends = time.monotonic() + wait_s
-                self._send_all(head, ends)
-                self._send_all(windows.data.cast("B"), ends)
-            elif self._in_flight:
-                self._send_all(head + windows.data, time.monotonic() + wait_s)
-            else:
-                self.socket.sendall(head + windows.data)
-        except (BlockingIOError, TimeoutError):
-            raise self._late(wait_s) from None
-        except OSError as error:
-            raise ConnectionLost(str(error)) from None
-        self._in_flight += 1
-        return number
-
-    def repeat(self, request: RepeatedRequest, windows: NDArray[np.float32]) -> NDArray[np.float32] | None:
-        """Send windows as one more request of its kind, and wait; call it where nothing else is in flight.
-
-        Returns:
-            The counts (n, 21); None if the reply is another one, or not all of it: `receive` then gives it.
-
-        Raises:
-            DeadlineExceeded: the reply does not come in time.
-            ConnectionLost: the server has gone.
-        """
-        wait_s = request.wait_s
-        if wait_s != self._wait_s:
-            self._set_wait(wait_s)
-        try:
-            self.socket.sendall(request.head + windows.tobytes())
-        except (BlockingIOError, TimeoutError):
-            raise self._late(wait_s) from None
-        except OSError as error:
-            raise ConnectionLost(str(error)) from None
-        received = self._some(wait_s, max(request.reply_size, _LEAST_BYTES))
-        counts = request.counts_in(received)
-        if counts is None:
-            self._received = received
-            self._in_flight += 1
-        else:
-            self.has_answered = True
-        return counts
-
-    def receive(self, wait_s: float, began: float | None = None) -> tuple[ReplyHead, bytes | bytearray]:
-        """The next reply, and its content.
-
-        Args:
-            wait_s: how long it is waited for.
-            began: from when on, on `time.monotonic`; None: from now on.
-
-        Raises:
-            DeadlineExceeded: it does not come in time.
-            ConnectionLost: the server has gone.
-        """
-        if began is None:
-            ends = time.monotonic() + wait_s
-        else:
-            ends = began + wait_s
-            self._wait_until(ends)
-        received: bytes | bytearray = self._received or self._some(wait_s)
-        if len(received) < HEAD_BYTES:
-            received = self._up_to(HEAD_BYTES, received, wait_s, ends)
-        try:
-            head = read_reply_head(received)
-        except Internal as error:
-            raise ConnectionLost(str(error)) from None
-        if len(received) < head.size:
-            received = self._up_to(head.size, received, wait_s, ends)
-        self._received = bytes(received[head.size :]) if len(received) > head.size else b""
-        self._in_flight -= 1
-        self.has_answered = True
-        return head, received[HEAD_BYTES : head.size]
-
-    def close(self) -> None:
-        """Close the connection."""
-        self.socket.close()
-
-    def _head(
-        self,
-        path: str,
-        shape: tuple[int, ...],
-        timeout_s: float,
-        spread: bool,
-        traceparent: str | None,
-    ) -> tuple[bytes, bytes]:
-        """The bytes before and after the id: a control loop sends the same ones each time."""
-        what = (path, shape, timeout_s, spread)
-        known = self._heads.get(what) if traceparent is None else None
-        if known is None:
-            head = pack_request_head(
-                path, 0, shape, timeout_s * 1e3, spread=spread, traceparent=traceparent
-            )
-            known = head[:ID_AT], head[ID_AT + 4 :]
-            if len(self._heads) < _KEPT_HEADS and traceparent is None:
-                self._heads[what] = known
-        return known
-
-    def _send_all(self, data: bytes | memoryview, ends: float) -> None:
-        """Send by a deadline, and take replies meanwhile: without that the server would read no more.
-
-        Raises:
-            BlockingIOError: the server has not read all of it in time.
-        """
-        if _DONT_WAIT is None:
-            self.socket.sendall(data)
-            return
-        unsent, waiting = memoryview(data), select.poll()
-        waiting.register(self.socket, select.POLLOUT | (select.POLLIN if self._in_flight else 0))
-        while unsent:
-            try:
-                unsent = unsent[self.socket.send(unsent, _DONT_WAIT) :]
-            except BlockingIOError:
-                left = ends - time.monotonic()
-                happened = waiting.poll(None if left == math.inf else left * 1e3) if left > 0 else []
-                if not happened:
-                    raise
-                if happened[0][1] & select.POLLIN:
-                    self._received += self.socket.recv(_RECEIVE_BYTES)
-
-    def _some(self, wait_s: float, most: int = _RECEIVE_BYTES) -> bytes:
-        began = time.monotonic()
-        try:
-            received = self._polled(began) if self._polls else None
-            if received is None:
-                received = self.socket.recv(most)
-                self._polls = _DONT_WAIT is not None and time.monotonic() - began < self._quick_s
-        except (BlockingIOError, TimeoutError):
-            raise self._late(wait_s) from None
-        except OSError as error:
-            raise ConnectionLost(str(error)) from None
-        if not received:
-            raise ConnectionLost("the server closed the connection")
-        return received
-
-    def _polled(self, began: float) -> bytes | None:
-        """What arrives while this asks again and again; None if nothing does."""
-        assert _DONT_WAIT is not None
-        ends = began + self._poll_s
-        while time.monotonic() < ends:
-            try:
-                return self.socket.recv(_RECEIVE_BYTES, _DONT_WAIT)
-            except BlockingIOError:
-                give_way()
-        return None
-
-    def _up_to(self, size: int, received: bytes | bytearray, wait_s: float, ends: float) -> bytearray:
-        """At least `size` bytes by a time, of which the first were received already."""
-        whole = bytearray(size)
-        whole[: len(received)] = received
-        missing = memoryview(whole)[len(received) :]
-        while missing:
-            self._wait_until(ends)
-            try:
-                count = self.socket.recv_into(missing)
-            except (BlockingIOError, TimeoutError):
-                raise self._late(wait_s) from None
-            except OSError as error:
-                raise ConnectionLost(str(error)) from None
-            if not count:
-                raise ConnectionLost("the server closed the connection")
-            missing = missing[count:]
-        return whole
-
-    def _wait_until(self, ends: float) -> None:
-        """Let the next call of the system wait until then, and at least for a moment."""
-        if ends < math.inf:
-            self._set_wait(max(ends - time.monotonic(), 1e-6))
-
-    def _set_wait(self, wait_s: float) -> None:
-        self._wait_s = wait_s
-        if _TIMEVAL is None:
-            self.socket.settimeout(wait_s)
-            return
-        fraction, whole = math.modf(max(wait_s, 1e-6))
-        value = _TIMEVAL.pack(int(whole), int(fraction * 1e6))
-        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, value)
-        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, value)
-
-    def _late(self, wait_s: float) -> DeadlineExceeded:
-        return DeadlineExceeded(f"{self.address}: no answer within {wait_s:g} s")
+def _closed(connection: LaneConnection, error: BaseException) -> BaseException:
+    """The error of a call, whose connection is closed: a late reply must not answer the next call."""
+    if isinstance(error, ConnectionLost):
+        error.new = not connection.has_answered
+    connection.close()
+    return error

@@ -13,7 +13,8 @@ from typing_extensions import override
 from taxel.arguments import checked_flag
 from taxel.errors import InvalidArgument, Unavailable
 from taxel.lane.async_client import AsyncLane
-from taxel.lane.client import ConnectionLost, RepeatedRequest
+from taxel.lane.connection import ConnectionLost
+from taxel.lane.repeated_request import RepeatedRequest
 from taxel.predictor import DEFAULT_MODEL, NOT_PICKLED, BasePredictor, ModelInfo, Timing
 from taxel.protocol import PREFIX, InferResponse
 from taxel.remote.awaited_calls import AwaitedCalls

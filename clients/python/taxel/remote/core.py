@@ -23,7 +23,7 @@ from taxel.errors import (
     ServerLost,
     Unavailable,
 )
-from taxel.lane.client import ConnectionLost
+from taxel.lane.connection import ConnectionLost
 from taxel.lane.lookup import LaneLookup, LaneT
 from taxel.lane.offer import LaneOffer, machine_identity
 from taxel.predictor import ModelInfo

@@ -10,7 +10,9 @@ from typing_extensions import override
 
 from taxel.arguments import checked_flag, checked_microseconds
 from taxel.errors import Unavailable
-from taxel.lane.client import ConnectionLost, Lane, RepeatedRequest
+from taxel.lane.client import Lane
+from taxel.lane.connection import ConnectionLost
+from taxel.lane.repeated_request import RepeatedRequest
 from taxel.predictor import DEFAULT_MODEL, ModelInfo, Predictor, PredictorSource, Timing
 from taxel.protocol import PREFIX, InferResponse
 from taxel.remote.core import NO_LANE, REPEATED_ROWS, RemoteCore, TransportName, with_grace
