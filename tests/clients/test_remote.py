@@ -177,6 +177,45 @@ def test_who_was_answered_before_is_not_denied(connected: Callable[[Answer], Rem
         client.get("taxel/v2/models/skin")
 
 
+def test_windows_are_answered_by_a_connection_that_is_lost_again_and_again(
+    connected: Callable[[Answer], RemoteSource], manifest: Manifest
+) -> None:
+    answer = saying(
+        pack_infer_response(InferResponse(np.ones((1, 21), np.float32), "skin", "1", None, 0, 0, 1))
+    )
+    # Who was answered before, and now is not, takes the connection for lost.
+    lost = [False, True, True, True, False]
+    client = connected(lambda query: query.drop() if lost.pop(0) else answer(query))
+    predictor = RemotePredictor(client, RemoteModel(manifest, "taxel"))
+    for _ in range(2):
+        assert np.all(predictor.predict(np.zeros((1, 6))) == 1)
+    assert (lost, client.retries) == ([], 3)
+
+
+def test_a_connection_that_stays_lost_is_told(
+    connected: Callable[[Answer], RemoteSource], manifest: Manifest
+) -> None:
+    answer = saying(
+        pack_infer_response(InferResponse(np.ones((1, 21), np.float32), "skin", "1", None, 0, 0, 1))
+    )
+    asked: list[float] = []
+
+    def once(query: zenoh.Query) -> None:
+        asked.append(time.monotonic())
+        if len(asked) == 1:
+            answer(query)
+        else:
+            query.drop()
+
+    predictor = RemotePredictor(connected(once), RemoteModel(manifest, "taxel"))
+    predictor.predict(np.zeros((1, 6)))
+    with pytest.raises(ServerLost):
+        predictor.predict(np.zeros((1, 6)), timeout=0.3)
+    # It was sent again, but not as fast as it could be.
+    assert 3 <= len(asked) <= 8
+    assert asked[-1] - asked[1] < 0.3
+
+
 def test_a_silent_server_exceeds_the_deadline(
     connected: Callable[[Answer], RemoteSource], manifest: Manifest
 ) -> None:

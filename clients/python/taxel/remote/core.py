@@ -58,7 +58,7 @@ _LOOKUP_S: Final = 1.0
 """The longest that the server's metadata are waited for, to find its lane."""
 
 _RECONNECT_S: Final = 2.0
-"""The longest that a call waits for a lost server."""
+"""How long after a lost connection a call looks for the server again. It may be lost more than once."""
 
 _LOOK_AGAIN_S: Final = 0.01
 _DECLARED_S: Final = 0.05
@@ -214,18 +214,20 @@ class RemoteCore(Generic[LaneT]):
         return reply
 
     async def _over_transport(self, model: RemoteModel, payload: bytes, ends: float, wait: float) -> bytes:
-        """The reply. After a lost connection the request is sent once more within its time."""
+        """The reply. Until a little after the connection was lost, the request is sent again each time."""
         left = ends - time.monotonic()
         # What was prepared has the whole timeout; only a lost lane takes a notable part of it.
         left = wait if with_grace(left) > wait else max(left, 1e-3)
-        try:
-            return await self._ask(model.key, payload, with_grace(left), model.cancel_key)
-        except ServerLost:
-            if not await self._connected_again(min(ends - time.monotonic(), _RECONNECT_S)):
-                raise
-        self._repeated += 1
-        left = max(ends - time.monotonic(), 1e-3)
-        return await self._ask(model.key, payload, with_grace(left), model.cancel_key)
+        lost_until: float | None = None
+        while True:
+            try:
+                return await self._ask(model.key, payload, with_grace(left), model.cancel_key)
+            except ServerLost:
+                lost_until = lost_until or min(ends, time.monotonic() + _RECONNECT_S)
+                if not await self._connected_again(lost_until):
+                    raise
+            self._repeated += 1
+            left = max(ends - time.monotonic(), 1e-3)
 
     async def _over_lane(
         self,
@@ -335,16 +337,15 @@ class RemoteCore(Generic[LaneT]):
             await self._waiting.sleep(_DECLARED_S)
             return await self._waiting.ask(self.transport, key, payload, timeout, cancel_key)
 
-    async def _connected_again(self, within: float) -> bool:
+    async def _connected_again(self, ends: float) -> bool:
         """Wait until the transport has connected again after `ServerLost`; whether it has."""
-        ends = time.monotonic() + within
-        while not self.transport.connected:
-            if time.monotonic() + _LOOK_AGAIN_S > ends:
-                return False
+        while (left := ends - time.monotonic()) > _LOOK_AGAIN_S:
+            if self.transport.connected:
+                # The server's key becomes known just after the connection.
+                await self._waiting.sleep(min(_DECLARED_S, left))
+                return True
             await self._waiting.sleep(_LOOK_AGAIN_S)
-        # The server's key becomes known just after the connection.
-        await self._waiting.sleep(min(_DECLARED_S, max(ends - time.monotonic(), 0)))
-        return True
+        return False
 
     async def _read(self, key: str, read: Callable[[Any], T]) -> T:
         """The server's answer at a key."""

@@ -47,6 +47,11 @@ class KnownServers:
             if reply.ok is not None:
                 self._note(reply.ok)
 
+    @property
+    def gone(self) -> bool:
+        """Whether it has seen servers, and sees none now: they are gone, or known again in a moment."""
+        return bool(self._seen) and not self.alive
+
     def answers(self, reply: zenoh.Reply) -> bool:
         """Whether a reply comes from one of them, or from zenoh in this process."""
         replier = reply.replier_id

@@ -108,7 +108,7 @@ class Connection(QueryTransport):
     @property
     @override
     def connected(self) -> bool:
-        return bool(self._session.info.routers_zid())
+        return bool(self._session.info.routers_zid()) and not self._known.gone
 
     def servers(self) -> tuple[str, ...]:
         """The ids of the servers that can be reached, where they tell."""
