@@ -213,7 +213,7 @@ def test_a_connection_that_stays_lost_is_told(
         predictor.predict(np.zeros((1, 6)), timeout=0.3)
     # It was sent again, but not as fast as it could be.
     assert 3 <= len(asked) <= 8
-    assert asked[-1] - asked[1] < 0.3
+    assert asked[-1] - asked[1] < 1
 
 
 def test_a_silent_server_exceeds_the_deadline(

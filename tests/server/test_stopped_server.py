@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from queue import SimpleQueue
 
 import numpy as np
 import pytest
@@ -14,8 +15,11 @@ import taxel
 from taxel.errors import RequestError, ServerLost, Unavailable
 from taxel.protocol import REPLICAS
 from taxel.remote.core import with_grace
+from taxel.remote.credentials import Credentials
+from taxel.remote.known_servers import KnownServers
 from taxel.remote.options import Transport
 from taxel.remote.zenoh_connection import Connection
+from taxel.remote.zenoh_opening import open_client_session
 from taxel_bench.server_process import RunningServer, free_port, running_server_process
 from taxel_server.transports.zenoh_session import open_session
 
@@ -60,6 +64,25 @@ def test_a_request_that_cannot_be_sent_ends_at_its_deadline(
         np.testing.assert_array_equal(predictor.predict(windows, timeout=20.0), expected)
 
 
+def test_what_is_asked_while_a_connection_is_being_closed_is_lost_at_once(server: RunningServer) -> None:
+    windows = np.zeros((_ROWS, 12), np.float32)
+    with taxel.connect(server.endpoint, timeout=0.25, transport="zenoh") as source:
+        predictor = source.predictor("wide")
+        outcome: SimpleQueue[bytes | RequestError] = SimpleQueue()
+        with stopped(server):
+            while source.connection.connected:
+                with pytest.raises(RequestError):
+                    predictor.predict(windows)
+            # zenoh would take them, and end some of them only at their timeout.
+            began = time.monotonic()
+            with pytest.raises(ServerLost):
+                source.get("taxel/v2", timeout=20.0)
+            source.connection.send("taxel/v2", None, 20.0, outcome.put)
+            assert isinstance(outcome.get(), ServerLost)
+            assert time.monotonic() - began < _LATE_S
+        assert predictor.predict(windows, timeout=20.0).shape == (_ROWS, 21)
+
+
 def test_a_server_that_was_there_is_lost_until_its_keys_are_known_again() -> None:
     place = f"tcp/127.0.0.1:{free_port()}"
     with open_session([place]) as server:
@@ -80,6 +103,29 @@ def test_a_server_that_was_there_is_lost_until_its_keys_are_known_again() -> Non
             source.start("taxel/v2", None, 5.0)()
         assert not isinstance(unanswered.value, ServerLost)
         source.close()
+
+
+def test_a_server_whose_keys_were_missed_is_looked_for_again() -> None:
+    place = f"tcp/127.0.0.1:{free_port()}"
+    with (
+        open_session([place]) as server,
+        open_client_session(place, 5.0, 5.0, shared_memory=False, credentials=Credentials()) as client,
+    ):
+        own = str(server.info.zid())
+        token = server.liveliness().declare_token(f"taxel/{REPLICAS}/{own}")
+        known = KnownServers(client, "taxel")
+        assert known.current() == {own}
+        # As zenoh leaves it, now and then, where a connection ends while the next one begins.
+        known.alive.clear()
+        ends = time.monotonic() + 10
+        while known.gone:
+            assert time.monotonic() < ends
+            time.sleep(0.01)
+        assert known.current() == {own}
+        token.undeclare()  # type: ignore[no-untyped-call]
+        while not known.gone:
+            assert time.monotonic() < ends
+            time.sleep(0.01)
 
 
 @pytest.mark.parametrize(("timeout", "whole"), [(0.02, 0.025), (1.0, 1.25), (5.0, 5.25), (60.0, 60.25)])

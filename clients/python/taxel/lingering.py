@@ -42,8 +42,12 @@ def turn_off(own_port: int | None, their_port: int | None) -> bool:
     """Set `SO_LINGER` off on the connection between two ports; False if there is none in this process."""
     if own_port is None or their_port is None or not _OPEN.is_dir():
         return False
+    try:
+        numbers = [int(each.name) for each in _OPEN.iterdir()]
+    except OSError:  # The process may open no more files, not even this list of them.
+        return False
     # From the newest: a new connection has most often the largest number.
-    for number in sorted((int(each.name) for each in _OPEN.iterdir()), reverse=True):
+    for number in sorted(numbers, reverse=True):
         # Others may close it meanwhile.
         with suppress(OSError):
             if stat.S_ISSOCK(os.fstat(number).st_mode) and _turned_off(number, (own_port, their_port)):

@@ -1,6 +1,7 @@
 """Which servers a session knows of: only their answers count."""
 
 import time
+from contextlib import suppress
 from math import inf
 from typing import Final
 
@@ -13,7 +14,10 @@ TIMEOUT: Final = b"Timeout"
 """The error that zenoh makes itself when a query's time is over."""
 
 _LOOK_S: Final = 1.0
-"""The longest that the first look for servers takes. Where there are none, it ends at once."""
+"""The longest that a look for servers takes. Where there are none, it ends at once."""
+
+_AGAIN_S: Final = 0.1
+"""How often to look again where no server is left."""
 
 
 class KnownServers:
@@ -34,23 +38,35 @@ class KnownServers:
 
     def __init__(self, session: zenoh.Session, prefix: str) -> None:
         self._session = session
+        self._looked = -inf
         # A server that is stopping still answers what it was asked: so nobody is forgotten.
         self._seen: set[str] = set()
         self.alive: set[str] = set()
         self.lost_at = -inf
-        tokens = f"{prefix}/{REPLICAS}/*"
+        self._tokens = f"{prefix}/{REPLICAS}/*"
         liveliness = session.liveliness()
         self.subscriber = liveliness.declare_subscriber(
-            tokens, Callback(self._note, indirect=False), history=True
+            self._tokens, Callback(self._note, indirect=False), history=True
         )
-        for reply in liveliness.get(tokens, timeout=_LOOK_S):
-            if reply.ok is not None:
-                self._note(reply.ok)
+        for reply in liveliness.get(self._tokens, timeout=_LOOK_S):
+            self._note_reply(reply)
 
     @property
     def gone(self) -> bool:
         """Whether it has seen servers, and sees none now: they are gone, or known again in a moment."""
-        return bool(self._seen) and not self.alive
+        return bool(self._seen) and not self.current()
+
+    def current(self) -> set[str]:
+        """Those that are alive. Where all are gone, it looks for them again.
+
+        zenoh tells of the tokens as it connects again, but not where the connection before ends only then.
+        """
+        if self._seen and not self.alive and time.monotonic() - self._looked > _AGAIN_S:
+            self._looked = time.monotonic()
+            noted: Callback[zenoh.Reply] = Callback(self._note_reply, indirect=False)
+            with suppress(zenoh.ZError):  # The session has ended.
+                self._session.liveliness().get(self._tokens, noted, timeout=_LOOK_S)
+        return self.alive
 
     def answers(self, reply: zenoh.Reply) -> bool:
         """Whether a reply comes from one of them, or from zenoh in this process."""
@@ -60,6 +76,10 @@ class KnownServers:
             return reply.err is not None and reply.err.payload.to_bytes() == TIMEOUT
         server = str(replier.zid)
         return server in self._seen or server in map(str, self._session.info.routers_zid())
+
+    def _note_reply(self, reply: zenoh.Reply) -> None:
+        if reply.ok is not None:
+            self._note(reply.ok)
 
     def _note(self, token: zenoh.Sample) -> None:
         server = str(token.key_expr).rpartition("/")[2]

@@ -110,14 +110,23 @@ class Connection(QueryTransport):
     def connected(self) -> bool:
         return bool(self._session.info.routers_zid()) and not self._known.gone
 
+    @property
+    def _has_transport(self) -> bool:
+        """Whether a query can be sent now.
+
+        zenoh forgets a transport as it begins to close it, but gives it queries until it has closed it.
+        These are never sent, and some of them end only at their timeout.
+        """
+        return bool(self._session.info.routers_zid() or self._session.info.peers_zid())
+
     def servers(self) -> tuple[str, ...]:
         """The ids of the servers that can be reached, where they tell."""
-        return tuple(self._known.alive)
+        return tuple(self._known.current())
 
     @property
     def is_to_router(self) -> bool:
         """Whether servers are behind a router, which is none itself."""
-        servers = self._known.alive
+        servers = self._known.current()
         return bool(servers) and not any(str(zid) in servers for zid in self._session.info.routers_zid())
 
     @override
@@ -186,6 +195,8 @@ class Connection(QueryTransport):
         self, key: str, payload: bytes | None, timeout: float, cancel_key: str | None
     ) -> tuple[Handler[zenoh.Reply], zenoh.SourceInfo]:
         """Send a query: where its replies come, and its name."""
+        if not self._has_transport:
+            raise self.silence(key)
         source = self._source if cancel_key is None else self._named()
         querier = self._queriers.get((key, timeout))
         try:
@@ -215,6 +226,9 @@ class Connection(QueryTransport):
         source = self._source if cancel_key is None else self._named()
         started = time.monotonic()
         stranger: zenoh.Reply | None = None
+        if not self._has_transport:
+            settle(self.silence(key))
+            return nothing_to_give_up
 
         def read(reply: zenoh.Reply) -> None:
             nonlocal stranger
