@@ -49,6 +49,10 @@ def _minus(some: Amounts, less: Amounts) -> Amounts:
     return Amounts(some[0] - less[0], some[1] - less[1], some[2] - less[2], some[3] - less[3])
 
 
+def _told(amount: float) -> str:
+    return str(amount) if isinstance(amount, int) else f"{amount:.3g}"
+
+
 class Shares:
     """Counts what is taken. One small request of each client comes on top of the limits.
 
@@ -79,7 +83,10 @@ class Shares:
             Amounts._fields, self._limits, self.taken, mine, wanted, strict=True
         ):
             if own + more > limit - taken - more:
-                return f"the queue is full: {taken:.5g} of {limit:.5g} {name}, {own:.5g} of them yours"
+                return (
+                    f"the queue is full: {_told(taken)} of {_told(limit)} {name}, {_told(own)} of them "
+                    f"yours; {_told(more)} more would leave less for others than you have"
+                )
         return None
 
     def take(self, claim: Claim) -> None:
