@@ -3,6 +3,7 @@
 import gc
 import json
 import os
+import resource
 import socket
 import stat
 import struct
@@ -113,3 +114,12 @@ def test_a_link_without_a_port_is_left_alone() -> None:
     before = open_files()
     assert not turn_off(None, None)
     assert open_files() == before
+
+
+def test_a_process_that_may_open_no_more_files_leaves_connections_as_they_are() -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (3, hard))
+    try:
+        assert not turn_off(1, 2)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
