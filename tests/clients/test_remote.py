@@ -5,7 +5,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from queue import SimpleQueue
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pytest
@@ -29,6 +29,7 @@ from taxel.manifest import Manifest, ModelFile, Normalisation, Training, WindowL
 from taxel.protocol import REPLICAS, InferResponse, pack_error, pack_infer_response, packb
 from taxel.remote import RemotePredictor, RemoteSource
 from taxel.remote.remote_model import RemoteModel
+from taxel.remote.zenoh_connection import Connection
 from taxel_bench.plain_client import client_config
 
 Answer = Callable[[zenoh.Query], None]
@@ -77,6 +78,12 @@ def refusing(payload: bytes) -> Answer:
             query.reply_err(payload)
 
     return answer
+
+
+ONE_ROW: Final = pack_infer_response(
+    InferResponse(np.ones((1, 21), np.float32), "skin", "1", None, 0, 0, 1)
+)
+"""The answer to one window."""
 
 
 def turning_away(query: zenoh.Query) -> None:
@@ -177,12 +184,27 @@ def test_who_was_answered_before_is_not_denied(connected: Callable[[Answer], Rem
         client.get("taxel/v2/models/skin")
 
 
+def test_nothing_is_asked_without_a_transport(
+    connected: Callable[[Answer], RemoteSource],
+    monkeypatch: pytest.MonkeyPatch,
+    outcomes: "SimpleQueue[bytes | RequestError]",
+) -> None:
+    """The connection may be there again by the time of the error, which says all the same that it was lost."""
+    asked: list[zenoh.Query] = []
+    client = connected(asked.append)
+    monkeypatch.setattr(Connection, "_has_transport", False)
+    assert client.connection.connected
+    with pytest.raises(ServerLost, match="nobody answers taxel/v2: the connection to the server was lost"):
+        client.get("taxel/v2", timeout=20)
+    client.connection.send("taxel/v2", None, 20.0, outcomes.put)
+    assert isinstance(outcomes.get(timeout=5), ServerLost)
+    assert asked == []
+
+
 def test_windows_are_answered_by_a_connection_that_is_lost_again_and_again(
     connected: Callable[[Answer], RemoteSource], manifest: Manifest
 ) -> None:
-    answer = saying(
-        pack_infer_response(InferResponse(np.ones((1, 21), np.float32), "skin", "1", None, 0, 0, 1))
-    )
+    answer = saying(ONE_ROW)
     # Who was answered before, and now is not, takes the connection for lost.
     lost = [False, True, True, True, False]
     client = connected(lambda query: query.drop() if lost.pop(0) else answer(query))
@@ -195,9 +217,7 @@ def test_windows_are_answered_by_a_connection_that_is_lost_again_and_again(
 def test_a_connection_that_stays_lost_is_told(
     connected: Callable[[Answer], RemoteSource], manifest: Manifest
 ) -> None:
-    answer = saying(
-        pack_infer_response(InferResponse(np.ones((1, 21), np.float32), "skin", "1", None, 0, 0, 1))
-    )
+    answer = saying(ONE_ROW)
     asked: list[float] = []
 
     def once(query: zenoh.Query) -> None:

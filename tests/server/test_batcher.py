@@ -378,8 +378,11 @@ def test_an_expired_request_is_not_computed(model: LoadedModel, runtime: Recorde
 @pytest.mark.parametrize(
     ("limits", "told"),
     [
-        ({"max_queue_rows": 8}, "4 of 8 rows, 4 of them yours; 1 more would leave less for others"),
-        ({"max_queue_requests": 4}, "2 of 4 requests, 2 of them yours; 1 more would"),
+        (
+            {"max_queue_rows": 8},
+            "4 of 8 rows, 4 of them yours; with 1 more you would have more than is left",
+        ),
+        ({"max_queue_requests": 4}, "2 of 4 requests, 2 of them yours; with 1 more you would have more"),
         ({"max_queue_bytes": 200}, "96 of 200 bytes, 96 of them yours"),
     ],
 )

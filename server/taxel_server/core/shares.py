@@ -85,7 +85,7 @@ class Shares:
             if own + more > limit - taken - more:
                 return (
                     f"the queue is full: {_told(taken)} of {_told(limit)} {name}, {_told(own)} of them "
-                    f"yours; {_told(more)} more would leave less for others than you have"
+                    f"yours; with {_told(more)} more you would have more than is left for others"
                 )
         return None
 

@@ -58,7 +58,7 @@ _LOOKUP_S: Final = 1.0
 """The longest that the server's metadata are waited for, to find its lane."""
 
 _RECONNECT_S: Final = 2.0
-"""How long after a lost connection a call looks for the server again. It may be lost more than once."""
+"""How long after its first loss of the connection a call goes on. The next connection may be lost, too."""
 
 _LOOK_AGAIN_S: Final = 0.01
 _DECLARED_S: Final = 0.05
@@ -214,7 +214,7 @@ class RemoteCore(Generic[LaneT]):
         return reply
 
     async def _over_transport(self, model: RemoteModel, payload: bytes, ends: float, wait: float) -> bytes:
-        """The reply. Until a little after the connection was lost, the request is sent again each time."""
+        """The reply. A request whose connection is lost is sent again, until `_RECONNECT_S` after the first loss."""
         left = ends - time.monotonic()
         # What was prepared has the whole timeout; only a lost lane takes a notable part of it.
         left = wait if with_grace(left) > wait else max(left, 1e-3)

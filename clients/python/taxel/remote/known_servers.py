@@ -59,7 +59,8 @@ class KnownServers:
     def current(self) -> set[str]:
         """Those that are alive. Where all are gone, it looks for them again.
 
-        zenoh tells of the tokens as it connects again, but not where the connection before ends only then.
+        zenoh tells of the tokens when it connects again. It may miss them where the old connection ends
+        after the new one has begun.
         """
         if self._seen and not self.alive and time.monotonic() - self._looked > _AGAIN_S:
             self._looked = time.monotonic()

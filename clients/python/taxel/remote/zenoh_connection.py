@@ -196,7 +196,7 @@ class Connection(QueryTransport):
     ) -> tuple[Handler[zenoh.Reply], zenoh.SourceInfo]:
         """Send a query: where its replies come, and its name."""
         if not self._has_transport:
-            raise self.silence(key)
+            raise self._lost(key)
         source = self._source if cancel_key is None else self._named()
         querier = self._queriers.get((key, timeout))
         try:
@@ -227,7 +227,7 @@ class Connection(QueryTransport):
         started = time.monotonic()
         stranger: zenoh.Reply | None = None
         if not self._has_transport:
-            settle(self.silence(key))
+            settle(self._lost(key))
             return nothing_to_give_up
 
         def read(reply: zenoh.Reply) -> None:
@@ -279,10 +279,7 @@ class Connection(QueryTransport):
     @override
     def silence(self, key: str) -> RequestError:
         if not self.connected:
-            return ServerLost(
-                f"{self.endpoint}: nobody answers {key}: the connection to the server was lost; "
-                "it is connected again by itself once a `taxel serve` listens there"
-            )
+            return self._lost(key)
         # zenoh's stub takes the status for a bool.
         status: Any = self._server.matching_status
         if status.matching:
@@ -293,6 +290,12 @@ class Connection(QueryTransport):
         return Unavailable(
             f"{self.endpoint}: nobody answers {key}: expected a `taxel serve` with this prefix "
             "that this client may know of"
+        )
+
+    def _lost(self, key: str) -> ServerLost:
+        return ServerLost(
+            f"{self.endpoint}: nobody answers {key}: the connection to the server was lost; "
+            "it is connected again by itself once a `taxel serve` listens there"
         )
 
     def _outcome(self, reply: zenoh.Reply, key: str, wait: float) -> bytes | RequestError:
