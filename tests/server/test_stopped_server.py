@@ -12,16 +12,10 @@ import numpy as np
 import pytest
 
 import taxel
-from taxel.errors import RequestError, ServerLost, Unavailable
-from taxel.protocol import REPLICAS
+from taxel.errors import RequestError, ServerLost
 from taxel.remote.core import with_grace
-from taxel.remote.credentials import Credentials
-from taxel.remote.known_servers import KnownServers
 from taxel.remote.options import Transport
-from taxel.remote.zenoh_connection import Connection
-from taxel.remote.zenoh_opening import open_client_session
-from taxel_bench.server_process import RunningServer, free_port, running_server_process
-from taxel_server.transports.zenoh_session import open_session
+from taxel_bench.server_process import RunningServer, running_server_process
 
 _TIMEOUT_S = 1.0
 _LATE_S = 1.0
@@ -81,51 +75,6 @@ def test_what_is_asked_while_a_connection_is_being_closed_is_lost_at_once(server
             assert isinstance(outcome.get(), ServerLost)
             assert time.monotonic() - began < _LATE_S
         assert predictor.predict(windows, timeout=20.0).shape == (_ROWS, 21)
-
-
-def test_a_server_that_was_there_is_lost_until_its_keys_are_known_again() -> None:
-    place = f"tcp/127.0.0.1:{free_port()}"
-    with open_session([place]) as server:
-        own = f"taxel/{REPLICAS}/{server.info.zid()}"
-        token = server.liveliness().declare_token(own)
-        source = Connection(place, "taxel", 10.0)
-        assert source.connected
-        token.undeclare()  # type: ignore[no-untyped-call]
-        # As after a connection that zenoh has made again: the keys come a little later.
-        while source.connected:
-            time.sleep(0.01)
-        with pytest.raises(ServerLost, match="the connection to the server was lost"):
-            source.start("taxel/v2", None, 5.0)()
-        token = server.liveliness().declare_token(own)
-        while not source.connected:
-            time.sleep(0.01)
-        with pytest.raises(Unavailable, match="nobody answers taxel/v2") as unanswered:
-            source.start("taxel/v2", None, 5.0)()
-        assert not isinstance(unanswered.value, ServerLost)
-        source.close()
-
-
-def test_a_server_whose_keys_were_missed_is_looked_for_again() -> None:
-    place = f"tcp/127.0.0.1:{free_port()}"
-    with (
-        open_session([place]) as server,
-        open_client_session(place, 5.0, 5.0, shared_memory=False, credentials=Credentials()) as client,
-    ):
-        own = str(server.info.zid())
-        token = server.liveliness().declare_token(f"taxel/{REPLICAS}/{own}")
-        known = KnownServers(client, "taxel")
-        assert known.current() == {own}
-        # As zenoh leaves it, now and then, where a connection ends while the next one begins.
-        known.alive.clear()
-        ends = time.monotonic() + 10
-        while known.gone:
-            assert time.monotonic() < ends
-            time.sleep(0.01)
-        assert known.current() == {own}
-        token.undeclare()  # type: ignore[no-untyped-call]
-        while not known.gone:
-            assert time.monotonic() < ends
-            time.sleep(0.01)
 
 
 @pytest.mark.parametrize(("timeout", "whole"), [(0.02, 0.025), (1.0, 1.25), (5.0, 5.25), (60.0, 60.25)])
