@@ -189,7 +189,7 @@ def test_nothing_is_asked_without_a_transport(
     monkeypatch: pytest.MonkeyPatch,
     outcomes: "SimpleQueue[bytes | RequestError]",
 ) -> None:
-    """The connection may be there again by the time of the error, which says all the same that it was lost."""
+    """The connection may be there again by the time of the error, which still says that it was lost."""
     asked: list[zenoh.Query] = []
     client = connected(asked.append)
     monkeypatch.setattr(Connection, "_has_transport", False)

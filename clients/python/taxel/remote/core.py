@@ -214,7 +214,7 @@ class RemoteCore(Generic[LaneT]):
         return reply
 
     async def _over_transport(self, model: RemoteModel, payload: bytes, ends: float, wait: float) -> bytes:
-        """The reply. A request whose connection is lost is sent again, until `_RECONNECT_S` after the first loss."""
+        """The reply. A request whose connection is lost is sent again, for a while after the first loss."""
         left = ends - time.monotonic()
         # What was prepared has the whole timeout; only a lost lane takes a notable part of it.
         left = wait if with_grace(left) > wait else max(left, 1e-3)
