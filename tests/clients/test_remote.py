@@ -230,10 +230,10 @@ def test_a_connection_that_stays_lost_is_told(
     predictor = RemotePredictor(connected(once), RemoteModel(manifest, "taxel"))
     predictor.predict(np.zeros((1, 6)))
     with pytest.raises(ServerLost):
-        predictor.predict(np.zeros((1, 6)), timeout=0.3)
-    # It was sent again, but not as fast as it could be.
-    assert 3 <= len(asked) <= 8
-    assert asked[-1] - asked[1] < 1
+        predictor.predict(np.zeros((1, 6)), timeout=20)
+    # It was sent again for 2 s, every 50 ms at most.
+    assert 3 <= len(asked) <= 42
+    assert asked[-1] - asked[1] < 10
 
 
 def test_a_silent_server_exceeds_the_deadline(

@@ -338,11 +338,11 @@ class RemoteCore(Generic[LaneT]):
             return await self._waiting.ask(self.transport, key, payload, timeout, cancel_key)
 
     async def _connected_again(self, ends: float) -> bool:
-        """Wait until the transport has connected again after `ServerLost`; whether it has."""
-        while (left := ends - time.monotonic()) > _LOOK_AGAIN_S:
+        """Wait until the transport has connected again after `ServerLost`; whether it has in time."""
+        while ends - time.monotonic() > _DECLARED_S:
             if self.transport.connected:
                 # The server's key becomes known just after the connection.
-                await self._waiting.sleep(min(_DECLARED_S, left))
+                await self._waiting.sleep(_DECLARED_S)
                 return True
             await self._waiting.sleep(_LOOK_AGAIN_S)
         return False
