@@ -29,6 +29,7 @@ from taxel.manifest import Manifest, ModelFile, Normalisation, Training, WindowL
 from taxel.protocol import REPLICAS, InferResponse, pack_error, pack_infer_response, packb
 from taxel.remote import RemotePredictor, RemoteSource
 from taxel.remote.remote_model import RemoteModel
+from taxel.remote.transport_watch import TransportWatch
 from taxel.remote.zenoh_connection import Connection
 from taxel_bench.plain_client import client_config
 
@@ -41,6 +42,15 @@ def free_endpoint() -> str:
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
+def router_config(endpoint: str) -> zenoh.Config:
+    config = zenoh.Config()
+    config.insert_json5("mode", '"router"')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("scouting/delay", "0")
+    config.insert_json5("listen/endpoints", json.dumps([endpoint]))
+    return config
+
+
 @pytest.fixture
 def connected() -> Iterator[Callable[[Answer], RemoteSource]]:
     """A client of a server that answers every query with the function given."""
@@ -48,12 +58,7 @@ def connected() -> Iterator[Callable[[Answer], RemoteSource]]:
 
     def connect(answer: Answer) -> RemoteSource:
         endpoint = free_endpoint()
-        config = zenoh.Config()
-        config.insert_json5("mode", '"router"')
-        config.insert_json5("scouting/multicast/enabled", "false")
-        config.insert_json5("scouting/delay", "0")
-        config.insert_json5("listen/endpoints", json.dumps([endpoint]))
-        server = zenoh.open(config)
+        server = zenoh.open(router_config(endpoint))
         server.declare_queryable("taxel/**", Callback(answer, indirect=False), complete=True)
         client = taxel.connect(endpoint, timeout=10, transport="zenoh")
         opened.extend((server, client))
@@ -192,8 +197,60 @@ def test_nothing_is_asked_without_a_transport(
     """The connection may be there again by the time of the error, which still says that it was lost."""
     asked: list[zenoh.Query] = []
     client = connected(asked.append)
-    monkeypatch.setattr(Connection, "_has_transport", False)
+    monkeypatch.setattr(TransportWatch, "is_open", False)
     assert client.connection.connected
+    with pytest.raises(ServerLost, match="nobody answers taxel/v2: the connection to the server was lost"):
+        client.get("taxel/v2", timeout=20)
+    client.connection.send("taxel/v2", None, 20.0, outcomes.put)
+    assert isinstance(outcomes.get(timeout=5), ServerLost)
+    assert asked == []
+
+
+def test_what_waits_for_an_answer_ends_when_its_transport_closes(
+    connected: Callable[[Answer], RemoteSource], outcomes: "SimpleQueue[bytes | RequestError]"
+) -> None:
+    """zenoh ends most such queries itself, but not those that come as it closes the transport.
+
+    The transport that closes here is another one, so that zenoh has nothing to do with the end.
+    """
+    held: SimpleQueue[zenoh.Query] = SimpleQueue()
+    kept: list[zenoh.Query] = []
+    client = connected(held.put)
+    connection, lost = client.connection, "nobody answers taxel/v2: the connection to the server was lost"
+    assert isinstance(connection, Connection)
+    endpoint = free_endpoint()
+    with zenoh.open(router_config(endpoint)) as another, zenoh.open(client_config(endpoint)) as ours:
+        listener: Any = ours.info.declare_transport_events_listener(
+            Callback(connection.watch.note, indirect=False)
+        )
+        connection.send("taxel/v2", None, 20.0, outcomes.put)
+        asked = connection.start("taxel/v2", None, 20.0)
+        kept += held.get(timeout=5), held.get(timeout=5)
+        another.close()
+        with pytest.raises(ServerLost, match=lost):
+            asked()
+        assert isinstance(outcomes.get(timeout=5), ServerLost)
+        listener.undeclare()
+    # What is asked later goes over another transport.
+    connection.send("taxel/v2", None, 20.0, outcomes.put)
+    kept.append(held.get(timeout=5))
+    kept[-1].reply(kept[-1].key_expr, b"here")
+    assert outcomes.get(timeout=5) == b"here"
+
+
+def test_what_is_asked_just_as_the_transport_closes_is_lost_at_once(
+    connected: Callable[[Answer], RemoteSource],
+    monkeypatch: pytest.MonkeyPatch,
+    outcomes: "SimpleQueue[bytes | RequestError]",
+) -> None:
+    def closing(watch: TransportWatch) -> bool:
+        """It is there when the client looks, and closes before it sends."""
+        watch.end_queries()
+        return True
+
+    asked: list[zenoh.Query] = []
+    client = connected(asked.append)
+    monkeypatch.setattr(TransportWatch, "is_open", property(closing))
     with pytest.raises(ServerLost, match="nobody answers taxel/v2: the connection to the server was lost"):
         client.get("taxel/v2", timeout=20)
     client.connection.send("taxel/v2", None, 20.0, outcomes.put)

@@ -31,6 +31,7 @@ from taxel.remote.known_servers import TIMEOUT, KnownServers
 from taxel.remote.open_requests import Ended, OpenRequests, not_counted
 from taxel.remote.query_transport import Done, QueryTransport, nothing_to_give_up
 from taxel.remote.started_query import StartedQuery
+from taxel.remote.transport_watch import TransportWatch
 from taxel.remote.zenoh_opening import open_client_session
 from taxel.zenoh_process import close_session, leave_behind_after_fork
 
@@ -99,25 +100,23 @@ class Connection(QueryTransport):
         except zenoh.ZError as error:
             raise InvalidArgument(f"prefix {prefix!r}: {reason_of(error)}") from None
         self._known = KnownServers(self._session, prefix)
+        self.watch: Final = TransportWatch(self._session)
         leave_behind_after_fork(self)
 
     def zenoh_objects(self) -> list[object]:
         """The session, and what was declared on it."""
-        return [self._session, self._server, self._known.subscriber, *self._queriers.values()]
+        return [
+            self._session,
+            self._server,
+            self._known.subscriber,
+            self.watch.listener,
+            *self._queriers.values(),
+        ]
 
     @property
     @override
     def connected(self) -> bool:
         return bool(self._session.info.routers_zid()) and not self._known.gone
-
-    @property
-    def _has_transport(self) -> bool:
-        """Whether a query can be sent now.
-
-        zenoh forgets a transport as it begins to close it, but gives it queries until it has closed it.
-        These are never sent, and some of them end only at their timeout.
-        """
-        return bool(self._session.info.routers_zid() or self._session.info.peers_zid())
 
     def servers(self) -> tuple[str, ...]:
         """The ids of the servers that can be reached, where they tell."""
@@ -155,14 +154,16 @@ class Connection(QueryTransport):
     ) -> StartedQuery:
         started = time.monotonic()
         ended = self._begun(payload)
+        # Before the look at the transport: where that closes from here on, it ends the query.
+        token = self.watch.token
         try:
-            replies, source = self._sent(key, payload, timeout, cancel_key)
+            replies, source = self._sent(key, payload, timeout, cancel_key, token)
         except RequestError as error:
             ended(error)
             raise
 
         def settled(reply: zenoh.Reply | None, stranger: zenoh.Reply | None) -> bytes | RequestError | None:
-            outcome = self._settled(reply, stranger, key=key, timeout=timeout, started=started)
+            outcome = self._settled(reply, stranger, token, key=key, timeout=timeout, started=started)
             if outcome is not None:
                 ended(outcome)
             return outcome
@@ -181,6 +182,7 @@ class Connection(QueryTransport):
         self,
         reply: zenoh.Reply | None,
         stranger: zenoh.Reply | None,
+        token: zenoh.CancellationToken,
         *,
         key: str,
         timeout: float,
@@ -188,25 +190,35 @@ class Connection(QueryTransport):
     ) -> bytes | RequestError | None:
         """What a reply says, or the end of replies if it is None; None if it comes from a stranger."""
         if reply is None:
-            return self._end(key, timeout, started, stranger)
+            return self._end(key, timeout, started, stranger, token)
         return self._outcome(reply, key, timeout) if self._known.answers(reply) else None
 
     def _sent(
-        self, key: str, payload: bytes | None, timeout: float, cancel_key: str | None
+        self,
+        key: str,
+        payload: bytes | None,
+        timeout: float,
+        cancel_key: str | None,
+        token: zenoh.CancellationToken,
     ) -> tuple[Handler[zenoh.Reply], zenoh.SourceInfo]:
         """Send a query: where its replies come, and its name."""
-        if not self._has_transport:
+        if not self.watch.is_open:
             raise self._lost(key)
         source = self._source if cancel_key is None else self._named()
         querier = self._queriers.get((key, timeout))
         try:
             if querier is not None:
-                return querier.get(payload=payload, source_info=source), source
+                return querier.get(payload=payload, source_info=source, cancellation_token=token), source
             return self._session.get(
-                key, payload=payload, timeout=timeout, consolidation=_AS_THEY_COME, source_info=source
+                key,
+                payload=payload,
+                timeout=timeout,
+                consolidation=_AS_THEY_COME,
+                source_info=source,
+                cancellation_token=token,
             ), source
         except zenoh.ZError as error:
-            raise self._broken(error) from None
+            raise self._lost(key) if self.watch.has_closed(token) else self._broken(error) from None
 
     @override
     def send(
@@ -226,7 +238,8 @@ class Connection(QueryTransport):
         source = self._source if cancel_key is None else self._named()
         started = time.monotonic()
         stranger: zenoh.Reply | None = None
-        if not self._has_transport:
+        token = self.watch.token
+        if not self.watch.is_open:
             settle(self._lost(key))
             return nothing_to_give_up
 
@@ -238,14 +251,14 @@ class Connection(QueryTransport):
                 stranger = reply
 
         def end() -> None:
-            settle(lambda: self._end(key, timeout, started, stranger))
+            settle(lambda: self._end(key, timeout, started, stranger, token))
 
         # zenoh would start a thread for each query whose callback is not direct.
         handler: Callback[zenoh.Reply] = Callback(read, end, indirect=False)
         querier = self._queriers.get((key, timeout))
         try:
             if querier is not None:
-                querier.get(handler, payload=payload, source_info=source)
+                querier.get(handler, payload=payload, source_info=source, cancellation_token=token)
             else:
                 self._session.get(
                     key,
@@ -254,9 +267,10 @@ class Connection(QueryTransport):
                     timeout=timeout,
                     consolidation=_AS_THEY_COME,
                     source_info=source,
+                    cancellation_token=token,
                 )
         except zenoh.ZError as error:
-            settle(self._broken(error))
+            settle(self._lost(key) if self.watch.has_closed(token) else self._broken(error))
         return partial(self._give_up, cancel_key, source)
 
     def _named(self) -> zenoh.SourceInfo:
@@ -309,7 +323,14 @@ class Connection(QueryTransport):
         self._heard[key] = time.monotonic()
         return unpack_error(text)
 
-    def _end(self, key: str, wait: float, started: float, stranger: zenoh.Reply | None) -> RequestError:
+    def _end(
+        self,
+        key: str,
+        wait: float,
+        started: float,
+        stranger: zenoh.Reply | None,
+        token: zenoh.CancellationToken,
+    ) -> RequestError:
         """The error of a query that ended without a server's reply."""
         if stranger is not None:
             return Unavailable(
@@ -318,7 +339,7 @@ class Connection(QueryTransport):
             )
         if time.monotonic() - started >= wait:
             return self._late(key, wait)
-        if self._known.lost_at >= started:
+        if self.watch.has_closed(token) or self._known.lost_at >= started:
             # It may be connected again by now.
             return ServerLost(
                 f"{self.endpoint}: nobody answers {key}: the connection to the server was lost"
