@@ -11,6 +11,7 @@ from taxel.channels import CHANNELS
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.effects.fault import Fault
+from taxel_models.loop.effects.interference import Interference
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.findings import ParameterCorrelation
 from taxel_models.loop.observations import Observations
@@ -130,3 +131,9 @@ class Attribution:
     rejected: tuple[Rejected, ...]
     residual: Floats
     correlation: ParameterCorrelation | None = None
+
+    @property
+    def waves(self) -> Floats:
+        """(n, 21) named interference, counts."""
+        waves = [one.contribution for one in self.named if one.name == Interference.name]
+        return np.asarray(np.sum([np.zeros_like(self.residual), *waves], axis=0))

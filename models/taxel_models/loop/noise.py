@@ -32,14 +32,19 @@ class NoiseFloor:
     resting: NDArray[np.float64] | None
 
     @classmethod
-    def of(cls, observations: Observations) -> "NoiseFloor":
-        """Both estimates of a recording."""
+    def of(cls, observations: Observations, waves: NDArray[np.float64] | float = 0.0) -> "NoiseFloor":
+        """Both estimates of a recording.
+
+        Args:
+            observations: the recording's rows.
+            waves: (n, 21) interference, counts. It is fast, but can be explained.
+        """
         inside = observations.segment[2:] == observations.segment[:-2]
-        residual = observations.residual
+        residual = observations.residual - waves
         found = _robust_sd(_second(residual)[inside])
         free = observations.pressed < TOUCH_N
         quiet = inside & free[2:] & free[1:-1] & free[:-2]
-        resting = _robust_sd(_second(observations.measured)[quiet]) if quiet.sum() >= 200 else None
+        resting = _robust_sd(_second(observations.measured - waves)[quiet]) if quiet.sum() >= 200 else None
         return cls(found, resting)
 
     def share(self, energy: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -255,7 +255,7 @@ def _findings(
 ) -> Findings:
     manifest = observations.manifest
     rows, output_std = blocks.evaluation, np.array(manifest.normalisation.output_std)
-    noise = NoiseFloor.of(observations)
+    noise = NoiseFloor.of(observations, attribution.waves)
     energy = (observations.residual[rows] ** 2).mean(axis=0)
     measured = observations.measured[rows]
     served = {effect.name for effect in new.effects}

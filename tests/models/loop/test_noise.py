@@ -65,3 +65,13 @@ def test_the_report_has_the_mean_absolute_error_of_normal_noise(
     assert report["norm_mae"] == pytest.approx(report["mae"] / 100.0)
     assert report["share_of_residual_energy"] == pytest.approx(0.25, rel=0.05)
     assert tuple(report["per_channel"]) == CHANNELS
+
+
+def test_a_wave_that_is_explained_is_no_noise(observations: Observations, white: np.ndarray) -> None:
+    """Mains of 60 Hz look like 40 Hz at 100 samples a second, which second differences enlarge."""
+    wave = np.sin(2 * np.pi * 40.0 * observations.time_s)[:, None] * np.linspace(0.0, 300.0, len(CHANNELS))
+    recorded = with_residual(observations, white + wave)
+    free = NoiseFloor.of(with_residual(observations, white))
+    found = NoiseFloor.of(recorded, wave)
+    np.testing.assert_allclose(found.differences, free.differences)
+    assert NoiseFloor.of(recorded).differences[-1] > 5 * SD[-1]

@@ -205,3 +205,9 @@ def test_what_runs_along_most_is_told_and_the_others_are_counted() -> None:
         ": a4 with b4 (70 %), a3 with b3 (65 %), a2 with b2 (60 %), a1 with b1 (55 %) and 1 more."
     )
     assert told(7)[0].endswith("(65 %) and 3 more.")
+
+
+def test_an_error_that_rises_beyond_chance_is_not_called_chance() -> None:
+    """Both the change and its interval are told as a rise."""
+    worse = PairedTest(blocks=9, difference=-0.28, low=-0.38, high=-0.17, t=-6.0, p_value=0.9999)
+    assert paired(worse) == "the error rises by 0.2800 (95 % interval 0.1700 to 0.3800)"

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from taxel_models.loop.basis import Shared
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.effect import Remaining
+from taxel_models.loop.effects.frame import FrameEffect
 from taxel_models.loop.effects.rigid_motion import Misfit, fit_motion, turn_of
 from taxel_models.loop.observations import Observations
 from taxel_models.model import predict_all
@@ -66,3 +67,15 @@ def test_what_named_effects_explain_is_no_misfit(observations: Observations, tur
         expected = own - values @ np.linalg.lstsq(values, own, rcond=None)[0]
         scale = np.sqrt((residual[rows, channel] ** 2).mean())
         np.testing.assert_allclose(misfit.target[:, channel], expected / scale, atol=1e-9)
+
+
+@pytest.mark.parametrize(("begins", "ages"), [(0.0, [False]), (0.5, [False, True])])
+def test_a_motion_that_was_there_from_the_start_is_not_said_to_have_come_about(
+    observations: Observations, turned: np.ndarray, begins: float, ages: list[bool]
+) -> None:
+    """Errors that grow in the session are explained by its last part a little better."""
+    session = np.linspace(0.0, 1.0, len(observations))
+    noise = np.random.default_rng(2).normal(size=turned.shape) * turned.std(axis=0)
+    residual = (session >= begins)[:, None] * turned * (1.0 + 0.3 * session[:, None]) + 0.3 * noise
+    forms = list(FrameEffect().forms(observations, remaining(observations, residual)))
+    assert [form.ages for form in forms] == ages

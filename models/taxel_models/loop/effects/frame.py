@@ -29,6 +29,10 @@ BEGINS: Final = np.linspace(0.05, 0.75, 15)
 TAKES: Final = np.linspace(0.0, 0.3, 7)
 """Moments and durations that are tried, over the session's length."""
 
+MOST_OF_IT: Final = 0.67
+"""A motion from the start that explains this share of what one does that comes about is taken in its place:
+it can be served, and a course that is fitted explains a little more in any case."""
+
 NAMES: Final = {
     "force": "forces turned",
     "position": "positions turned",
@@ -49,19 +53,19 @@ class FrameEffect(Effect):
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
-        yield from self._always(observations, remaining)
-        yield from self._slipped(observations, remaining)
-
-    def _always(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
         found = fit_motion(observations, remaining)
-        if found is None:
-            return
-        kind, vector = found
+        explained = 0.0
+        if found is not None:
+            yield self._always(observations, *found)
+            explained = _explained(observations, remaining, *found)
+        yield from self._slipped(observations, remaining, explained)
+
+    def _always(self, observations: Observations, kind: str, vector: Floats) -> Candidate:
         count = min(-(-len(observations) // EVERY), MOST_ROWS)
         rows = np.linspace(0, len(observations) - 1, count).astype(np.int64)
         turned = turn_of(kind, vector).turn(observations.windows[rows], observations.manifest.spec)
         change = predict_all(observations.model.predict, turned) - observations.predicted[rows]
-        yield Candidate(
+        return Candidate(
             self.name,
             NAMES[kind],
             Own(change[:, :, None].astype(np.float32), rows),
@@ -71,8 +75,14 @@ class FrameEffect(Effect):
             moved=partial(_moved, kind, vector),
         )
 
-    def _slipped(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
-        """The motion of the session's last part, and the course by which it came about."""
+    def _slipped(
+        self, observations: Observations, remaining: Remaining, explained: float
+    ) -> Iterable[Candidate]:
+        """The motion of the session's last part, and the course by which it came about.
+
+        Args:
+            explained: by a motion that was there from the start.
+        """
         time_s = observations.time_s
         late = time_s >= np.quantile(time_s[remaining.fit], 1.0 - LAST)
         found = fit_motion(observations, replace(remaining, fit=remaining.fit & late))
@@ -83,6 +93,9 @@ class FrameEffect(Effect):
         change = predict_all(observations.model.predict, turned) - observations.predicted
         begins, takes = _course_of(observations, kind, change, remaining)
         change *= _course(time_s, begins, takes)[:, None]
+        rows = rows_of(remaining.fit)
+        if explained >= MOST_OF_IT * _taken_off(Misfit(observations, remaining, kind, rows), change[rows]):
+            return
         parameters = _form_parameters(kind, vector) | {"begins": (begins, "s"), "takes": (takes, "s")}
         yield self._reported(change, NAMES[kind], parameters)
 
@@ -101,6 +114,17 @@ class FrameEffect(Effect):
         )
 
 
+def _explained(observations: Observations, remaining: Remaining, kind: str, vector: Floats) -> float:
+    """What a motion that was there from the start takes off the squares of the fit part."""
+    misfit = Misfit(observations, remaining, kind, rows_of(remaining.fit))
+    return misfit.energy - float(misfit.of(misfit.changes(vector[None]))[0])
+
+
+def _taken_off(misfit: Misfit, change: Floats) -> float:
+    """What a change (n, 21), counts, takes off the squares."""
+    return misfit.energy - float(misfit.of(misfit.weighted(change)[None])[0])
+
+
 def _course(time_s: Floats, begins: float, takes: float) -> Floats:
     """(n,) how far a motion has come about: from 0 to 1."""
     return np.clip((time_s - begins) / max(takes, TICK_S), 0.0, 1.0)
@@ -114,11 +138,10 @@ def _course_of(
     time_s, end = observations.time_s, float(observations.time_s.max())
     misfit = Misfit(observations, remaining, kind, rows)
 
-    def left(times: tuple[float, float]) -> float:
-        course = _course(time_s[rows], *times)[:, None]
-        return float(misfit.of(misfit.weighted(course * change[rows])[None])[0])
+    def taken_off(times: tuple[float, float]) -> float:
+        return _taken_off(misfit, _course(time_s[rows], *times)[:, None] * change[rows])
 
-    return min(product(end * BEGINS, end * TAKES), key=left)
+    return max(product(end * BEGINS, end * TAKES), key=taken_off)
 
 
 def _form_parameters(kind: str, vector: Floats) -> dict[str, tuple[float, str]]:

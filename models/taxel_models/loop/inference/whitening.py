@@ -201,7 +201,8 @@ class Whitening:
         self.quantum = (rounding / self.scale) ** 2
         white = self(bins.means(residual.T[:, :, None]))[:, :, 0]
         size = np.array([np.sqrt((white[:, block] ** 2).mean(axis=1)) for block in bins.blocks])
-        most = constants.robust * np.median(size, axis=0)
+        # Errors below rounding are none: a constant channel that is predicted exactly counts as well.
+        most = constants.robust * np.maximum(np.median(size, axis=0), np.sqrt(self.quantum))
         for number, block in enumerate(bins.blocks):
             self._counts[:, block] = np.minimum(1.0, most / np.maximum(size[number], 1e-12))[:, None]
 

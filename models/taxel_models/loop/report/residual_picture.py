@@ -36,7 +36,8 @@ def draw_spectrum(result: LoopResult, path: Path) -> str:
         frequencies, density = power_density(residual, wanted, piece)
         power = (density / energy).mean(axis=1)
         axes.loglog(frequencies[1:-1], power[1:-1], color=colour, label=label)
-    level = float((NoiseFloor.of(observations).differences ** 2 / energy).mean()) * 2 * TICK_S
+    noise = NoiseFloor.of(observations, result.attribution.waves)
+    level = float((noise.differences**2 / energy).mean()) * 2 * TICK_S
     axes.axhline(level, color=NOISE, ls="--", lw=1, label="the channels' noise")
     axes.set(xlabel="frequency, Hz", ylabel="power over the first residual's, 1/Hz")
     axes.xaxis.set_major_formatter("{x:g}")

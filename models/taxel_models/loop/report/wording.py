@@ -187,6 +187,11 @@ def _outcome(findings: Findings) -> str:
 
 def paired(test: PairedTest) -> str:
     """The paired test as half a sentence."""
+    if test.high < 0:
+        # The test asks whether the error falls: here, its p-value would only say that it does not.
+        return (
+            f"the error rises by {-test.difference:.4f} (95 % interval {-test.high:.4f} to {-test.low:.4f})"
+        )
     sure = f"95 % interval {test.low:.4f} to {test.high:.4f}, {chance(test.p_value)}"
     verb = "falls" if test.difference >= 0 else "rises"
     fall = f"the error {verb} by {abs(test.difference):.4f} ({sure})"

@@ -153,3 +153,14 @@ def test_what_all_channels_share_is_whitened_for_each() -> None:
     shared = whitening(bins.of_basis(Shared(features)))
     own = np.repeat(features[:, None], 21, axis=1).astype(np.float32)
     np.testing.assert_allclose(shared, whitening(bins.of_basis(Own(own))), atol=1e-5)
+
+
+def test_a_constant_channel_that_is_predicted_exactly_counts_in_all_blocks() -> None:
+    """Its blocks counted nothing, since their median error is 0, and all products with it were 0 / 0."""
+    blocks = cut_into([400, 300, 500, 200])
+    residual = simulated(blocks, shared=0.3, fading=0.4, seed=3, scale=20.0)
+    residual[:, 0] = 0.0
+    bins = Bins.of(blocks, BIN_S)
+    whitening = Whitening(bins, NoiseShape.usual(), residual, DECLARED)
+    assert (whitening.row_weights(len(residual))[:, 0] == 1.0).all()
+    assert (whitening.ones[0] ** 2).sum() > 0
