@@ -124,6 +124,8 @@ def test_needs_say_who_gives_what() -> None:
     assert "calibration" in calibrated
     assert "caller" not in calibrated
     assert "only reported" in needs(effect("fault", served=False), extras)
+    crossed = effect("fault", served=False).model_copy(update={"form": "crossed: e1 holds e2, e2 holds e1"})
+    assert "put the channels in their order" in needs(crossed, extras)
 
 
 def test_many_needs_are_shortened() -> None:

@@ -1,4 +1,4 @@
-"""Fault: a channel is dead, stuck or intermittent, or whole frames are repeated."""
+"""Fault: a channel is dead, stuck or intermittent, channels are crossed, or whole frames are repeated."""
 
 from collections.abc import Iterable, Sequence
 from typing import Final
@@ -10,6 +10,7 @@ from typing_extensions import override
 from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel.corrections import Fault as FaultTerm
 from taxel_models.loop.basis import Floats, Own
+from taxel_models.loop.crossed_channels import CROSSED, crossed_channels
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.loose_contacts import loose_contacts
 from taxel_models.loop.observations import Observations
@@ -119,15 +120,22 @@ def _hardly_ever(stuck: StuckChannel) -> bool:
 
 
 class Fault(Effect):
-    """A channel keeps a value: always, from some time on, or off and on. Or all channels repeat frames."""
+    """A channel keeps a value: always, from some time on, or off and on.
+
+    Or channels hold each other's signals, or all channels repeat frames.
+    """
 
     name = "fault"
     looks_at_residual = True
-    equation = "measured_c = v_c; for repeated frames, the model at the last frame that came"
+    equation = (
+        "measured_c = v_c; for crossed channels, what the model says of another one; for repeated frames, "
+        "the model at the last frame that came"
+    )
     source = "stuck channels and unconnected fingers in public logs"
     signature = (
         "one value for longer than chance allows, reached by a jump or kept while the prediction moves; "
-        "or jumps to one level and back, again and again; or all electrodes repeat their counts at once"
+        "or jumps to one level and back, again and again; or each of two channels follows the other's "
+        "prediction; or all electrodes repeat their counts at once"
     )
 
     @override
@@ -147,9 +155,30 @@ class Fault(Effect):
             some = [stuck for stuck in (*others, *loose) if stuck.kind == kind]
             if some:
                 yield self._with(some, kind, remaining.residual)
+        crossed = crossed_channels(observations.measured, observations.predicted)
+        if (crossed != np.arange(len(CHANNELS))).any():
+            yield self._crossed(crossed, observations)
         repeated = repeated_frames(observations)
         if repeated.any():
             yield self._repeating(repeated, observations)
+
+    def _crossed(self, holds: NDArray[np.int64], observations: Observations) -> Candidate:
+        change = observations.predicted[:, holds] - observations.predicted
+        pairs = [
+            f"{name} holds {CHANNELS[other]}"
+            for name, other in zip(CHANNELS, holds, strict=True)
+            if name != CHANNELS[other]
+        ]
+        return Candidate(
+            self.name,
+            f"{CROSSED}: {', '.join(pairs)}",
+            Own(change[:, :, None].astype(np.float32)),
+            fitting=Fitting(fixed=True),
+            # What is wrong is the order of the channels, which belongs in no model.
+            online=lambda _: Online(),
+            certain=True,
+            again=lambda other: self._crossed(holds, other),
+        )
 
     def _repeating(self, repeated: NDArray[np.bool_], observations: Observations) -> Candidate:
         change = held(observations.predicted, repeated) - observations.predicted

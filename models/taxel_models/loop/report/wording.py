@@ -6,6 +6,7 @@ from typing import Final
 from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, Parameter
 from taxel.windows import ExtraFeature
 from taxel_models.loop.attribution import AS_USUAL
+from taxel_models.loop.crossed_channels import CROSSED
 from taxel_models.loop.findings import Findings, FoundEffect, PairedTest
 
 SIGNIFICANT: Final = 0.05
@@ -84,6 +85,8 @@ def needs(effect: FoundEffect, extras: Iterable[ExtraFeature]) -> str:
     Args:
         extras: what the corrected model takes beside its window.
     """
+    if effect.form.startswith(CROSSED):
+        return "is only reported: put the channels in their order where they are read, or in the recording"
     if not effect.served:
         return "is only reported: what it depends on is not known while serving"
     taken = [extra for extra in extras if extra.name in effect.needs]

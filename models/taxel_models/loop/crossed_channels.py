@@ -1,0 +1,102 @@
+"""Crossed channels: each holds the signal of another one, as where two wires are exchanged."""
+
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from taxel_models.loop.basis import Floats
+
+STRETCHES: Final = 10
+"""Parts of the recording. In each, a channel's constant is its own, and tells nothing of which it is."""
+
+CROSSED: Final = "crossed"
+"""How the form of such a fault begins."""
+
+MUCH: Final = 0.5
+"""Channels are crossed if the others' predictions leave at most this share of the squares: where they leave
+more, the channels are alike, or something else is wrong."""
+
+NEARLY_ALL: Final = 0.8
+"""Share of the stretches in which the others' predictions have to be nearer."""
+
+
+def crossed_channels(measured: Floats, predicted: Floats) -> NDArray[np.int64]:
+    """(21,) the channel whose signal each channel holds; its own number where it holds its own.
+
+    Which channels are crossed is an assignment (Kuhn 1955). It must hold for the shapes of the signals,
+    which neither offsets nor gains change, and for their sizes as well.
+
+    Args:
+        measured: (n, 21) counts.
+        predicted: (n, 21) counts, from the model.
+    """
+    own = np.arange(measured.shape[1])
+    parts = [part for part in np.array_split(np.arange(len(measured)), STRETCHES) if len(part) > 1]
+    if not parts:
+        return own
+    seen, foretold = (_sums(values, parts) for values in ((measured, measured), (predicted, predicted)))
+    both = _sums((measured, predicted), parts)
+    size = seen.sum(axis=0).diagonal()
+    expected = foretold.sum(axis=0).diagonal()
+    moves = (size > 0) & (expected > 0)
+    if moves.sum() < 2:
+        return own
+    # (stretches, 21, 21) squares that channel i has about the prediction of channel j.
+    squares = (
+        seen.diagonal(axis1=1, axis2=2)[:, :, None]
+        - 2 * both
+        + foretold.diagonal(axis1=1, axis2=2)[:, None, :]
+    )
+    alike = np.maximum(both.sum(axis=0), 0.0) ** 2
+    shape = 1.0 - alike / np.maximum(np.outer(size, expected), 1e-12)
+    live = np.flatnonzero(moves)
+    relative = squares / np.maximum(size, 1e-12)[:, None]
+    whole = relative.sum(axis=0)
+
+    def nearer(channels: NDArray[np.int64], others: NDArray[np.int64]) -> bool:
+        """Whether some channels are crossed, by what they tell together."""
+        falls = relative[:, channels, others].sum(axis=1) < relative[:, channels, channels].sum(axis=1)
+        return bool(
+            shape[channels, others].sum() <= MUCH * shape[channels, channels].sum()
+            and whole[channels, others].sum() <= MUCH * whole[channels, channels].sum()
+            and falls.mean() >= NEARLY_ALL
+        )
+
+    found, assigned = own.copy(), own.copy()
+    assigned[live] = live[linear_sum_assignment(shape[np.ix_(live, live)])[1]]
+    for cycle in _cycles(assigned):
+        # Two that are crossed may draw a third one in that is alike: in a longer cycle, each must tell.
+        each = cycle[:, None] if len(cycle) > 2 else cycle[None]
+        if all(nearer(channels, assigned[channels]) for channels in each):
+            found[cycle] = assigned[cycle]
+            continue
+        for pair in map(np.array, combinations(cycle, 2)):
+            if (found[pair] == pair).all() and nearer(pair, pair[::-1]):
+                found[pair] = pair[::-1]
+    return found
+
+
+def _sums(values: tuple[Floats, Floats], parts: list[NDArray[np.int64]]) -> Floats:
+    """(stretches, 21, 21) sums of products about the means of each stretch."""
+    first, second = values
+    return np.array(
+        [
+            (first[part] - first[part].mean(axis=0)).T @ (second[part] - second[part].mean(axis=0))
+            for part in parts
+        ]
+    )
+
+
+def _cycles(assigned: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Channels that are exchanged among themselves."""
+    cycles, left = [], set(np.flatnonzero(assigned != np.arange(len(assigned))).tolist())
+    while left:
+        cycle = [min(left)]
+        while (following := int(assigned[cycle[-1]])) != cycle[0]:
+            cycle.append(following)
+        left -= set(cycle)
+        cycles.append(np.array(cycle))
+    return cycles

@@ -1,0 +1,80 @@
+"""Channels whose wires are exchanged are told from other faults, and from channels that are alike."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from taxel_models.loop.crossed_channels import crossed_channels
+from taxel_models.loop.pipeline import LoopSettings, run_loop
+from taxel_models.recordings import Recording
+
+Make = Callable[..., Recording]
+OWN = np.arange(21)
+
+
+def exchanged(*channels: int) -> np.ndarray:
+    """Each of these channels holds the next one's signal, and the last one the first's."""
+    holds = OWN.copy()
+    holds[list(channels)] = np.roll(channels, -1)
+    return holds
+
+
+def signals(seed: int = 0, rows: int = 2_000) -> np.ndarray:
+    """(n, 21) smooth signals of a few causes in common, as channels of one contact have."""
+    random = np.random.default_rng(seed)
+    causes = np.cumsum(random.normal(size=(rows, 6)), axis=0)
+    return np.asarray(2000.0 + causes @ random.normal(size=(6, 21)) * 5.0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 999), channels=st.permutations(range(21)), count=st.integers(2, 6))
+def test_each_exchange_is_found(seed: int, channels: list[int], count: int) -> None:
+    holds = exchanged(*channels[:count])
+    predicted = signals(seed)
+    noise = np.random.default_rng(seed).normal(size=predicted.shape) * 2.0
+    np.testing.assert_array_equal(crossed_channels(predicted[:, holds] + noise, predicted), holds)
+
+
+def test_two_exchanges_and_the_order_of_another_driver_are_found() -> None:
+    predicted, holds = signals(), exchanged(3, 8)
+    holds[[12, 17]] = 17, 12
+    np.testing.assert_array_equal(crossed_channels(predicted[:, holds], predicted), holds)
+    turned_round = np.concatenate([[0, 1], np.arange(20, 1, -1)])
+    np.testing.assert_array_equal(crossed_channels(predicted[:, turned_round], predicted), turned_round)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_offsets_gains_and_noise_cross_nothing(seed: int) -> None:
+    predicted, random = signals(seed), np.random.default_rng(seed)
+    size = predicted.std(axis=0)
+    offset, gain = random.normal(size=21) * size, random.uniform(0.3, 3.0, 21)
+    noise = random.normal(size=predicted.shape) * size
+    for measured in (predicted + offset, predicted * gain, predicted + noise, np.zeros_like(predicted)):
+        np.testing.assert_array_equal(crossed_channels(measured, predicted), OWN)
+
+
+def test_channels_that_are_alike_or_constant_are_left_alone() -> None:
+    predicted = signals()
+    predicted[:, 5] = predicted[:, 9]
+    predicted[:, 0] = 7.0
+    measured = predicted[:, exchanged(5, 9)]
+    np.testing.assert_array_equal(crossed_channels(measured, predicted), OWN)
+    for rows in (0, 1, 2, 5):
+        np.testing.assert_array_equal(crossed_channels(measured[:rows], predicted[:rows]), OWN)
+
+
+def test_the_loop_names_the_channels_and_changes_no_model(smooth: Any, make: Make) -> None:
+    recording = make(9_000, seed=3)
+    crossed = replace(recording, channels=recording.channels[:, exchanged(4, 11)])
+    result = run_loop(smooth, [crossed], LoopSettings())
+    (found,) = result.findings.effects
+    assert (found.name, found.form) == ("fault", "crossed: e3 holds e10, e10 holds e3")
+    assert found.channels == ("e3", "e10")
+    assert (found.served, result.new.effects) == (False, ())
+    # What is left is the noise of all channels.
+    assert not result.findings.unexplained.structured
