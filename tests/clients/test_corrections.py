@@ -311,6 +311,22 @@ class TestFrame:
         np.testing.assert_array_equal(turned[:, 9::3][:, :3], -windows[:, 10::3][:, :3])
         np.testing.assert_array_equal(turned[:, -2:], windows[:, -2:])
 
+    def test_forces_have_another_zero_and_scale(self) -> None:
+        windows = some_windows(np.random.default_rng(5))
+        still = {"position_rotation": IDENTITY, "position_translation": (0, 0, 0)}
+        frame = Frame(**still, force_rotation=QUARTER, force_translation=(0.5, 0, -2), force_scale=1.2)
+        turned = frame.turn(windows, SPEC)
+        np.testing.assert_array_equal(turned[:, :9], windows[:, :9])
+        x, y, z = (windows[:, 9 + axis :: 3][:, :3] for axis in range(3))
+        for axis, expected in enumerate((0.5 - 1.2 * y, 1.2 * x, 1.2 * z - 2)):
+            np.testing.assert_allclose(turned[:, 9 + axis :: 3][:, :3], expected, rtol=1e-6)
+        # Manifests of earlier versions have neither.
+        before = Frame(**still, force_rotation=QUARTER)
+        written = before.model_dump()
+        assert Frame.model_validate({name: written[name] for name in (*still, "force_rotation")}) == before
+        with pytest.raises(ValidationError, match="greater than 0"):
+            Frame(**still, force_rotation=QUARTER, force_scale=0.0)
+
     def test_the_newest_turns_first_and_terms_see_what_was_given(self) -> None:
         windows = some_windows(np.random.default_rng(6))
         moved = Frame(position_rotation=IDENTITY, position_translation=(1, 0, 0), force_rotation=IDENTITY)

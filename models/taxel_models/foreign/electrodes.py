@@ -1,6 +1,7 @@
-"""Single electrodes that fail: they lose sensitivity, come and go, or stay where they are."""
+"""Electrodes that fail: they lose sensitivity, come and go, stay where they are, or are exchanged."""
 
 from collections.abc import Callable
+from itertools import combinations
 
 import numpy as np
 
@@ -67,3 +68,19 @@ def stuck(injection: ForeignInjection) -> None:
         counts[first:] = np.rint(counts[first - min(first, 100) : first + 1].mean())
         changed[int(column)] = counts
     injection.replace_one(changed, since=float(injection.time_s[first]))
+
+
+def crossed(injection: ForeignInjection) -> None:
+    """Two electrodes' wires are exchanged: of all pairs, one of the three nearest to the strength."""
+    counts = injection.counts
+    pairs = [pair for pair in combinations(injection.electrodes, 2) if injection.live[list(pair)].all()]
+    apart = []
+    for one, other in pairs:
+        change = np.zeros_like(counts)
+        change[:, one] = counts[:, other] - counts[:, one]
+        change[:, other] = -change[:, one]
+        apart.append(abs(np.log(max(injection.strength_of(change), 1e-9) / injection.strength)))
+    one, other = pairs[int(injection.random.choice(np.argsort(apart)[:3]))]
+    exchanged = counts.copy()
+    exchanged[:, [one, other]] = counts[:, [other, one]]
+    injection.replace_counts(exchanged, channels=[CHANNELS[one], CHANNELS[other]])

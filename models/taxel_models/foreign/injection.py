@@ -172,6 +172,10 @@ class ForeignInjection:
         change[:, channel] = np.rint(changed[channel]) - self.counts[:, channel]
         self._put(change, {"channel": CHANNELS[channel], **parameters})
 
+    def replace_counts(self, counts: Floats, **parameters: Any) -> None:
+        """Take other counts (n, 21), as they are."""
+        self._put(counts - self.counts, parameters)
+
     def replace_inputs(self, position: Floats, force: Floats, **parameters: Any) -> None:
         """Change what was recorded of the contact rather than the channels."""
         samples = replace(self.recording.samples, position=position, force=force)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from taxel.errors import SettingsError
-from taxel_models.foreign import electrodes, memory, signal, slow, steady, timing, unknown
+from taxel_models.foreign import electrodes, inputs, memory, signal, slow, steady, timing, unknown
 from taxel_models.foreign.injection import ForeignInjection
 
 
@@ -50,6 +50,7 @@ INJECTORS: Final = (
     Injector("dying electrode: stepwise", electrodes.dying_stepwise, ("gain", "fault")),
     Injector("fault: intermittent", electrodes.intermittent, ("fault",)),
     Injector("fault: stuck", electrodes.stuck, ("fault",)),
+    Injector("fault: crossed wires", electrodes.crossed, ("fault",)),
     Injector("drift: linear", slow.drift_linear, ("drift",)),
     Injector("drift: warming", slow.drift_warming, ("drift",)),
     Injector("drift: saturating", slow.drift_saturating, ("drift",)),
@@ -73,7 +74,11 @@ INJECTORS: Final = (
     Injector("saturation: soft", signal.saturation, ("saturation",)),
     Injector("crosstalk: converter", signal.crosstalk, ("crosstalk",)),
     Injector("interference", signal.interference, ("interference",)),
-    Injector("frame: slipped", signal.slipped_mounting, ("frame",)),
+    Injector("frame: slipped", inputs.slipped_mounting, ("frame",)),
+    Injector("frame: turned", inputs.turned_mounting, ("frame",)),
+    Injector("frame: force sensor's zero", inputs.force_zero, ("frame",)),
+    # A finger that answers to all forces alike cannot tell a force sensor's gain from its own.
+    Injector("frame: force sensor's gain", inputs.force_gain, ("frame", "gain")),
     Injector("location: Cauchy", signal.place_gain, ("location",), "skin"),
     Injector("location: patches", signal.place_patch, ("location",), "skin"),
     Injector("covariate: constant", steady.material_constant, ("covariate:material",), "material"),

@@ -1,9 +1,8 @@
-"""Electronics, mounting, places: saturation, crosstalk, interference, a slipped frame, worn patches."""
+"""Electronics and places: saturation, crosstalk, interference, worn patches."""
 
 from collections.abc import Callable
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from taxel.channels import CHANNELS
 from taxel_models.foreign.injection import Floats, ForeignInjection
@@ -47,28 +46,6 @@ def interference(injection: ForeignInjection) -> None:
         phase = 2 * np.pi * (harmonic * frequency * injection.time_s + random.random())
         change[:, chosen] += size * np.sin(phase)[:, None] * injection.deviation[chosen]
     injection.add(change, frequency=frequency, channels=[CHANNELS[one] for one in chosen])
-
-
-def slipped_mounting(injection: ForeignInjection) -> None:
-    """In the course of the recording the finger turns in its mounting; what is recorded does not."""
-    random, samples = injection.random, injection.recording.samples
-    axis = random.standard_normal(3)
-    axis /= np.linalg.norm(axis)
-    begins = float(random.uniform(0.15, 0.5)) * injection.time_s[-1]
-    takes = float(random.uniform(0.02, 0.3)) * injection.time_s[-1]
-    course = np.clip((injection.time_s - begins) / takes, 0.0, 1.0)
-
-    def turned(degrees: float) -> tuple[Floats, Floats]:
-        turn = Rotation.from_rotvec(np.radians(degrees) * course[:, None] * axis)
-        position = turn.apply(samples.position) if injection.on_skin else samples.position
-        return position, turn.apply(samples.force)
-
-    still, angle, reached = injection.respond(samples.position, samples.force), 10.0, 0.0
-    # The change is nearly in proportion to the angle: a few steps find it.
-    for _ in range(3):
-        angle = float(np.clip(angle * injection.strength / reached if reached else angle, 1.0, 45.0))
-        reached = injection.strength_of(injection.respond(*turned(angle)) - still)
-    injection.replace_inputs(*turned(angle), angle=angle, reached=reached)
 
 
 def place_gain(injection: ForeignInjection) -> None:

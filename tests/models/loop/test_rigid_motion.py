@@ -4,13 +4,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from taxel.windows import WindowSpec
 from taxel_models.loop.basis import Shared
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.effect import Remaining
 from taxel_models.loop.effects.frame import FrameEffect
-from taxel_models.loop.effects.rigid_motion import Misfit, fit_motion, turn_of
+from taxel_models.loop.effects.rigid_motion import KINDS, Misfit, after, fit_motion, turn_of
 from taxel_models.loop.observations import Observations
 from taxel_models.model import predict_all
 
@@ -79,3 +82,32 @@ def test_a_motion_that_was_there_from_the_start_is_not_said_to_have_come_about(
     residual = (session >= begins)[:, None] * turned * (1.0 + 0.3 * session[:, None]) + 0.3 * noise
     forms = list(FrameEffect().forms(observations, remaining(observations, residual)))
     assert [form.ages for form in forms] == ages
+
+
+@pytest.mark.parametrize(
+    ("kind", "vector", "precise"), [("zero", (0.3, -0.8, 0.5), 0.05), ("scale", (0.2,), 0.02)]
+)
+def test_a_force_sensors_zero_and_gain_are_found(
+    observations: Observations, kind: str, vector: tuple[float, ...], precise: float
+) -> None:
+    windows = turn_of(kind, np.array(vector)).turn(observations.windows, observations.manifest.spec)
+    change = predict_all(observations.model.predict, windows) - observations.predicted
+    noise = np.random.default_rng(3).normal(size=change.shape) * change.std(axis=0)
+    found = fit_motion(observations, remaining(observations, change + noise))
+    assert found is not None
+    assert found[0] == kind
+    np.testing.assert_allclose(found[1], vector, atol=precise)
+
+
+@given(seed=st.integers(0, 999))
+def test_two_motions_together_do_what_they_do_one_after_the_other(seed: int) -> None:
+    random, spec = np.random.default_rng(seed), WindowSpec.of(3)
+    windows = random.normal(size=(4, spec.length)).astype(np.float32)
+    motions = [
+        turn_of(kind, random.normal(size=1 if kind == "scale" else 3) / 3)
+        for kind in random.permutation(KINDS)
+    ]
+    expected, whole = windows, turn_of("shift", np.zeros(3))
+    for motion in motions:
+        expected, whole = motion.turn(expected, spec), after(motion, whole)
+    np.testing.assert_allclose(whole.turn(windows, spec), expected, atol=1e-5)

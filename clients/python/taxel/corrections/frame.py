@@ -1,11 +1,11 @@
-"""A frame that is turned or shifted against the one that the base model knows."""
+"""A frame that is turned or shifted against the one that the base model knows; a force sensor likewise."""
 
 from functools import cached_property
 from typing import Annotated, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator
+from pydantic import AfterValidator, PositiveFloat
 
 from taxel.schema import Matrix, Schema, Vector
 from taxel.windows import WindowSpec
@@ -33,12 +33,14 @@ class Frame(Schema):
     """Every position and force of a window, before the base model sees it.
 
     position' = position_rotation @ position + position_translation, m;
-    force' = force_rotation @ force, N.
+    force' = force_scale * force_rotation @ force + force_translation, N.
     """
 
     position_rotation: Rotation
     position_translation: Vector
     force_rotation: Rotation
+    force_translation: Vector = (0.0, 0.0, 0.0)
+    force_scale: PositiveFloat = 1.0
 
     def turn(self, windows: NDArray[np.float32], spec: WindowSpec) -> NDArray[np.float32]:
         """Windows in the base model's frame.
@@ -51,21 +53,22 @@ class Frame(Schema):
         """
         positions = 3 * len(spec.positions)
         turned = windows.copy()
-        for columns, rotation in (
-            (slice(0, positions), self._rotations[0]),
-            (slice(positions, spec.length), self._rotations[1]),
+        for columns, matrix, translation in zip(
+            (slice(0, positions), slice(positions, spec.length)),
+            self._matrices,
+            self._translations,
+            strict=True,
         ):
-            triples = windows[:, columns].astype(np.float64).reshape(len(windows), -1, 3) @ rotation.T
-            if columns.start == 0:
-                triples += self._translation
-            turned[:, columns] = triples.reshape(len(windows), -1)
+            triples = windows[:, columns].astype(np.float64).reshape(len(windows), -1, 3) @ matrix.T
+            turned[:, columns] = (triples + translation).reshape(len(windows), -1)
         return turned
 
     @cached_property
-    def _rotations(self) -> NDArray[np.float64]:
+    def _matrices(self) -> NDArray[np.float64]:
         """Of positions and of forces, (2, 3, 3)."""
-        return np.array([self.position_rotation, self.force_rotation])
+        return np.array([self.position_rotation, self.force_scale * np.array(self.force_rotation)])
 
     @cached_property
-    def _translation(self) -> NDArray[np.float64]:
-        return np.array(self.position_translation)
+    def _translations(self) -> NDArray[np.float64]:
+        """Of positions, m, and of forces, N, (2, 3)."""
+        return np.array([self.position_translation, self.force_translation])

@@ -1,4 +1,4 @@
-"""Frame: the recorded forces or positions are in a turned or shifted frame."""
+"""Frame: the recorded forces or positions are turned, shifted or scaled."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -38,18 +38,27 @@ NAMES: Final = {
     "position": "positions turned",
     "shift": "positions shifted",
     "both": "both turned alike",
+    "zero": "forces shifted",
+    "scale": "forces scaled",
 }
 
 
 class FrameEffect(Effect):
-    """A rigid motion between the recorded frame and the model's frame. All channels share it."""
+    """A motion between the recorded frame and the model's frame. All channels share it.
+
+    Forces may also have another zero or another scale, as those of a force sensor that drifted.
+    """
 
     name = "frame"
     looks_at_residual = True
     is_costly = True
-    equation = "measured = model(R x + t, Q F)"
-    source = "rigid motion; Gauss-Newton on finite differences of the model"
-    signature = "turning or shifting the inputs explains all channels with three common parameters"
+    equation = "measured = model(R x + t, s Q F + f)"
+    source = (
+        "rigid motion, and a force sensor's zero and gain; Gauss-Newton on finite differences of the model"
+    )
+    signature = (
+        "turning, shifting or scaling the inputs explains all channels with at most three parameters"
+    )
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
@@ -69,7 +78,7 @@ class FrameEffect(Effect):
             self.name,
             NAMES[kind],
             Own(change[:, :, None].astype(np.float32), rows),
-            fitting=Fitting(fixed=True, beforehand=3, choices=len(NAMES)),
+            fitting=Fitting(fixed=True, beforehand=len(vector), choices=len(NAMES)),
             form_parameters=_form_parameters(kind, vector),
             online=partial(_online, kind, vector),
             moved=partial(_moved, kind, vector),
@@ -97,20 +106,24 @@ class FrameEffect(Effect):
         if explained >= MOST_OF_IT * _taken_off(Misfit(observations, remaining, kind, rows), change[rows]):
             return
         parameters = _form_parameters(kind, vector) | {"begins": (begins, "s"), "takes": (takes, "s")}
-        yield self._reported(change, NAMES[kind], parameters)
+        yield self._reported(change, NAMES[kind], parameters, len(vector))
 
     def _reported(
-        self, change: Floats, name: str, parameters: Mapping[str, tuple[float, str]]
+        self, change: Floats, name: str, parameters: Mapping[str, tuple[float, str]], motion: int
     ) -> Candidate:
-        """A motion that comes about in the session: what it added is no part of a model to be served."""
+        """A motion that comes about in the session: what it added is no part of a model to be served.
+
+        Args:
+            motion: its figures beside when it begins and how long it takes.
+        """
         return Candidate(
             self.name,
             f"{name}, from {parameters['begins'][0]:.0f} s on",
             Own(change[:, :, None].astype(np.float32)),
-            fitting=Fitting(fixed=True, beforehand=5, choices=len(NAMES)),
+            fitting=Fitting(fixed=True, beforehand=motion + 2, choices=len(NAMES)),
             form_parameters=parameters,
             ages=True,
-            again=lambda _: self._reported(change, name, parameters),
+            again=lambda _: self._reported(change, name, parameters, motion),
         )
 
 
@@ -149,6 +162,10 @@ def _form_parameters(kind: str, vector: Floats) -> dict[str, tuple[float, str]]:
     if kind == "shift":
         named = dict(zip("xyz", vector * 1e3, strict=True))
         return {name: (float(value), "mm") for name, value in named.items()}
+    if kind == "zero":
+        return {name: (float(value), "N") for name, value in zip("xyz", vector, strict=True)}
+    if kind == "scale":
+        return {"scale": (1.0 + float(vector[0]), "")}
     named = dict(zip("xyz", np.degrees(vector), strict=True))
     angle = float(np.degrees(np.linalg.norm(vector)))
     return {"angle": (angle, "deg"), **{name: (float(value), "deg") for name, value in named.items()}}

@@ -1,4 +1,4 @@
-"""The rigid motion of a model's inputs that explains most of a residual."""
+"""The motion of a model's inputs that explains most of a residual: they are turned, shifted or scaled."""
 
 from collections.abc import Sequence
 from itertools import product
@@ -17,7 +17,12 @@ from taxel_models.model import predict_all
 
 STEP_RAD: Final = np.radians(2.0)
 STEP_M: Final = 3e-4
+STEP_N: Final = 0.1
+STEP_SCALE: Final = 0.03
 """Steps of the finite differences: a forest's prediction is constant over smaller steps."""
+
+LEAST_SCALE: Final = 0.1
+"""Of forces."""
 
 FIT_ROWS: Final = 2_400
 """All channels share one motion, so it is fitted to at most so many rows."""
@@ -40,21 +45,25 @@ ROUGH_STEPS: Final = 4
 AS_GOOD: Final = 0.8
 """Kinds of motion that explain this share of what the best one explains of few rows are fitted to all."""
 
-KINDS: Final = ("force", "position", "shift", "both")
+TURNED: Final = ("force", "position", "both")
+KINDS: Final = ("force", "position", "shift", "both", "zero", "scale")
+"""What moves: forces, positions or both are turned; positions are shifted; forces are shifted, as by a
+force sensor's wrong zero, or scaled, as by its wrong gain."""
 
 
 def fit_motion(observations: Observations, remaining: Remaining) -> tuple[str, Floats] | None:
     """The motion that explains most of the fit part's residual; None if none explains anything.
 
     Returns:
-        What moves, see `turn_of`, and the rotation vector (3,), rad, or shift (3,), m.
+        What moves, see `turn_of`, and the rotation vector (3,), rad, the shift (3,), m or N, or the change
+        of the scale (1,).
     """
     rows = rows_of(remaining.fit)
     rough: list[tuple[float, str, Floats]] = []
     for kind in KINDS:
         few = Misfit(observations, remaining, kind, rows[::FEW])
-        starts = np.zeros((1, 3))
-        if kind != "shift":
+        starts = np.zeros((1, 1 if kind == "scale" else 3))
+        if kind in TURNED:
             scan = Misfit(observations, remaining, kind, rows[:: FEW * SCANNED])
             starts = TURNS[np.argsort(scan.of(scan.changes(TURNS)))[:BEST_STARTS]]
         near = [_gauss_newton(few, start, _step(kind), ROUGH_STEPS) for start in starts]
@@ -74,7 +83,9 @@ def fit_motion(observations: Observations, remaining: Remaining) -> tuple[str, F
 
 
 def _step(kind: str) -> float:
-    return STEP_M if kind == "shift" else STEP_RAD
+    if kind in TURNED:
+        return float(STEP_RAD)
+    return {"shift": STEP_M, "zero": STEP_N, "scale": STEP_SCALE}[kind]
 
 
 def _great_turns() -> Floats:
@@ -114,7 +125,7 @@ class Misfit:
         self.energy = float((self.target**2).sum())
 
     def changes(self, vectors: Floats) -> Floats:
-        """(k, n, 21) the change by each motion (k, 3), weighted as the target is."""
+        """(k, n, 21) the change by each motion (k, 3) or (k, 1), weighted as the target is."""
         spec = self._observations.manifest.spec
         turned = np.concatenate(
             [turn_of(self._kind, vector).turn(self._windows, spec) for vector in vectors]
@@ -152,12 +163,12 @@ def rows_of(fit: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 def _gauss_newton(misfit: Misfit, vector: Floats, step: float, steps: int) -> tuple[Floats, float]:
-    """The best motion (3,) downhill from a start, by finite differences over a step, and its misfit."""
+    """The best motion (3,) or (1,) downhill from a start, by finite differences, and its misfit."""
     change = misfit.changes(vector[None])[0]
     least = float(misfit.of(change[None])[0])
     for _ in range(steps):
-        moved = misfit.changes(vector + np.eye(3) * step)
-        slopes = ((moved - change) / step).reshape(3, -1).T
+        moved = misfit.changes(vector + np.eye(len(vector)) * step)
+        slopes = ((moved - change) / step).reshape(len(vector), -1).T
         towards = np.linalg.lstsq(slopes, (misfit.target - change).ravel(), rcond=None)[0]
         for shorter in (1.0, 0.5, 0.25):
             tried = misfit.changes((vector + shorter * towards)[None])[0]
@@ -174,17 +185,19 @@ def _gauss_newton(misfit: Misfit, vector: Floats, step: float, steps: int) -> tu
 
 
 def turn_of(kind: str, vector: Floats) -> Frame:
-    """The motion of a rotation vector (3,) rad, or of a shift (3,) m.
+    """The motion of a rotation vector (3,) rad, of a shift (3,) m or N, or of a change of the scale (1,).
 
     Args:
-        kind: `force`, `position` or `both` are turned, or the position is moved by a `shift`.
+        kind: what moves, one of `KINDS`.
     """
-    turned = Rotation.from_rotvec(vector).as_matrix() if kind != "shift" else np.eye(3)
+    turned = Rotation.from_rotvec(vector).as_matrix() if kind in TURNED else np.eye(3)
     still = np.eye(3)
     return Frame(
         position_rotation=_rows(turned if kind in ("position", "both") else still),
         position_translation=_triple((vector if kind == "shift" else np.zeros(3)).tolist()),
         force_rotation=_rows(turned if kind in ("force", "both") else still),
+        force_translation=_triple((vector if kind == "zero" else np.zeros(3)).tolist()),
+        force_scale=max(1.0 + float(vector[0]), LEAST_SCALE) if kind == "scale" else 1.0,
     )
 
 
@@ -196,10 +209,14 @@ def after(second: Frame, first: Frame) -> Frame:
     )
     moved = np.array(second.position_rotation) @ np.array(first.position_translation)
     moved += np.array(second.position_translation)
+    pushed = second.force_scale * np.array(second.force_rotation) @ np.array(first.force_translation)
+    pushed += np.array(second.force_translation)
     return Frame(
         position_rotation=_rows(turned),
         position_translation=_triple(moved.tolist()),
         force_rotation=_rows(force),
+        force_translation=_triple(pushed.tolist()),
+        force_scale=second.force_scale * first.force_scale,
     )
 
 

@@ -190,6 +190,31 @@ def slipped(recording: Recording) -> Recording:
     return replace(recording, samples=replace(recording.samples, force=force))
 
 
+@pytest.mark.parametrize(
+    ("shift", "scale", "form", "parameters"),
+    [
+        ((0.5, -0.4, 0.3), 1.0, "forces shifted", {"x": -0.5, "y": 0.4, "z": -0.3}),
+        ((0.0, 0.0, 0.0), 1.25, "forces scaled", {"scale": 0.8}),
+    ],
+)
+def test_a_force_sensors_zero_or_gain_is_found_and_put_right(
+    smooth: Any,
+    make: Make,
+    shift: tuple[float, ...],
+    scale: float,
+    form: str,
+    parameters: dict[str, float],
+) -> None:
+    recording = make(9_000, seed=3)
+    force = scale * recording.samples.force + np.array(shift)
+    found = attributed(smooth, replace(recording, samples=replace(recording.samples, force=force)))
+    frame = only(found)
+    assert (frame.name, frame.candidate.form) == ("frame", form)
+    told = {name: value for name, (value, _) in frame.candidate.form_parameters.items()}
+    assert told == pytest.approx(parameters, abs=0.05)
+    assert np.sqrt((found.residual**2).mean()) < 1.1 * 4.0
+
+
 def test_a_frame_that_slips_in_the_course_of_a_recording_is_found(smooth: Any, make: Make) -> None:
     found = attributed(smooth, slipped(make(9_000, seed=3)))
     frame = only(found)
