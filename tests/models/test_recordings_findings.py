@@ -80,6 +80,10 @@ def with_a_still_channel(recording: Recording) -> Recording:
     return replace(recording, channels=channels)
 
 
+def without_lower_bits(recording: Recording) -> Recording:
+    return replace(recording, channels=recording.channels // 4 * 4)
+
+
 def in_volts(recording: Recording) -> Recording:
     return replace(recording, channels=recording.channels - 3000.0)
 
@@ -104,6 +108,7 @@ def test_a_twins_recording_looks_right(recording: Recording) -> None:
             (with_a_dead_channel, "constant channels"),
             (with_a_still_channel, "still channels"),
             (in_volts, "counts"),
+            (without_lower_bits, "coarse counts"),
         ]
     ),
 )

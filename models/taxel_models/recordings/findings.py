@@ -47,6 +47,9 @@ _FASTEST_NS, _SLOWEST_NS = 2e5, 2e8
 _LEAST_ROWS: Final = 100
 """In fewer rows, a channel may stand still."""
 
+_LEAST_VALUES: Final = 5
+"""A channel with fewer different values may have the same step between them by chance."""
+
 _STILL_COUNTS: Final = 2.0
 """A channel hardly moves if all but 2 % of its rows lie within so many counts."""
 
@@ -116,7 +119,21 @@ def _channel_findings(recording: Recording) -> list[Finding]:
                     "still channels", f"98 % of the rows within {_STILL_COUNTS:g} counts in {_named(still)}"
                 )
             )
+        steps = np.array([_step(channel) for channel in channels.T])
+        if (steps > 1).any():
+            which = ", ".join(map(str, sorted(set(steps[steps > 1].tolist()))))
+            where = _named(steps > 1)
+            text = f"steps of {which} counts in {where}: expected steps of 1; lower bits may be lost"
+            found.append(Finding("coarse counts", text))
     return found
+
+
+def _step(counts: NDArray[np.float64]) -> int:
+    """The step that whole counts (n,) have in common; 1 where they are not whole, or take few values."""
+    values = np.unique(counts)
+    if len(values) < _LEAST_VALUES or (values != np.rint(values)).any():
+        return 1
+    return int(np.gcd.reduce(np.diff(values).astype(np.int64)))
 
 
 def _named(chosen: NDArray[np.bool_]) -> str:
