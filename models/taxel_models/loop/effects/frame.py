@@ -163,9 +163,9 @@ def _form_parameters(kind: str, vector: Floats) -> dict[str, tuple[float, str]]:
         named = dict(zip("xyz", vector * 1e3, strict=True))
         return {name: (float(value), "mm") for name, value in named.items()}
     if kind == "zero":
-        return {name: (float(value), "N") for name, value in zip("xyz", vector, strict=True)}
+        return {f"force {name}": (float(value), "N") for name, value in zip("xyz", vector, strict=True)}
     if kind == "scale":
-        return {"scale": (1.0 + float(vector[0]), "")}
+        return {"force scale": (1.0 + float(vector[0]), "")}
     named = dict(zip("xyz", np.degrees(vector), strict=True))
     angle = float(np.degrees(np.linalg.norm(vector)))
     return {"angle": (angle, "deg"), **{name: (float(value), "deg") for name, value in named.items()}}

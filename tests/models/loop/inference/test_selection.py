@@ -193,8 +193,8 @@ def slipped(recording: Recording) -> Recording:
 @pytest.mark.parametrize(
     ("shift", "scale", "form", "parameters"),
     [
-        ((0.5, -0.4, 0.3), 1.0, "forces shifted", {"x": -0.5, "y": 0.4, "z": -0.3}),
-        ((0.0, 0.0, 0.0), 1.25, "forces scaled", {"scale": 0.8}),
+        ((0.5, -0.4, 0.3), 1.0, "forces shifted", {"force x": -0.5, "force y": 0.4, "force z": -0.3}),
+        ((0.0, 0.0, 0.0), 1.25, "forces scaled", {"force scale": 0.8}),
     ],
 )
 def test_a_force_sensors_zero_or_gain_is_found_and_put_right(
