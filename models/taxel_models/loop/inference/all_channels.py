@@ -95,10 +95,16 @@ class AllChannels:
 
     def _weigh(self, effect: Effect, but: str | None) -> float:
         forms = [form for form in self._forms(effect) if but is None or form.contains != but]
-        return self._correlated.of_many(effect.label, forms, self._bases)
+        bases = self._bases.of_constant if effect.is_constant else self._bases
+        return self._correlated.of_many(effect.label, forms, bases)
 
     def _rival(self, effect: Effect) -> float:
         """The evidence of the likeliest other effect of many channels that does not contain this one."""
-        others = (one for one in self._effects if one is not effect and one.follows != "measured")
+        # All are weighed beside a constant already.
+        others = (
+            one
+            for one in self._effects
+            if one is not effect and one.follows != "measured" and not one.is_constant
+        )
         rivals = [one for one in others if one.label in self._rivals and not one.is_costly]
         return max((self._evidence(one, effect.name) for one in rivals), default=0.0)

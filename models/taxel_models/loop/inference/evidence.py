@@ -260,6 +260,11 @@ class Bases(NamedTuple):
         plain = beside.without_last()
         return cls(plain, beside, weigh(Products.of(plain, ones), Fitting(), constants).log_evidence)
 
+    @property
+    def of_constant(self) -> Self:
+        """What a constant itself is weighed beside: there is no other one."""
+        return self._replace(beside=self.plain, constant=0.0)
+
 
 def mean_odds(logs: ArrayLike) -> float:
     """The logarithm of the mean of odds, of their logarithms."""

@@ -146,6 +146,7 @@ def _of_many(
 ) -> OwnStructure:
     """What an effect of many channels explains: log odds of each whitened channel, by bins."""
     bases = channels.bases(residual)
+    bases = bases.of_constant if effect.is_constant else bases
     found = [weigh(each, fitting, constants) for each, fitting in channels.products_of_many(forms, bases)]
     # Where each form stands for itself, only the likely ones are usual, and the likeliest in any case.
     least = min(0.0, max(one.log_evidence for one in found)) if effect.fits_nothing else -np.inf
