@@ -15,7 +15,7 @@ STRETCHES: Final = 10
 CROSSED: Final = "crossed"
 """How the form of such a fault begins."""
 
-MUCH: Final = 0.5
+MUCH: Final = 0.7
 """Channels are crossed if the others' predictions leave at most this share of the squares: where they leave
 more, the channels are alike, or something else is wrong."""
 
