@@ -18,7 +18,9 @@ def stands(score: Score, beside_others: bool, constants: Constants) -> bool:
         return False
     worth = float(score.worth.mean())
     if not score.effect.is_predictable:
-        return worth >= constants.least_channel_share
+        # Offsets of contacts differ from day to day by more than how many contacts were held out tells.
+        more = score.gain.sum() >= (constants.usual_of_kind - 1.0) * score.usual.sum()
+        return bool(more and worth >= constants.least_channel_share)
     # A form that is not quite right leaves a little.
     share = max(constants.least_share, constants.least_channel_share if beside_others else 0.0)
     # The less an effect removes, the surer it must be.

@@ -107,6 +107,19 @@ def named(
     return [(one.name, one.candidate.form) for one in found.named]
 
 
+@pytest.mark.parametrize("channels", [("e3", "e8", "e14", "e17"), CHANNELS[2:]])
+def test_a_constant_shows_beside_what_all_channels_have(
+    smooth: Any, recording: Recording, reference: HeldOutResidual, channels: tuple[str, ...]
+) -> None:
+    """It was weighed beside a constant, so that nothing was left of it."""
+    changed = recording.channels.copy()
+    for place, name in enumerate(channels):
+        changed[:, CHANNELS.index(name)] += 30.0 * (-1) ** place
+    offsets = replace(recording, channels=np.clip(changed, 0, COUNTS_MAX))
+    assert named(smooth, offsets, reference) == [("offset", "constant")]
+    assert named(smooth, recording, reference) == []
+
+
 def test_a_channel_that_gives_more_than_it_has_is_no_leak(
     smooth: Any, recording: Recording, reference: HeldOutResidual
 ) -> None:

@@ -10,6 +10,7 @@ from taxel_models.loop.effects.effect import Fitting
 from taxel_models.loop.effects.lag import Lag
 from taxel_models.loop.inference import proof
 from taxel_models.loop.inference.constants import DECLARED
+from taxel_models.loop.inference.contact_offset import ContactOffset
 from taxel_models.loop.inference.proof import simplest
 
 
@@ -104,3 +105,13 @@ def test_a_delay_that_repeats_needs_no_share_of_the_error(
     """Beside a named effect it must be the surer, the less it removes."""
     score = score_of(Lag(), Fitting(fixed=True), t=t, worth=np.full(21, worth))
     assert proof.stands(score, beside, DECLARED) is stands
+
+
+@pytest.mark.parametrize(
+    ("usual", "worth", "stands"), [(90.0, 0.06, True), (110.0, 0.06, False), (90.0, 0.04, False)]
+)
+def test_offsets_of_contacts_are_twice_as_large_as_usual(usual: float, worth: float, stands: bool) -> None:
+    """Else another day's contacts would have them."""
+    score = score_of(ContactOffset(), Fitting(), t=9.0, worth=np.full(21, worth))
+    score.gain, score.usual = np.full((8, 21), 100.0 / (8 * 21)), np.full((8, 21), usual / (8 * 21))
+    assert proof.stands(score, False, DECLARED) == stands
