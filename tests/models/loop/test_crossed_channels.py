@@ -68,6 +68,15 @@ def test_channels_that_are_alike_or_constant_are_left_alone() -> None:
         np.testing.assert_array_equal(crossed_channels(measured[:rows], predicted[:rows]), OWN)
 
 
+def test_the_order_of_another_driver_is_weighed_beside_other_effects(smooth: Any, make: Make) -> None:
+    recording = make(9_000, seed=3)
+    order = np.concatenate([[0, 1], np.random.default_rng(4).permutation(np.arange(2, 21))])
+    other = replace(recording, channels=recording.channels[:, order])
+    (found,) = run_loop(smooth, [other], LoopSettings()).findings.effects
+    assert found.name == "fault"
+    assert found.form.count(" holds ") == (order != OWN).sum()
+
+
 def test_the_loop_names_the_channels_and_changes_no_model(smooth: Any, make: Make) -> None:
     recording = make(9_000, seed=3)
     crossed = replace(recording, channels=recording.channels[:, exchanged(4, 11)])

@@ -27,6 +27,9 @@ FEWEST_TIMES: Final = 3
 LEADS_BEYOND: Final = 0.5
 """Likewise where what its other rows show leads beyond the limit in this share of the rows at it."""
 
+FEW_CROSSED: Final = 5
+"""A finger that is turned by half a turn exchanges many channels: more are weighed as other effects are."""
+
 BEYOND_END: Final = 0.01
 """With less than this share of the rows beyond a level, it is an end of what a channel shows."""
 
@@ -173,10 +176,10 @@ class Fault(Effect):
             self.name,
             f"{CROSSED}: {', '.join(pairs)}",
             Own(change[:, :, None].astype(np.float32)),
-            fitting=Fitting(fixed=True),
+            fitting=Fitting(fixed=True, beforehand=len(pairs)),
             # What is wrong is the order of the channels, which belongs in no model.
             online=lambda _: Online(),
-            certain=True,
+            certain=len(pairs) <= FEW_CROSSED,
             again=lambda other: self._crossed(holds, other),
         )
 
