@@ -79,6 +79,9 @@ class AllChannels:
         effect = score.effect
         if score.form.candidate.certain or not self._correlated.knows(effect.label):
             return True
+        if effect.is_constant and score.worth.mean() < self._constants.least_share:
+            # One channel's mean scatters from finger to finger: it must be large even beside a constant.
+            return self._correlated.of_many(effect.label, self._forms(effect), self._bases) > 0
         changes_few = score.weighed.changes.sum() <= MOST_CHANNELS
         changes_few |= score.worth.mean() < self._constants.least_share
         # What few channels show must show beside all others. By itself it repeats already.
