@@ -35,7 +35,7 @@ def angle(observations: Observations, left: Remaining) -> float:
     """Between the motion that is found and the one that was, in degrees."""
     found = fit_motion(observations, left)
     assert found is not None
-    kind, vector = found
+    kind, vector, _ = found
     assert kind == "force"
     return float(np.degrees((Rotation.from_rotvec(vector).inv() * Rotation.from_rotvec(TURN)).magnitude()))
 

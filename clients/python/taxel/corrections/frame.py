@@ -1,4 +1,4 @@
-"""A frame that is turned or shifted against the one that the base model knows; a force sensor likewise."""
+"""A frame that is turned, shifted or scaled against the one that the base model knows."""
 
 from functools import cached_property
 from typing import Annotated, Final

@@ -31,7 +31,8 @@ TAKES: Final = np.linspace(0.0, 0.3, 7)
 
 MOST_OF_IT: Final = 0.67
 """A motion from the start that explains this share of what one does that comes about is taken in its place:
-it can be served, and a course that is fitted explains a little more in any case."""
+it can be served, and a course that is fitted explains a little more in any case. The inference takes the
+same share where one of two effects is simpler."""
 
 NAMES: Final = {
     "force": "forces turned",
@@ -46,7 +47,7 @@ NAMES: Final = {
 class FrameEffect(Effect):
     """A motion between the recorded frame and the model's frame. All channels share it.
 
-    Forces may also have another zero or another scale, as those of a force sensor that drifted.
+    Forces may also have another zero or scale, where a force sensor has drifted.
     """
 
     name = "frame"
@@ -63,11 +64,9 @@ class FrameEffect(Effect):
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
         found = fit_motion(observations, remaining)
-        explained = 0.0
         if found is not None:
-            yield self._always(observations, *found)
-            explained = _explained(observations, remaining, *found)
-        yield from self._slipped(observations, remaining, explained)
+            yield self._always(observations, found.kind, found.vector)
+        yield from self._slipped(observations, remaining, 0.0 if found is None else found.explained)
 
     def _always(self, observations: Observations, kind: str, vector: Floats) -> Candidate:
         count = min(-(-len(observations) // EVERY), MOST_ROWS)
@@ -97,14 +96,13 @@ class FrameEffect(Effect):
         found = fit_motion(observations, replace(remaining, fit=remaining.fit & late))
         if found is None:
             return
-        kind, vector = found
+        kind, vector, _ = found
         turned = turn_of(kind, vector).turn(observations.windows, observations.manifest.spec)
         change = predict_all(observations.model.predict, turned) - observations.predicted
-        begins, takes = _course_of(observations, kind, change, remaining)
-        change *= _course(time_s, begins, takes)[:, None]
-        rows = rows_of(remaining.fit)
-        if explained >= MOST_OF_IT * _taken_off(Misfit(observations, remaining, kind, rows), change[rows]):
+        begins, takes, explained_by_course = _course_of(observations, kind, change, remaining)
+        if explained >= MOST_OF_IT * explained_by_course:
             return
+        change *= _course(time_s, begins, takes)[:, None]
         parameters = _form_parameters(kind, vector) | {"begins": (begins, "s"), "takes": (takes, "s")}
         yield self._reported(change, NAMES[kind], parameters, len(vector))
 
@@ -127,17 +125,6 @@ class FrameEffect(Effect):
         )
 
 
-def _explained(observations: Observations, remaining: Remaining, kind: str, vector: Floats) -> float:
-    """What a motion that was there from the start takes off the squares of the fit part."""
-    misfit = Misfit(observations, remaining, kind, rows_of(remaining.fit))
-    return misfit.energy - float(misfit.of(misfit.changes(vector[None]))[0])
-
-
-def _taken_off(misfit: Misfit, change: Floats) -> float:
-    """What a change (n, 21), counts, takes off the squares."""
-    return misfit.energy - float(misfit.of(misfit.weighted(change)[None])[0])
-
-
 def _course(time_s: Floats, begins: float, takes: float) -> Floats:
     """(n,) how far a motion has come about: from 0 to 1."""
     return np.clip((time_s - begins) / max(takes, TICK_S), 0.0, 1.0)
@@ -145,16 +132,18 @@ def _course(time_s: Floats, begins: float, takes: float) -> Floats:
 
 def _course_of(
     observations: Observations, kind: str, change: Floats, remaining: Remaining
-) -> tuple[float, float]:
-    """When a whole change (n, 21) begins and how long it takes, s, by least squares."""
+) -> tuple[float, float, float]:
+    """When a whole change (n, 21) begins and how long it takes, s, and what it takes off the squares."""
     rows = rows_of(remaining.fit)
     time_s, end = observations.time_s, float(observations.time_s.max())
     misfit = Misfit(observations, remaining, kind, rows)
 
-    def taken_off(times: tuple[float, float]) -> float:
-        return _taken_off(misfit, _course(time_s[rows], *times)[:, None] * change[rows])
+    def left(times: tuple[float, float]) -> float:
+        course = _course(time_s[rows], *times)[:, None]
+        return float(misfit.of(misfit.weighted(course * change[rows])[None])[0])
 
-    return max(product(end * BEGINS, end * TAKES), key=taken_off)
+    least, times = min((left(times), times) for times in product(end * BEGINS, end * TAKES))
+    return *times, misfit.energy - least
 
 
 def _form_parameters(kind: str, vector: Floats) -> dict[str, tuple[float, str]]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import product
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,13 +51,22 @@ KINDS: Final = ("force", "position", "shift", "both", "zero", "scale")
 force sensor's wrong zero, or scaled, as by its wrong gain."""
 
 
-def fit_motion(observations: Observations, remaining: Remaining) -> tuple[str, Floats] | None:
-    """The motion that explains most of the fit part's residual; None if none explains anything.
+class Motion(NamedTuple):
+    """A motion of the inputs.
 
-    Returns:
-        What moves, see `turn_of`, and the rotation vector (3,), rad, the shift (3,), m or N, or the change
-        of the scale (1,).
+    Attributes:
+        kind: what moves, one of `KINDS`.
+        vector: the rotation vector (3,), rad, the shift (3,), m or N, or the change of the scale (1,).
+        explained: what it takes off the squares of the fit part, see `Misfit`.
     """
+
+    kind: str
+    vector: Floats
+    explained: float
+
+
+def fit_motion(observations: Observations, remaining: Remaining) -> Motion | None:
+    """The motion that explains most of the fit part's residual; None if none explains anything."""
     rows = rows_of(remaining.fit)
     rough: list[tuple[float, str, Floats]] = []
     for kind in KINDS:
@@ -73,13 +82,12 @@ def fit_motion(observations: Observations, remaining: Remaining) -> tuple[str, F
     if most <= 0:
         return None
     found = []
-    for share, kind, vector in rough:
+    for share, kind, start in rough:
         if share >= AS_GOOD * most:
             every = Misfit(observations, remaining, kind, rows)
-            vector, least = _gauss_newton(every, vector, _step(kind), STEPS)
-            found.append((least, kind, vector))
-    _, kind, vector = min(found, key=lambda one: one[0])
-    return kind, vector
+            vector, least = _gauss_newton(every, start, _step(kind), STEPS)
+            found.append(Motion(kind, vector, every.energy - least))
+    return max(found, key=lambda motion: motion.explained)
 
 
 def _step(kind: str) -> float:
