@@ -59,6 +59,10 @@ def loop_trial(
         bool,
         typer.Option(help="Each round plays trials of all days, in place of one; with --ground slide."),
     ] = False,
+    models: Annotated[
+        int,
+        typer.Option(min=1, help="Base models that take turns, each trained on other trials; slide, lasa."),
+    ] = 1,
     only: Annotated[
         list[str] | None,
         typer.Option(
@@ -111,13 +115,15 @@ def loop_trial(
     from taxel_models.shipped import shipped_repository
 
     stored = StoredModel(repository or shipped_repository(), model)
-    chosen = ChosenGround(ground, seed, stored, injector, rows, data, jobs, one_of, unseen, all_days)
+    chosen = ChosenGround(
+        ground, seed, stored, injector, rows, data, jobs, one_of, unseen, all_days, models
+    )
     _prepare(scheduler, plots, output)
     draw = Draw(injector, tuple(only or ()), strength, pairs, clean, unknown)
     rounds: list[Round] = []
     moved: list[Sensitivity] = []
     with bar("preparing the ground") as progress:
-        benchmark = RecoveryBenchmark(chosen.prepare(), ground, seed, draw)
+        benchmark = RecoveryBenchmark(chosen.prepare(progress.say), ground, seed, draw)
         progress.say("playing rounds")
         for finished in run_rounds_on(benchmark, trials, jobs, scheduler):
             rounds.append(finished)
@@ -173,6 +179,7 @@ _RATES: Final = {
     "right_or_confounded": "right effect first, or reported as not to be told apart",
     "all_named": "every injected cause named",
     "false_alarms": "false alarms on clean recordings",
+    "models_alarmed": "base models with a false alarm",
     "unknown_left": "unknown causes left unexplained",
     "change_told": "a line on the electrode that is dying",
     "change_false": "a line on a channel whose sensitivity did not change",

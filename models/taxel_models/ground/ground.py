@@ -28,6 +28,7 @@ class Clean:
         on_skin: whether positions lie on the skin; else they are poses of a robot.
         live: (21,) which channels were measured; the others are noise about a constant.
         contact: (n,) the number of each row's contact.
+        base_model: the number of the model, where a ground has several.
     """
 
     model: Model
@@ -36,6 +37,7 @@ class Clean:
     on_skin: bool
     live: tuple[bool, ...]
     contact: NDArray[np.int64]
+    base_model: int = 0
 
 
 class Ground(Protocol):

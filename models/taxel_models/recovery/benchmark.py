@@ -89,10 +89,10 @@ def run_round(
     rows = naming.evaluation
     output_std = clean.model.manifest.normalisation.output_std
     errors = ErrorMetrics.of(measured[rows], counts[rows], output_std)
-    return _marked(number, injected, errors.norm_mae, naming)
+    return _marked(number, injected, errors.norm_mae, naming, clean.base_model)
 
 
-def _marked(number: int, injected: Injected, clean: float, naming: Naming) -> Round:
+def _marked(number: int, injected: Injected, clean: float, naming: Naming, base_model: int) -> Round:
     left = UNEXPLAINED if naming.structured else NONE
     found = naming.names[0] if naming.names else left
     accepted = set().union(*injected.accepted)
@@ -115,6 +115,7 @@ def _marked(number: int, injected: Injected, clean: float, naming: Naming) -> Ro
         accepted=injected.accepted,
         all_named=bool(accepted) and all_named(injected.accepted, naming.names),
         changed=naming.changed,
+        base_model=base_model,
     )
 
 

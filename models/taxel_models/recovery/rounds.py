@@ -50,6 +50,7 @@ class Round(Schema):
         changed: channels of which a line says that their sensitivity changed; None in older files.
         ground: `twin`, `slide` or `lasa`.
         injector: `own` or `foreign`.
+        base_model: the number of the model, where several took turns.
     """
 
     model_config = ConfigDict(populate_by_name=True)
@@ -72,6 +73,7 @@ class Round(Schema):
     changed: tuple[str, ...] | None = None
     ground: str = "twin"
     injector: str = "own"
+    base_model: int = 0
 
     @property
     def unknown(self) -> bool:
@@ -108,7 +110,9 @@ class Summary(Schema):
         parameters_within: share of the marked parameters within 20 %.
         rates: the shares above with intervals, and `all_named`: rounds in which each cause was named;
             `change_told`: of the rounds with one dying electrode, those with a line on it;
-            `change_false`: of those in which no channel's sensitivity changed, those with such a line.
+            `change_false`: of those in which no channel's sensitivity changed, those with such a line;
+            `models_alarmed`: where several models took turns, those of which anything was named on a
+            clean recording. Rounds of one model are alike: this interval is the honest one.
         power: for each cause and range of strengths, how often it was found first.
     """
 
@@ -156,6 +160,8 @@ def summarise(rounds: Sequence[Round]) -> Summary:
             if not finished.truth.startswith((DYING, Fault.name))
         ],
     }
+    if any(finished.base_model for finished in rounds):
+        marks["models_alarmed"] = _alarmed(rounds)
     rates = {name: rate(values) for name, values in marks.items() if values}
     shares = {name: found.share for name, found in rates.items()}
     return Summary(
@@ -175,6 +181,16 @@ def summarise(rounds: Sequence[Round]) -> Summary:
         rates=rates,
         power=power(injected),
     )
+
+
+def _alarmed(rounds: Sequence[Round]) -> list[bool]:
+    """For each base model with clean rounds, whether anything was named in one of them."""
+    alarmed: dict[int, bool] = {}
+    for finished in rounds:
+        if finished.truth == NONE:
+            model = finished.base_model
+            alarmed[model] = alarmed.get(model, False) or bool(finished.named)
+    return list(alarmed.values())
 
 
 def rate(marks: Sequence[bool]) -> Rate:

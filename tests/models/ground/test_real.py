@@ -1,6 +1,7 @@
 """Grounds of real recordings: a round is played on trials that the model was not trained on."""
 
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,11 @@ from taxel.channels import CHANNELS
 from taxel.errors import RecordingError
 from taxel_models.ground.ground import Clean, predicted
 from taxel_models.ground.real import SLIDE, STRETCH, RealGround, estimated_place, read_lasa
+from taxel_models.ground.twins import StoredModel
 from taxel_models.recordings import read_slide
 from taxel_models.recordings.lasa import read_lasa_columns
+from taxel_models.recovery.chosen_ground import ChosenGround
+from taxel_models.shipped import shipped_repository
 from taxel_models.twin.sensor import Sensor
 
 pytestmark = pytest.mark.measured
@@ -78,6 +82,21 @@ def test_the_base_model_fits_what_it_did_not_see(slide: RealGround, lasa: RealGr
     counts, rows = predicted(clean.model, clean.reference)
     means = (clean.reference.channels[rows] - counts).mean(axis=0)
     np.testing.assert_allclose(means, 0.0, atol=0.05)
+
+
+def test_rounds_take_turns_over_base_models(data_folder: Path) -> None:
+    told: list[str] = []
+    alone = ChosenGround(
+        "lasa", 1, StoredModel(shipped_repository(), "network-b"), data=data_folder, jobs=2
+    )
+    several = replace(alone, models=2).prepare(told.append)
+    assert told == ["base model 1 of 2", "base model 2 of 2"]
+    rounds = [several.clean(number) for number in range(4)]
+    assert [clean.base_model for clean in rounds] == [0, 1, 0, 1]
+    trained = {clean.model.manifest.model_file.sha256 for clean in rounds[:2]}
+    assert len(trained) == 2
+    # The first model is the one that it would be alone.
+    assert rounds[0].recording.fingerprint == alone.prepare().clean(0).recording.fingerprint
 
 
 def test_rounds_differ_and_repeat(slide: RealGround, lasa: RealGround) -> None:

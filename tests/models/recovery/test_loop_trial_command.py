@@ -47,6 +47,7 @@ def test_rounds_are_kept_and_drawn(app: typer.Typer, tmp_path: Path) -> None:
         ),
         (["--all-days"], "--all-days: only --ground slide has days, and not with --one-of"),
         (["--unseen"], "--unseen: only --ground slide has kinds; this is --ground twin"),
+        (["--models", "3"], "--models 3: twins have one model, that of --model"),
         (["--ground", "lasa", "--data", "nowhere"], "nowhere/lasa_contact: no such folder"),
         (["--injector", "foreign", "--only", "wear"], "no cause wear: expected one of contact offset"),
         (["--strength", "2", "1"], "strengths 2 to 1: expected two above 0"),

@@ -90,6 +90,21 @@ def test_the_power_of_all_forms_is_told_by_rising_strength() -> None:
     assert list(summarise(rounds).power["creep"]) == ["0.5 to 0.71", "1 to 1.4", "1.4 to 2"]
 
 
+def test_models_with_a_false_alarm_are_counted() -> None:
+    # Of three models, the second is alarmed in one of two clean rounds; what is injected does not count.
+    rounds = [
+        made("none", "none"),
+        made("none", "gain", base_model=1),
+        made("none", "unexplained", base_model=1),
+        made("none", "none", base_model=2),
+        made("lag", "drift", base_model=2),
+    ]
+    alarmed = summarise(rounds).rates["models_alarmed"]
+    assert (alarmed.hits, alarmed.rounds) == (1, 3)
+    # One model is no sample of models.
+    assert "models_alarmed" not in summarise(ROUNDS).rates
+
+
 def test_intervals_are_exact() -> None:
     # Hanley and Lippman-Hand 1983: none of 300 bounds a rate at about 3 of 300, here two-sided.
     none = rate([False] * 300)
