@@ -189,6 +189,13 @@ class Observations:
         return float(np.median(np.unique(self.segment, return_counts=True)[1])) * TICK_S
 
     @cached_property
+    def usual_travel_n(self) -> float:
+        """The median over segments of the difference between the largest and the smallest force, N."""
+        starts = np.flatnonzero(np.diff(self.segment, prepend=-1))
+        largest, smallest = (np_of.reduceat(self.pressed, starts) for np_of in (np.maximum, np.minimum))
+        return float(np.median(largest - smallest))
+
+    @cached_property
     def starts_pressed(self) -> bool:
         """Whether enough segments begin with a load. In few, a start from rest looks like a drift."""
         starts = np.diff(self.segment, prepend=-1) != 0

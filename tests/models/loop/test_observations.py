@@ -75,6 +75,14 @@ def test_some_rows_keep_their_past(observations: Observations, recording: Record
     np.testing.assert_array_equal(some.measured, observations.measured[keep])
 
 
+def test_the_usual_travel_of_the_force_is_that_of_a_segment(observations: Observations) -> None:
+    force = observations.pressed
+    assert observations.usual_travel_n == pytest.approx(force.max() - force.min())
+    thirds = 3 * np.arange(len(force)) // len(force)
+    travels = [np.ptp(force[thirds == third]) for third in range(3)]
+    assert replace(observations, segment=thirds).usual_travel_n == pytest.approx(np.median(travels))
+
+
 def test_earlier_rows_are_of_the_same_segment(observations: Observations) -> None:
     parts = replace(observations, segment=(np.arange(len(observations)) >= 1000).astype(np.int64))
     rows = np.arange(len(observations))

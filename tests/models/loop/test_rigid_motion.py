@@ -81,11 +81,25 @@ def test_a_motion_that_was_there_from_the_start_is_not_said_to_have_come_about(
     noise = np.random.default_rng(2).normal(size=turned.shape) * turned.std(axis=0)
     residual = (session >= begins)[:, None] * turned * (1.0 + 0.3 * session[:, None]) + 0.3 * noise
     forms = list(FrameEffect().forms(observations, remaining(observations, residual)))
-    assert [form.ages for form in forms] == ages
+    # Each is weighed whole, and in its slow part.
+    assert [form.ages for form in forms] == [each for each in ages for _ in range(2)]
+
+
+def test_the_slow_part_of_a_motion_is_its_mean_over_a_second_of_a_segment(
+    observations: Observations, turned: np.ndarray
+) -> None:
+    whole, slow = FrameEffect().forms(observations, remaining(observations, turned))
+    change, means = whole.basis.at(np.arange(len(turned))), slow.basis.at(np.arange(len(turned)))
+    (segment,) = np.unique(observations.segment)
+    assert segment == 0
+    for row in (50, 1_000, 4_321):
+        expected = change[:, row - 50 : row + 51].mean(axis=1)
+        np.testing.assert_allclose(means[:, row], expected, atol=1e-3)
 
 
 @pytest.mark.parametrize(
-    ("kind", "vector", "precise"), [("zero", (0.3, -0.8, 0.5), 0.05), ("scale", (0.2,), 0.02)]
+    ("kind", "vector", "precise"),
+    [("zero", (0.3, -0.8, 0.5), 0.05), ("scale", (0.2,), 0.02), ("scale", (-0.45,), 0.02)],
 )
 def test_a_force_sensors_zero_and_gain_are_found(
     observations: Observations, kind: str, vector: tuple[float, ...], precise: float

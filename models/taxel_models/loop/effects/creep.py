@@ -25,7 +25,7 @@ LONGEST_S: Final = 40.0
 OF_RECORDING: Final = 0.1
 """The longest time constant of a low-pass over the recorded time: a slower one looks like a drift."""
 
-OBSERVED: Final = 0.5
+OBSERVED: Final = 1.0
 """The longest time constant over the usual length of a segment."""
 
 GRID: Final = np.geomspace(SHORTEST_S, LONGEST_S, 11)

@@ -30,6 +30,8 @@ class Fitting:
         choices: how many regressors each channel's one was chosen from, or how many motions.
         beforehand: how many parameters of the form, such as a motion's, were fitted beforehand.
         few_channels: whether it changes few channels, and is weighed beside all others.
+        compared: so many moments or the like were compared on the blocks that test it, so that chance
+            has so many tries (Bonferroni).
     """
 
     pooled: bool = False
@@ -40,6 +42,7 @@ class Fitting:
     choices: int = 1
     beforehand: int = 0
     few_channels: bool = False
+    compared: int = 1
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,12 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial
-from itertools import product
+from itertools import pairwise, product
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 from typing_extensions import override
 
 from taxel.windows.history import TICK_S
@@ -16,11 +18,13 @@ from taxel_models.loop.effects.rigid_motion import Misfit, after, fit_motion, ro
 from taxel_models.loop.observations import Observations
 from taxel_models.model import predict_all
 
-MOST_ROWS: Final = 12_000
-"""The motion's change is predicted at so many rows at most: two for each bin."""
+MOST_ROWS: Final = 40_000
+"""The motion's change is predicted at so many rows at most, at equal steps."""
 
-EVERY: Final = 5
-"""Rows from one such row to the next."""
+SLOW_ROWS: Final = 101
+"""A change less what comes and goes within a second is a form of its own. A model's prediction jumps from
+row to row where its inputs have noise, a forest's most of all, and with moved inputs it jumps otherwise.
+The noise of neighbouring rows counts much where a residual fades slowly, and hides what a motion does."""
 
 LAST: Final = 0.4
 """The last part of the session, by which a motion is found that came about in its course."""
@@ -65,23 +69,25 @@ class FrameEffect(Effect):
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
         found = fit_motion(observations, remaining)
         if found is not None:
-            yield self._always(observations, found.kind, found.vector)
+            yield from self._always(observations, found.kind, found.vector)
         yield from self._slipped(observations, remaining, 0.0 if found is None else found.explained)
 
-    def _always(self, observations: Observations, kind: str, vector: Floats) -> Candidate:
-        count = min(-(-len(observations) // EVERY), MOST_ROWS)
-        rows = np.linspace(0, len(observations) - 1, count).astype(np.int64)
+    def _always(self, observations: Observations, kind: str, vector: Floats) -> Iterable[Candidate]:
+        step = -(-len(observations) // MOST_ROWS)
+        rows = np.arange(0, len(observations), step)
         turned = turn_of(kind, vector).turn(observations.windows[rows], observations.manifest.spec)
         change = predict_all(observations.model.predict, turned) - observations.predicted[rows]
-        return Candidate(
-            self.name,
-            NAMES[kind],
-            Own(change[:, :, None].astype(np.float32), rows),
-            fitting=Fitting(fixed=True, beforehand=len(vector), choices=len(NAMES)),
-            form_parameters=_form_parameters(kind, vector),
-            online=partial(_online, kind, vector),
-            moved=partial(_moved, kind, vector),
-        )
+        slow = _slow(change, observations.segment[rows], step)
+        for form, part in ((NAMES[kind], change), (f"{NAMES[kind]}, in its slow part", slow)):
+            yield Candidate(
+                self.name,
+                form,
+                Own(part[:, :, None].astype(np.float32), rows),
+                fitting=Fitting(fixed=True, beforehand=len(vector), choices=len(NAMES)),
+                form_parameters=_form_parameters(kind, vector),
+                online=partial(_online, kind, vector),
+                moved=partial(_moved, kind, vector),
+            )
 
     def _slipped(
         self, observations: Observations, remaining: Remaining, explained: float
@@ -105,6 +111,8 @@ class FrameEffect(Effect):
         change *= _course(time_s, begins, takes)[:, None]
         parameters = _form_parameters(kind, vector) | {"begins": (begins, "s"), "takes": (takes, "s")}
         yield self._reported(change, NAMES[kind], parameters, len(vector))
+        slow = _slow(change, observations.segment, 1)
+        yield self._reported(slow, f"{NAMES[kind]}, in its slow part", parameters, len(vector))
 
     def _reported(
         self, change: Floats, name: str, parameters: Mapping[str, tuple[float, str]], motion: int
@@ -118,11 +126,20 @@ class FrameEffect(Effect):
             self.name,
             f"{name}, from {parameters['begins'][0]:.0f} s on",
             Own(change[:, :, None].astype(np.float32)),
-            fitting=Fitting(fixed=True, beforehand=motion + 2, choices=len(NAMES)),
+            fitting=Fitting(fixed=True, beforehand=motion + 2, choices=len(NAMES), compared=len(BEGINS)),
             form_parameters=parameters,
             ages=True,
             again=lambda _: self._reported(change, name, parameters, motion),
         )
+
+
+def _slow(change: Floats, segment: NDArray[np.int64], step: int) -> Floats:
+    """A change (n, 21) at every so many rows, less what comes and goes within a second of a segment."""
+    slow = np.empty_like(change)
+    edges = np.flatnonzero(np.diff(segment, prepend=-1, append=-1))
+    for start, stop in pairwise(edges):
+        slow[start:stop] = uniform_filter1d(change[start:stop], SLOW_ROWS // step, axis=0, mode="nearest")
+    return slow
 
 
 def _course(time_s: Floats, begins: float, takes: float) -> Floats:

@@ -18,7 +18,8 @@ FINER: Final = (0.84, 0.91, 1.1, 1.19)
 
 WIDEST: Final = 0.5
 """The largest width of a friction, over the force that 95 % of the rows stay below: a wider one hardly
-turns, and is as good as the force itself."""
+turns, and is as good as the force itself. Likewise of a play, over the usual travel of the force in a
+segment: a wider one stays where it began, and is as good as the segment's first force."""
 
 
 class Hysteresis(Effect):
@@ -59,8 +60,10 @@ class Hysteresis(Effect):
                 yield from forms(observations, [width * factor for factor in FINER])
 
     def _plays(self, observations: Observations, widths: Iterable[float]) -> Iterable[Candidate]:
+        widest = WIDEST * observations.usual_travel_n
         for width in widths:
-            yield self._with(observations, "play", width, Play(of="force", width_n=width))
+            if width <= widest:
+                yield self._with(observations, "play", width, Play(of="force", width_n=width))
 
     def _frictions(self, observations: Observations, widths: Iterable[float]) -> Iterable[Candidate]:
         widest = WIDEST * float(np.quantile(observations.pressed, 0.95))

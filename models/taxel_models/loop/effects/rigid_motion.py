@@ -71,10 +71,10 @@ def fit_motion(observations: Observations, remaining: Remaining) -> Motion | Non
     rough: list[tuple[float, str, Floats]] = []
     for kind in KINDS:
         few = Misfit(observations, remaining, kind, rows[::FEW])
-        starts = np.zeros((1, 1 if kind == "scale" else 3))
-        if kind in TURNED:
+        starts = _starts(kind)
+        if len(starts) > BEST_STARTS:
             scan = Misfit(observations, remaining, kind, rows[:: FEW * SCANNED])
-            starts = TURNS[np.argsort(scan.of(scan.changes(TURNS)))[:BEST_STARTS]]
+            starts = starts[np.argsort(scan.of(scan.changes(starts)))[:BEST_STARTS]]
         near = [_gauss_newton(few, start, _step(kind), ROUGH_STEPS) for start in starts]
         vector, least = min(near, key=lambda found: found[1])
         rough.append((1.0 - least / max(few.energy, 1e-12), kind, vector))
@@ -105,7 +105,15 @@ def _great_turns() -> Floats:
 
 
 TURNS: Final = _great_turns()
+SCALES: Final = np.linspace(-0.5, 0.75, 11)[:, None]
 """The starts of fits: if the model is not smooth, small steps do not lead far."""
+
+
+def _starts(kind: str) -> Floats:
+    """(k, 3) or (k, 1) where fits of a kind of motion may begin."""
+    if kind in TURNED:
+        return TURNS
+    return SCALES if kind == "scale" else np.zeros((1, 3))
 
 
 class Misfit:

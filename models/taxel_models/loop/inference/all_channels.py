@@ -7,7 +7,7 @@ from functools import cache
 from taxel.channels import CHANNELS
 from taxel_models.loop.effects.effect import Candidate, Effect, Remaining
 from taxel_models.loop.inference.constants import Constants
-from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
+from taxel_models.loop.inference.correlated_channels import CorrelatedChannels, OfMany
 from taxel_models.loop.inference.few_channels_search import MOST_CHANNELS, FewChannelsSearch
 from taxel_models.loop.inference.named_in_channels import NamedInChannels
 from taxel_models.loop.inference.proof import stands
@@ -58,7 +58,7 @@ class AllChannels:
         """
         proven = stands(score, self._beside_others, self._constants)
         few = self._few_channels(score.effect)
-        if few is not None and few.log_evidence > self._rival(score.effect):
+        if few is not None and few.log_evidence > self._rival(score.effect, few.total_gain):
             stronger = proven and score.log_evidence > few.log_evidence
             if not stronger:
                 return few
@@ -81,7 +81,7 @@ class AllChannels:
             return True
         if effect.is_constant and score.worth.mean() < self._constants.least_share:
             # One channel's mean scatters from finger to finger: it must be large even beside a constant.
-            return self._correlated.of_many(effect.label, self._forms(effect), self._bases) > 0
+            return self._correlated.of_many(effect.label, self._forms(effect), self._bases).log_evidence > 0
         changes_few = score.weighed.changes.sum() <= MOST_CHANNELS
         changes_few |= score.worth.mean() < self._constants.least_share
         # What few channels show must show beside all others. By itself it repeats already.
@@ -89,20 +89,24 @@ class AllChannels:
         if changes_few and few is None and self._search.best(effect, most_channels=len(CHANNELS)) is None:
             return False
         least = self._rival(effect) if effect.follows == "measured" else 0.0
-        return self._evidence(effect) > least
+        return self._found(effect).log_evidence > least
 
-    def _evidence(self, effect: Effect, but: str | None = None) -> float:
-        """The evidence of an effect of many channels, in forms that do not contain another one."""
+    def _found(self, effect: Effect, but: str | None = None) -> OfMany:
+        """What shows of an effect of many channels, in forms that do not contain another one."""
         contained = any(form.contains == but for form in self._forms(effect))
         return self._weighed(effect, but if contained else None)
 
-    def _weigh(self, effect: Effect, but: str | None) -> float:
+    def _weigh(self, effect: Effect, but: str | None) -> OfMany:
         forms = [form for form in self._forms(effect) if but is None or form.contains != but]
         bases = self._bases.of_constant if effect.is_constant else self._bases
         return self._correlated.of_many(effect.label, forms, bases)
 
-    def _rival(self, effect: Effect) -> float:
-        """The evidence of the likeliest other effect of many channels that does not contain this one."""
+    def _rival(self, effect: Effect, gain: float = 0.0) -> float:
+        """The evidence of the likeliest other effect of many channels that does not contain this one.
+
+        Args:
+            gain: one that removes less of what was held out is no rival, however likely it is.
+        """
         # All are weighed beside a constant already.
         others = (
             one
@@ -110,4 +114,5 @@ class AllChannels:
             if one is not effect and one.follows != "measured" and not one.is_constant
         )
         rivals = [one for one in others if one.label in self._rivals and not one.is_costly]
-        return max((self._evidence(one, effect.name) for one in rivals), default=0.0)
+        found = (self._found(one, effect.name) for one in rivals)
+        return max((one.log_evidence for one in found if one.gain >= gain), default=0.0)

@@ -8,7 +8,7 @@ the root of the precision of the model's own held-out residual, their errors hav
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,22 @@ class Price(NamedTuple):
 
     odds: Floats
     gain: Floats
+
+
+class OfMany(NamedTuple):
+    """What all whitened channels show of an effect that changes many.
+
+    Attributes:
+        log_evidence: of its likeliest form, 0 at least.
+        gain: fall of the squared error over the known noise on folds that nothing was fitted to, less what
+            the model's own residual has of it.
+    """
+
+    log_evidence: float
+    gain: float
+
+
+NOTHING: Final = OfMany(0.0, 0.0)
 
 
 class CorrelatedChannels:
@@ -161,18 +177,23 @@ class CorrelatedChannels:
         gain = found.gain.sum(axis=1)[:, None] * form.included / form.included.sum()
         return weighed, HeldOut(gain, found.before, np.ones(len(CHANNELS)), found.squared_change)
 
-    def of_many(self, label: str, forms: Sequence[Candidate], bases: Bases) -> float:
-        """The log evidence of the likeliest form of an effect that changes many channels, 0 at least.
+    def of_many(self, label: str, forms: Sequence[Candidate], bases: Bases) -> OfMany:
+        """The likeliest form of an effect that changes many channels.
 
-        It is 0 where the model's own residual does not tell how much of the effect is usual.
+        It has no evidence where the model's own residual does not tell how much of the effect is usual.
         """
         if not self.knows(label):
-            return 0.0
-        known, odds, found = self._known.structure[label], self._usual_odds(label), [0.0]
+            return NOTHING
+        known, odds, best = self._known.structure[label], self._usual_odds(label), NOTHING
         for candidate, (products, fitting) in zip(forms, self.products_of_many(forms, bases), strict=True):
-            usual = odds if known.has(candidate.form_itself) else 0.0
-            found.append(weigh(products, fitting, self.constants, usual).log_evidence)
-        return max(found)
+            usual = odds if known.has(candidate.form_itself) else np.zeros_like(odds)
+            weighed = weigh(products, fitting, self.constants, usual)
+            if weighed.log_evidence > best.log_evidence:
+                found = held_out(products, fitting, weighed)
+                # Odds are half of what goes of the squared error over the noise, but for the prior.
+                gain = (found.gain * found.noise / bases.beside.counted_noise).sum() - 2.0 * usual.sum()
+                best = OfMany(weighed.log_evidence, float(gain))
+        return best
 
     def products_of_many(
         self, forms: Sequence[Candidate], bases: Bases

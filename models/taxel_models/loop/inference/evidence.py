@@ -5,6 +5,7 @@ is a multiple of the noise's. The noise's size has a flat prior on its logarithm
 the marginal likelihood has a closed form (a Student t; Bishop 2006, section 3.5).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -161,6 +162,17 @@ class Products:
     def folds(self) -> int:
         """Their number."""
         return len(self.gram)
+
+    def of_some(self, regressors: Sequence[int]) -> Self:
+        """Of some of the new regressors."""
+        kept = list(regressors)
+        return replace(
+            self,
+            design=replace(self.design, values=self.design.values[..., kept]),
+            between=self.between[..., kept],
+            gram=self.gram[..., kept, :][..., kept],
+            cross=self.cross[..., kept],
+        )
 
     def sums(self, kept: NDArray[np.bool_] | None = None) -> Sums:
         """Over all folds, or over those that are kept (folds,), or (choices, folds)."""

@@ -5,12 +5,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Effect, Remaining
 from taxel_models.loop.inference.correlated_channels import CorrelatedChannels, Price, Signals
 from taxel_models.loop.inference.evidence import held_out, weigh
 from taxel_models.loop.inference.few_channels_form import TOGETHER, ChannelForms, FewChannelsForm
 from taxel_models.loop.inference.named_in_channels import NamedInChannels
-from taxel_models.loop.inference.score import Score
+from taxel_models.loop.inference.score import Score, t_of_folds
 from taxel_models.loop.inference.shape import is_added
 from taxel_models.loop.inference.usual import bins_that_count
 from taxel_models.loop.observations import Observations
@@ -18,6 +19,9 @@ from taxel_models.loop.observations import Observations
 MOST_CHANNELS: Final = 5
 """Channels of one form. A cause that all channels have, such as a wave, shows in more of them: it is no
 change of a few, though each channel follows its neighbours."""
+
+SPARE: Final = 3
+"""More channels than that may join before those go that prove nothing."""
 
 
 class Sought(NamedTuple):
@@ -53,7 +57,7 @@ class FewChannelsSearch:
     ) -> None:
         self._channels, self._observations, self._remaining = channels, observations, remaining
         self._beside = beside
-        # That each channel must reach.
+        # Half of it is asked of each channel beside the others, as of a named effect.
         self._least_t = channels.constants.least_t(channels.folds)
 
     def best(self, effect: Effect, most_channels: int = MOST_CHANNELS) -> Score | None:
@@ -72,37 +76,59 @@ class FewChannelsSearch:
         )
 
     def _likeliest(self, sought: Sought, signals: Signals) -> Score | None:
-        """The likeliest change of a few channels that is in proportion to signals of one kind."""
+        """The likeliest change of a few channels that is in proportion to signals of one kind.
+
+        Channels join while the evidence rises. Then those go that prove nothing beside all others, the
+        weakest first: a change of two neighbours hides each of them from what the other foretells.
+        """
+        chosen = self._likely(sought, signals)
+        likeliest = next(iter(chosen), None)
+        while chosen:
+            score, conditional = self._judged(sought, signals, chosen)
+            unproven = [
+                channel
+                for channel, place in chosen.items()
+                if t_of_folds(conditional[:, channel]) < self._least_t / 2
+                or not self._is_possible(sought, score, signals.predicted, channel, place)
+            ]
+            if not unproven:
+                # Where the likeliest one proves nothing, those that do may only stand for its cause.
+                few = likeliest in chosen and len(chosen) <= sought.most_channels
+                return score if few and score.log_evidence > 0 else None
+            del chosen[min(unproven, key=lambda channel: float(conditional[:, channel].sum()))]
+        return None
+
+    def _likely(self, sought: Sought, signals: Signals) -> dict[int, int]:
+        """Channels that make the evidence rise, one after the other, each with the place of its form."""
         forms = signals.about_mean
-
-        def odds(forms: ChannelForms, channel: int, place: int) -> float:
-            products = self._beside.products(forms.design({channel: place}), [channel])
-            return weigh(products, TOGETHER, self._channels.constants).log_evidence - float(
-                sought.price.odds[channel]
-            )
-
         found: dict[int, dict[int, float]] = {}
         for channel, place in forms.options:
-            found.setdefault(channel, {})[place] = odds(forms, channel, place)
+            found.setdefault(channel, {})[place] = self._odds(sought, forms, channel, place)
         chosen: dict[int, int] = {}
-        best: Score | None = None
+        reached = 0.0
         for channel, own in sorted(found.items(), key=lambda one: -max(one[1].values())):
             able = [(own[place], place) for place in forms.beside(chosen, [*own])]
             own_odds, place = max(able, default=(0.0, 0))
-            if own_odds <= 0:
+            if own_odds <= 0 or len(chosen) > sought.most_channels + SPARE:
                 break
             more = {**chosen, channel: place}
-            score = self._scored(sought, signals, more, best)
+            log_evidence = self._evidence(sought, forms, more)
             least = self._channels.constants.foretold * own_odds
-            proven = score.channel_t[channel] >= self._least_t
-            proven = proven and odds(signals.predicted, channel, place) > least
-            likelier = score.log_evidence > (0.0 if best is None else best.log_evidence)
-            if proven and likelier and self._is_possible(sought, score, signals.predicted, channel, place):
-                chosen, best = more, score
-            if not chosen or len(chosen) > sought.most_channels:
-                # Where the likeliest one proves nothing, those that do may only stand for its cause.
-                return None
-        return best
+            foretold = self._odds(sought, signals.predicted, channel, place) > least
+            if foretold and log_evidence > reached:
+                chosen, reached = more, log_evidence
+            if not chosen:
+                return {}
+        return chosen
+
+    def _odds(self, sought: Sought, forms: ChannelForms, channel: int, place: int) -> float:
+        return self._evidence(sought, forms, {channel: place})
+
+    def _evidence(self, sought: Sought, forms: ChannelForms, chosen: dict[int, int]) -> float:
+        """The log evidence of a change of some channels."""
+        products = self._beside.products(forms.design(chosen), chosen)
+        found = weigh(products, TOGETHER, self._channels.constants).log_evidence
+        return found - float(sought.price.odds[[*chosen]].sum())
 
     def _is_possible(
         self, sought: Sought, score: Score, predicted: ChannelForms, channel: int, place: int
@@ -120,10 +146,8 @@ class FewChannelsSearch:
             self._channels.bins,
         )
 
-    def _scored(
-        self, sought: Sought, signals: Signals, chosen: dict[int, int], before: Score | None
-    ) -> Score:
-        """A change of one channel, the last of the chosen ones, more than there were before."""
+    def _judged(self, sought: Sought, signals: Signals, chosen: dict[int, int]) -> tuple[Score, Floats]:
+        """A change of some channels, and (folds, 21) what each adds to the gain of the others."""
         form, about_rest = signals.about_mean.form(chosen), signals.about_rest.form(chosen)
         bases = self._beside.bases(chosen)
         products = self._beside.products(form.design, chosen)
@@ -136,12 +160,19 @@ class FewChannelsSearch:
         change = found.squared_change.sum(axis=1, keepdims=True)
         bins = bins_that_count(form.candidate, np.bincount(self._channels.bins.fold)[:, None], change)
         usual = bins * sought.price.gain * form.included
-        # Channels are not free of each other: one more is given what it adds to the gain of all.
-        gain = np.zeros_like(usual) if before is None else before.gain.copy()
-        gain[:, form.places[-1][0]] = (found.gain - usual - gain).sum(axis=1)
+        every = found.gain.sum(axis=1)
+        conditional = np.zeros_like(usual)
+        for channel in chosen:
+            others = [place for place, (owner, _) in enumerate(form.places) if owner != channel]
+            without = held_out(products.of_some(others), TOGETHER, weighed).gain.sum(axis=1)
+            conditional[:, channel] = every - without
+        conditional -= usual
+        # Channels are not free of each other: what none adds by itself is shared.
+        together = every - usual.sum(axis=1) - conditional.sum(axis=1)
+        gain = conditional + together[:, None] * form.included / len(chosen)
         # A channel that errs less than on the reference is not judged by that little.
         error = np.maximum(found.before.sum(axis=0), len(self._channels.bins))
-        return Score(
+        score = Score(
             effect=sought.effect,
             form=form if needs_constant else replace(about_rest, design=form.design, sizes=form.sizes),
             weighed=replace(weighed, included=form.included),
@@ -154,3 +185,4 @@ class FewChannelsSearch:
             most_gain=float(gain.sum()),
             forms=((form.freedom, log_evidence),),
         )
+        return score, conditional

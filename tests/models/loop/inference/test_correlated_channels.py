@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -215,6 +216,33 @@ def test_an_electrode_that_fades_where_the_others_err_otherwise_than_usual_follo
     )
 
 
+@pytest.mark.parametrize(
+    ("rows", "white", "found"), [(6_000, 4.0, ("e10", "e11", "e12")), (3_000, 15.0, ("e11",))]
+)
+def test_leaks_from_one_electrode_to_the_next_are_found_together(
+    smooth: Any, make: Make, reference: HeldOutResidual, rows: int, white: float, found: tuple[str, ...]
+) -> None:
+    """Each hides its neighbours, which foretell most of it; together they stand out."""
+    recording = errs_alike(make(rows, seed=4), seed=2, white=white)
+    columns = [CHANNELS.index(name) for name in ("e9", "e10", "e11", "e12")]
+    counts = recording.channels.copy()
+    for before, after in pairwise(columns):
+        own = recording.channels[:, before]
+        counts[:, after] += np.rint(0.15 * (own - own.mean()))
+    observations = gather(smooth, [replace(recording, channels=counts)])
+    blocks = cut(observations, seed=0)
+    bins = Bins.of(blocks, DECLARED.bin_s)
+    assert reference.correlated is not None
+    left = observations.residual
+    channels = CorrelatedChannels(left, bins, reference.correlated, DECLARED)
+    remaining = Remaining(left, blocks.fit, np.ones(len(observations)))
+    best = FewChannelsSearch(channels, observations, remaining, channels.beside_named(left, [])).best(
+        Crosstalk()
+    )
+    assert best is not None
+    assert [CHANNELS[channel] for channel in best.form.channels] == list(found)
+
+
 def test_electrodes_that_age_each_in_its_own_way_are_put_right(
     smooth: Any, make: Make, reference: HeldOutResidual
 ) -> None:
@@ -341,6 +369,24 @@ def test_what_shakes_all_channels_is_no_change_of_a_few(
     """Each channel follows the others, but not what the model gives of them."""
     found = named(smooth, shaken(recording, seed), reference)
     assert not [form for _, form in found if "beside all others" in form]
+
+
+@pytest.mark.parametrize(("drifts", "rises"), [(10.0, True), (0.0, False)])
+def test_an_effect_of_many_channels_tells_what_it_removes_of_held_out_blocks(
+    smooth: Any, recording: Recording, reference: HeldOutResidual, drifts: float, rises: bool
+) -> None:
+    """Less than nothing where it is not there: weights that are fitted to noise make other blocks worse."""
+    age = np.linspace(-1.0, 1.0, len(recording))[:, None]
+    added = drifts * age * np.random.default_rng(7).normal(size=21)
+    observations = gather(smooth, [replace(recording, channels=np.rint(recording.channels + added))])
+    blocks = cut(observations, seed=0)
+    assert reference.correlated is not None
+    left = observations.residual
+    bins = Bins.of(blocks, DECLARED.bin_s)
+    channels = CorrelatedChannels(left, bins, reference.correlated, DECLARED)
+    remaining = Remaining(left, blocks.fit, np.ones(len(observations)))
+    found = channels.of_many("drift", list(Drift().forms(observations, remaining)), channels.bases(left))
+    assert (found.gain > found.log_evidence > 0) if rises else found.gain <= 0
 
 
 def test_an_effect_of_many_channels_that_is_likelier_goes_first(
