@@ -25,9 +25,6 @@ LONGEST_S: Final = 40.0
 OF_RECORDING: Final = 0.1
 """The longest time constant of a low-pass over the recorded time: a slower one looks like a drift."""
 
-OBSERVED: Final = 1.0
-"""The longest time constant over the usual length of a segment."""
-
 GRID: Final = np.geomspace(SHORTEST_S, LONGEST_S, 11)
 _OF_SIGNAL: Final = "of the channel's signal"
 _EVERY: Final[tuple[Followed, ...]] = ("force", "fx", "fy", "fz")
@@ -149,4 +146,4 @@ class Creep(Effect):
 
 def _longest_s(observations: Observations) -> float:
     """The longest time constant, s: a memory that outlasts the contacts cannot be told from a gain."""
-    return min(max(OBSERVED * observations.usual_segment_s, SHORTEST_S), LONGEST_S)
+    return min(max(observations.usual_segment_s, SHORTEST_S), LONGEST_S)

@@ -78,7 +78,7 @@ class FrameEffect(Effect):
         turned = turn_of(kind, vector).turn(observations.windows[rows], observations.manifest.spec)
         change = predict_all(observations.model.predict, turned) - observations.predicted[rows]
         slow = _slow(change, observations.segment[rows], step)
-        for form, part in ((NAMES[kind], change), (f"{NAMES[kind]}, in its slow part", slow)):
+        for form, part in ((NAMES[kind], change), (f"{NAMES[kind]}, seen in slow changes", slow)):
             yield Candidate(
                 self.name,
                 form,
@@ -112,7 +112,7 @@ class FrameEffect(Effect):
         parameters = _form_parameters(kind, vector) | {"begins": (begins, "s"), "takes": (takes, "s")}
         yield self._reported(change, NAMES[kind], parameters, len(vector))
         slow = _slow(change, observations.segment, 1)
-        yield self._reported(slow, f"{NAMES[kind]}, in its slow part", parameters, len(vector))
+        yield self._reported(slow, f"{NAMES[kind]}, seen in slow changes", parameters, len(vector))
 
     def _reported(
         self, change: Floats, name: str, parameters: Mapping[str, tuple[float, str]], motion: int

@@ -242,3 +242,12 @@ def test_posterior_weights_are_those_of_ridge_regression(draw: Draw, base_size: 
             values.T @ values + precision, values.T @ base.target.values[channel, rows, 0]
         )
         np.testing.assert_allclose([*beside[channel], *weights[channel]], expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("kept", [[], [2], [3, 0]])
+def test_products_of_some_regressors_are_those_of_a_design_of_them(draw: Draw, kept: list[int]) -> None:
+    every = draw(12, size=4)
+    found = every.of_some(kept)
+    expected = Products.of(every.base, Design(every.design.values[..., kept], every.design.fold))
+    for name in ("between", "gram", "cross"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-9)

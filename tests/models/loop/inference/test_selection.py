@@ -239,7 +239,7 @@ def test_a_turned_frame_is_found_though_predictions_jump(smooth: Any, make: Make
     turned = replace(recording, samples=replace(recording.samples, force=force))
     found = attributed(Jumpy(smooth), turned)
     first, *_ = found.named
-    assert (first.name, first.candidate.form) == ("frame", "forces turned, in its slow part")
+    assert (first.name, first.candidate.form) == ("frame", "forces turned, seen in slow changes")
 
 
 def test_a_frame_that_slips_in_the_course_of_a_recording_is_found(smooth: Any, make: Make) -> None:
