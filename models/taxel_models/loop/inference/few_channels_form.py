@@ -117,10 +117,13 @@ class ChannelForms:
         ]
         names = ", ".join(CHANNELS[channel] for channel in sorted(chosen))
         included = np.isin(np.arange(len(CHANNELS)), list(chosen))
+        # Several join before they are tested, each chosen among all electrodes.
+        compared = len(CHANNELS[ELECTRODE_COLUMNS]) if len(chosen) > 1 else 1
+        fitting = replace(candidate.fitting, allowed=included, few_channels=True, compared=compared)
         kept = replace(
             candidate,
             form=f"{candidate.form}: {names}, beside all others",
-            fitting=replace(candidate.fitting, allowed=included, few_channels=True),
+            fitting=fitting,
             # Its regressors hold what was measured, which other predictions do not change.
             again=None,
         )

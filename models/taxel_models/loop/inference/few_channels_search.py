@@ -1,14 +1,16 @@
 """The likeliest change of a few channels: one channel after the other, each proven beside those before."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from taxel.channels import CHANNELS
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Effect, Remaining
 from taxel_models.loop.inference.correlated_channels import CorrelatedChannels, Price, Signals
-from taxel_models.loop.inference.evidence import held_out, weigh
+from taxel_models.loop.inference.evidence import Products, held_out, weigh
 from taxel_models.loop.inference.few_channels_form import TOGETHER, ChannelForms, FewChannelsForm
 from taxel_models.loop.inference.named_in_channels import NamedInChannels
 from taxel_models.loop.inference.score import Score, t_of_folds
@@ -36,6 +38,22 @@ class Sought(NamedTuple):
     effect: Effect
     price: Price
     most_channels: int
+
+
+class Added(NamedTuple):
+    """What a channel adds to a change of others.
+
+    Attributes:
+        channel: which.
+        log_evidence: more than without it.
+        seen: (folds,) gain with weights of all folds, more than without it.
+        unseen: (folds,) likewise, with weights of the other folds.
+    """
+
+    channel: int
+    log_evidence: float
+    seen: Floats
+    unseen: Floats
 
 
 class FewChannelsSearch:
@@ -74,6 +92,26 @@ class FewChannelsSearch:
         return max(
             (one for one in found if one is not None), key=lambda one: one.log_evidence, default=None
         )
+
+    def added(self, effect: Effect) -> Iterator[Added]:
+        """What each channel adds to others that join with it, where nothing is usual."""
+        nothing = Price(np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS)))
+        for signals in self._channels.signals(effect, self._observations, self._remaining):
+            chosen = self._likely(Sought(effect, nothing, MOST_CHANNELS), signals)
+            form = signals.about_mean.form(chosen) if len(chosen) > 1 else None
+            if form is None:
+                continue
+            products = self._beside.products(form.design, chosen)
+            weighed = weigh(products, TOGETHER, self._channels.constants)
+            for channel in chosen:
+                without = _without(products, form, channel)
+                log_evidence = weigh(without, TOGETHER, self._channels.constants).log_evidence
+                seen, unseen = (
+                    held_out(products, TOGETHER, weighed, seen=every).gain.sum(axis=1)
+                    - held_out(without, TOGETHER, weighed, seen=every).gain.sum(axis=1)
+                    for every in (True, False)
+                )
+                yield Added(channel, weighed.log_evidence - log_evidence, seen, unseen)
 
     def _likeliest(self, sought: Sought, signals: Signals) -> Score | None:
         """The likeliest change of a few channels that is in proportion to signals of one kind.
@@ -161,12 +199,10 @@ class FewChannelsSearch:
         bins = bins_that_count(form.candidate, np.bincount(self._channels.bins.fold)[:, None], change)
         usual = bins * sought.price.gain * form.included
         every = found.gain.sum(axis=1)
-        conditional = np.zeros_like(usual)
+        conditional = -usual
         for channel in chosen:
-            others = [place for place, (owner, _) in enumerate(form.places) if owner != channel]
-            without = held_out(products.of_some(others), TOGETHER, weighed).gain.sum(axis=1)
-            conditional[:, channel] = every - without
-        conditional -= usual
+            without = held_out(_without(products, form, channel), TOGETHER, weighed).gain.sum(axis=1)
+            conditional[:, channel] += every - without
         # Channels are not free of each other: what none adds by itself is shared.
         together = every - usual.sum(axis=1) - conditional.sum(axis=1)
         gain = conditional + together[:, None] * form.included / len(chosen)
@@ -186,3 +222,8 @@ class FewChannelsSearch:
             forms=((form.freedom, log_evidence),),
         )
         return score, conditional
+
+
+def _without(products: Products, form: FewChannelsForm, channel: int) -> Products:
+    """Those of the other channels of a form."""
+    return products.of_some([place for place, (owner, _) in enumerate(form.places) if owner != channel])

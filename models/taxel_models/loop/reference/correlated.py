@@ -14,6 +14,7 @@ from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
 from taxel_models.loop.inference.evidence import Products, held_out, weigh
 from taxel_models.loop.inference.few_channels_form import TOGETHER
+from taxel_models.loop.inference.few_channels_search import FewChannelsSearch
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.reference.gain_limit import gain_limit
@@ -132,6 +133,13 @@ def _of_few(
         )
         log_evidence[channel] = max(log_evidence[channel], weighed.log_evidence)
         gain[channel] = max(gain[channel], float(gain_limit(seen, unseen, confidence)[0]))
+    # Beside others that change, too, a channel may show more: neighbours hide each other.
+    beside = channels.beside_named(remaining.residual, [])
+    for added in FewChannelsSearch(channels, observations, remaining, beside).added(effect):
+        channel = added.channel
+        limit = gain_limit(added.seen[:, None], added.unseen[:, None], confidence)
+        log_evidence[channel] = max(log_evidence[channel], added.log_evidence)
+        gain[channel] = max(gain[channel], float(limit[0]))
     return OwnStructure(
         log_evidence=tuple((log_evidence / base.bins).tolist()), gain=tuple((gain / base.bins).tolist())
     )
