@@ -192,8 +192,8 @@ class Observations:
     def usual_travel_n(self) -> float:
         """The median over segments of the difference between the largest and the smallest force, N."""
         starts = np.flatnonzero(np.diff(self.segment, prepend=-1))
-        largest, smallest = (np_of.reduceat(self.pressed, starts) for np_of in (np.maximum, np.minimum))
-        return float(np.median(largest - smallest))
+        largest = np.maximum.reduceat(self.pressed, starts)
+        return float(np.median(largest - np.minimum.reduceat(self.pressed, starts)))
 
     @cached_property
     def starts_pressed(self) -> bool:

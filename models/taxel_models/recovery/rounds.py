@@ -185,12 +185,9 @@ def summarise(rounds: Sequence[Round]) -> Summary:
 
 def _alarmed(rounds: Sequence[Round]) -> list[bool]:
     """For each base model with clean rounds, whether anything was named in one of them."""
-    alarmed: dict[int, bool] = {}
-    for finished in rounds:
-        if finished.truth == NONE:
-            model = finished.base_model
-            alarmed[model] = alarmed.get(model, False) or bool(finished.named)
-    return list(alarmed.values())
+    clean = [finished for finished in rounds if finished.truth == NONE]
+    alarmed = {finished.base_model for finished in clean if finished.named}
+    return [model in alarmed for model in {finished.base_model for finished in clean}]
 
 
 def rate(marks: Sequence[bool]) -> Rate:

@@ -1,6 +1,6 @@
 """Frame: the recorded forces or positions are turned, shifted or scaled."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise, product
@@ -22,8 +22,8 @@ MOST_ROWS: Final = 40_000
 """The motion's change is predicted at so many rows at most, at equal steps."""
 
 SLOW_ROWS: Final = 101
-"""A change less what comes and goes within a second is a form of its own. A model's prediction jumps from
-row to row where its inputs have noise, a forest's most of all, and with moved inputs it jumps otherwise.
+"""A second. A change less what comes and goes within it is a form of its own. A model's prediction jumps
+from row to row where its inputs have noise, a forest's most of all. With moved inputs it jumps otherwise.
 The noise of neighbouring rows counts much where a residual fades slowly, and hides what a motion does."""
 
 LAST: Final = 0.4
@@ -77,8 +77,7 @@ class FrameEffect(Effect):
         rows = np.arange(0, len(observations), step)
         turned = turn_of(kind, vector).turn(observations.windows[rows], observations.manifest.spec)
         change = predict_all(observations.model.predict, turned) - observations.predicted[rows]
-        slow = _slow(change, observations.segment[rows], step)
-        for form, part in ((NAMES[kind], change), (f"{NAMES[kind]}, seen in slow changes", slow)):
+        for form, part in _whole_and_slow(kind, change, observations.segment[rows], step):
             yield Candidate(
                 self.name,
                 form,
@@ -110,9 +109,8 @@ class FrameEffect(Effect):
             return
         change *= _course(time_s, begins, takes)[:, None]
         parameters = _form_parameters(kind, vector) | {"begins": (begins, "s"), "takes": (takes, "s")}
-        yield self._reported(change, NAMES[kind], parameters, len(vector))
-        slow = _slow(change, observations.segment, 1)
-        yield self._reported(slow, f"{NAMES[kind]}, seen in slow changes", parameters, len(vector))
+        for name, part in _whole_and_slow(kind, change, observations.segment, 1):
+            yield self._reported(part, name, parameters, len(vector))
 
     def _reported(
         self, change: Floats, name: str, parameters: Mapping[str, tuple[float, str]], motion: int
@@ -133,13 +131,16 @@ class FrameEffect(Effect):
         )
 
 
-def _slow(change: Floats, segment: NDArray[np.int64], step: int) -> Floats:
-    """A change (n, 21) at every so many rows, less what comes and goes within a second of a segment."""
-    slow = np.empty_like(change)
+def _whole_and_slow(
+    kind: str, change: Floats, segment: NDArray[np.int64], step: int
+) -> Iterator[tuple[str, Floats]]:
+    """A change (n, 21) at every so many rows: all of it, and less what comes and goes within a second."""
+    slow, window = np.empty_like(change), max(SLOW_ROWS // step, 1)
     edges = np.flatnonzero(np.diff(segment, prepend=-1, append=-1))
     for start, stop in pairwise(edges):
-        slow[start:stop] = uniform_filter1d(change[start:stop], SLOW_ROWS // step, axis=0, mode="nearest")
-    return slow
+        slow[start:stop] = uniform_filter1d(change[start:stop], window, axis=0, mode="nearest")
+    yield NAMES[kind], change
+    yield f"{NAMES[kind]}, seen in slow changes", slow
 
 
 def _course(time_s: Floats, begins: float, takes: float) -> Floats:

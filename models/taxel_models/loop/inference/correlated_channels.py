@@ -184,16 +184,20 @@ class CorrelatedChannels:
         """
         if not self.knows(label):
             return NOTHING
-        known, odds, best = self._known.structure[label], self._usual_odds(label), NOTHING
+        known, odds = self._known.structure[label], self._usual_odds(label)
+        reached, best = 0.0, None
         for candidate, (products, fitting) in zip(forms, self.products_of_many(forms, bases), strict=True):
             usual = odds if known.has(candidate.form_itself) else np.zeros_like(odds)
             weighed = weigh(products, fitting, self.constants, usual)
-            if weighed.log_evidence > best.log_evidence:
-                found = held_out(products, fitting, weighed)
-                # Odds are half of what goes of the squared error over the noise, but for the prior.
-                gain = (found.gain * found.noise / bases.beside.counted_noise).sum() - 2.0 * usual.sum()
-                best = OfMany(weighed.log_evidence, float(gain))
-        return best
+            if weighed.log_evidence > reached:
+                reached, best = weighed.log_evidence, (products, fitting, weighed, usual)
+        if best is None:
+            return NOTHING
+        products, fitting, weighed, usual = best
+        found = held_out(products, fitting, weighed)
+        # Odds are half of what goes of the squared error over the noise, but for the prior.
+        gain = (found.gain * found.noise / bases.beside.counted_noise).sum() - 2.0 * usual.sum()
+        return OfMany(reached, float(gain))
 
     def products_of_many(
         self, forms: Sequence[Candidate], bases: Bases

@@ -1,4 +1,4 @@
-"""The likeliest change of a few channels: one channel after the other, each proven beside those before."""
+"""The likeliest change of a few channels: they join, then those go that prove nothing beside the others."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -10,7 +10,7 @@ from taxel.channels import CHANNELS
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Effect, Remaining
 from taxel_models.loop.inference.correlated_channels import CorrelatedChannels, Price, Signals
-from taxel_models.loop.inference.evidence import Products, held_out, weigh
+from taxel_models.loop.inference.evidence import Products, Weighed, held_out, weigh
 from taxel_models.loop.inference.few_channels_form import TOGETHER, ChannelForms, FewChannelsForm
 from taxel_models.loop.inference.named_in_channels import NamedInChannels
 from taxel_models.loop.inference.score import Score, t_of_folds
@@ -22,8 +22,8 @@ MOST_CHANNELS: Final = 5
 """Channels of one form. A cause that all channels have, such as a wave, shows in more of them: it is no
 change of a few, though each channel follows its neighbours."""
 
-SPARE: Final = 3
-"""More channels than that may join before those go that prove nothing."""
+SPARE: Final = 4
+"""So many more may join before those go that prove nothing."""
 
 
 class Sought(NamedTuple):
@@ -97,21 +97,22 @@ class FewChannelsSearch:
         """What each channel adds to others that join with it, where nothing is usual."""
         nothing = Price(np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS)))
         for signals in self._channels.signals(effect, self._observations, self._remaining):
-            chosen = self._likely(Sought(effect, nothing, MOST_CHANNELS), signals)
-            form = signals.about_mean.form(chosen) if len(chosen) > 1 else None
-            if form is None:
+            chosen = self._joined(Sought(effect, nothing, MOST_CHANNELS), signals)
+            if len(chosen) < 2:
                 continue
+            form = signals.about_mean.form(chosen)
             products = self._beside.products(form.design, chosen)
             weighed = weigh(products, TOGETHER, self._channels.constants)
+            seen, unseen = (_gains(products, weighed, seen=one) for one in (True, False))
             for channel in chosen:
-                without = _without(products, form, channel)
-                log_evidence = weigh(without, TOGETHER, self._channels.constants).log_evidence
-                seen, unseen = (
-                    held_out(products, TOGETHER, weighed, seen=every).gain.sum(axis=1)
-                    - held_out(without, TOGETHER, weighed, seen=every).gain.sum(axis=1)
-                    for every in (True, False)
+                others = _without(products, form, channel)
+                odds = weigh(others, TOGETHER, self._channels.constants).log_evidence
+                yield Added(
+                    channel,
+                    weighed.log_evidence - odds,
+                    seen - _gains(others, weighed, seen=True),
+                    unseen - _gains(others, weighed, seen=False),
                 )
-                yield Added(channel, weighed.log_evidence - log_evidence, seen, unseen)
 
     def _likeliest(self, sought: Sought, signals: Signals) -> Score | None:
         """The likeliest change of a few channels that is in proportion to signals of one kind.
@@ -119,7 +120,7 @@ class FewChannelsSearch:
         Channels join while the evidence rises. Then those go that prove nothing beside all others, the
         weakest first: a change of two neighbours hides each of them from what the other foretells.
         """
-        chosen = self._likely(sought, signals)
+        chosen = self._joined(sought, signals)
         likeliest = next(iter(chosen), None)
         while chosen:
             score, conditional = self._judged(sought, signals, chosen)
@@ -136,8 +137,8 @@ class FewChannelsSearch:
             del chosen[min(unproven, key=lambda channel: float(conditional[:, channel].sum()))]
         return None
 
-    def _likely(self, sought: Sought, signals: Signals) -> dict[int, int]:
-        """Channels that make the evidence rise, one after the other, each with the place of its form."""
+    def _joined(self, sought: Sought, signals: Signals) -> dict[int, int]:
+        """Channels that make the evidence rise, the likeliest first, each with the place of its form."""
         forms = signals.about_mean
         found: dict[int, dict[int, float]] = {}
         for channel, place in forms.options:
@@ -147,7 +148,7 @@ class FewChannelsSearch:
         for channel, own in sorted(found.items(), key=lambda one: -max(one[1].values())):
             able = [(own[place], place) for place in forms.beside(chosen, [*own])]
             own_odds, place = max(able, default=(0.0, 0))
-            if own_odds <= 0 or len(chosen) > sought.most_channels + SPARE:
+            if own_odds <= 0 or len(chosen) >= sought.most_channels + SPARE:
                 break
             more = {**chosen, channel: place}
             log_evidence = self._evidence(sought, forms, more)
@@ -156,7 +157,8 @@ class FewChannelsSearch:
             if foretold and log_evidence > reached:
                 chosen, reached = more, log_evidence
             if not chosen:
-                return {}
+                # Without the likeliest one, the others are no change that can be told.
+                break
         return chosen
 
     def _odds(self, sought: Sought, forms: ChannelForms, channel: int, place: int) -> float:
@@ -201,8 +203,7 @@ class FewChannelsSearch:
         every = found.gain.sum(axis=1)
         conditional = -usual
         for channel in chosen:
-            without = held_out(_without(products, form, channel), TOGETHER, weighed).gain.sum(axis=1)
-            conditional[:, channel] += every - without
+            conditional[:, channel] += every - _gains(_without(products, form, channel), weighed)
         # Channels are not free of each other: what none adds by itself is shared.
         together = every - usual.sum(axis=1) - conditional.sum(axis=1)
         gain = conditional + together[:, None] * form.included / len(chosen)
@@ -227,3 +228,8 @@ class FewChannelsSearch:
 def _without(products: Products, form: FewChannelsForm, channel: int) -> Products:
     """Those of the other channels of a form."""
     return products.of_some([place for place, (owner, _) in enumerate(form.places) if owner != channel])
+
+
+def _gains(products: Products, weighed: Weighed, *, seen: bool = False) -> Floats:
+    """(folds,) of all channels together; see `held_out`."""
+    return np.asarray(held_out(products, TOGETHER, weighed, seen=seen).gain.sum(axis=1))

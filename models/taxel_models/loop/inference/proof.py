@@ -14,8 +14,7 @@ def stands(score: Score, beside_others: bool, constants: Constants) -> bool:
         beside_others: something is named already; its form may not be quite right.
         constants: of the inference.
     """
-    chance = 1.0 / score.form.candidate.fitting.compared
-    if score.t < constants.least_t(score.folds, chance):
+    if score.t < constants.least_t(score.folds, score.chance):
         return False
     worth = float(score.worth.mean())
     if not score.effect.is_predictable:
@@ -25,7 +24,8 @@ def stands(score: Score, beside_others: bool, constants: Constants) -> bool:
     # A form that is not quite right leaves a little.
     share = max(constants.least_share, constants.least_channel_share if beside_others else 0.0)
     # The less an effect removes, the surer it must be.
-    surer = score.t >= constants.least_t(score.folds, chance * min(1.0, worth / constants.clear_share))
+    part = score.chance * min(1.0, worth / constants.clear_share)
+    surer = score.t >= constants.least_t(score.folds, part)
     if score.effect.fits_nothing:
         # It has no weights that could take what another cause left, and needs no share.
         return worth > 0 and (surer or not beside_others)
@@ -42,7 +42,7 @@ def stands(score: Score, beside_others: bool, constants: Constants) -> bool:
     stricter = beside_others or score.effect.is_constant
     least = max(constants.clear_share if stricter else constants.least_channel_share, constants.least_share)
     # Choosing among all channels has its price (Bonferroni).
-    sure = score.channel_t >= constants.least_t(score.folds, chance / len(CHANNELS))
+    sure = score.channel_t >= constants.least_t(score.folds, score.chance / len(CHANNELS))
     return bool((score.weighed.changes & (score.worth >= least) & sure).any())
 
 

@@ -89,6 +89,11 @@ class Score:
         return np.array([t_of_folds(own) for own in self.gain.T])
 
     @property
+    def chance(self) -> float:
+        """The part of chance's probability that each of the forms has that were compared (Bonferroni)."""
+        return 1.0 / self.form.candidate.fitting.compared
+
+    @property
     def p_value(self) -> float:
         """One-sided, of that t."""
         return float(stats.t.sf(self.t, max(self.folds - 1, 1)))

@@ -368,8 +368,8 @@ class JointSelection:
                 reason = "cannot be told apart from an effect that was named and is likelier"
             elif score.log_evidence <= 0:
                 reason = "the residual is no likelier with it"
-            elif score.t < self._constants.least_t(score.folds):
-                usual = score.t_with_usual >= self._constants.least_t(score.folds)
+            elif score.t < (least := self._constants.least_t(score.folds, score.chance)):
+                usual = score.t_with_usual >= least
                 reason = AS_USUAL if usual else "does not repeat over the held-out folds"
             elif self._scoring.contradicts(score, self._taken):
                 reason = "its weights differ more than its cause allows"

@@ -116,7 +116,7 @@ def _of_few(
     constants: Constants,
     confidence: float,
 ) -> OwnStructure:
-    """What an effect explains in each electrode alone: log odds and gain over the noise, by bins."""
+    """What an effect explains in each electrode, alone or beside others: log odds and gain, by bins."""
     base = channels.bases(remaining.residual).beside
     log_evidence, gain = np.zeros((2, len(CHANNELS)))
     options = [

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -19,9 +19,10 @@ from taxel_models.loop.effects.drift import Drift
 from taxel_models.loop.effects.effect import Remaining
 from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.registry import candidates
-from taxel_models.loop.inference.constants import DECLARED
+from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
 from taxel_models.loop.inference.few_channels_search import FewChannelsSearch
+from taxel_models.loop.inference.named_in_channels import NamedInChannels
 from taxel_models.loop.inference.score import UNSHRUNK
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.inference.whitening import Bins
@@ -84,6 +85,15 @@ def leaks(recording: Recording, source: str, to: str, share: float) -> Recording
     return replace(recording, channels=counts)
 
 
+def leaks_in_a_chain(recording: Recording) -> Recording:
+    """e10 to e12 each get a share of the signal of the electrode before."""
+    counts = recording.channels.copy()
+    for before, after in pairwise(CHANNELS.index(name) for name in ("e9", "e10", "e11", "e12")):
+        own = recording.channels[:, before]
+        counts[:, after] += np.rint(0.15 * (own - own.mean()))
+    return replace(recording, channels=counts)
+
+
 @pytest.fixture(scope="module")
 def reference(smooth: Any, make: Make) -> HeldOutResidual:
     found = held_out_residual(smooth, [errs_alike(make(seed=8, materials=False), seed=1)])
@@ -106,6 +116,29 @@ def named(
     effects = [one for one in candidates(observations) if one.label in competing]
     found = JointSelection(observations, cut(observations, seed=0), effects, reference=reference).run()
     return [(one.name, one.candidate.form) for one in found.named]
+
+
+class Searched(NamedTuple):
+    """What changes of a few channels are looked for in."""
+
+    channels: CorrelatedChannels
+    left: Floats
+    remaining: Remaining
+    beside: NamedInChannels
+    search: FewChannelsSearch
+
+
+def searched(
+    observations: Observations, known: CorrelatedResidual | None, constants: Constants = DECLARED
+) -> Searched:
+    """The fit part of a recording in which nothing is named."""
+    assert known is not None
+    blocks, left = cut(observations, seed=0), observations.residual
+    channels = CorrelatedChannels(left, Bins.of(blocks, constants.bin_s), known, constants)
+    remaining = Remaining(left, blocks.fit, np.ones(len(observations)))
+    beside = channels.beside_named(left, [])
+    search = FewChannelsSearch(channels, observations, remaining, beside)
+    return Searched(channels, left, remaining, beside, search)
 
 
 def test_a_small_constant_shows_beside_what_all_channels_have(smooth: Any, make: Make) -> None:
@@ -137,21 +170,15 @@ def test_weights_are_those_of_generalised_least_squares(
 ) -> None:
     """Of bins without correlation in time: (X' S^-1 X)^-1 X' S^-1 y, written out for all channels."""
     observations = gather(smooth, [weaker(recording, "e4", 0.3)])
-    blocks = cut(observations, seed=0)
-    bins = Bins.of(blocks, DECLARED.bin_s)
     assert reference.correlated is not None
     nothing = (0.0,) * len(CHANNELS)
     white = reference.correlated.model_copy(update={"shared": nothing, "fading": nothing})
-    left = observations.residual
-    channels = CorrelatedChannels(left, bins, white, replace(DECLARED, robust=1e9))
-    rows = len(observations)
-    remaining = Remaining(left, blocks.fit, np.ones(rows))
-    best = FewChannelsSearch(channels, observations, remaining, channels.beside_named(left, [])).best(
-        Gain()
-    )
+    channels, left, _, beside, search = searched(observations, white, replace(DECLARED, robust=1e9))
+    bins = channels.bins
+    best = search.best(Gain())
     assert best is not None
     assert best.form.channels == [CHANNELS.index("e4")]
-    found = channels.weights(best.form, channels.beside_named(left, []), UNSHRUNK)[0]
+    found = channels.weights(best.form, beside, UNSHRUNK)[0]
     column = CHANNELS.index("e4")
     assert np.flatnonzero(found.any(axis=1)).tolist() == [column]
 
@@ -197,23 +224,13 @@ def test_an_electrode_that_fades_where_the_others_err_otherwise_than_usual_follo
     counts = recording.channels.copy()
     counts[:, column] = np.rint(own - np.linspace(0.0, 0.8, len(own)) * (own - own.mean()))
     observations = gather(smooth, [replace(recording, channels=counts)])
-    blocks = cut(observations, seed=0)
-    assert reference.correlated is not None
-    left = observations.residual
-    bins = Bins.of(blocks, DECLARED.bin_s)
-    channels = CorrelatedChannels(left, bins, reference.correlated, DECLARED)
-    remaining = Remaining(left, blocks.fit, np.ones(len(observations)))
-    best = FewChannelsSearch(channels, observations, remaining, channels.beside_named(left, [])).best(
-        Gain()
-    )
+    channels, _, remaining, _, search = searched(observations, reference.correlated)
+    best = search.best(Gain())
     assert best is not None
     assert best.form.channels == [column]
     foretold, _ = channels.signals(Gain(), observations, remaining)
     monkeypatch.setattr(channels, "signals", lambda *_: [foretold])
-    assert (
-        FewChannelsSearch(channels, observations, remaining, channels.beside_named(left, [])).best(Gain())
-        is None
-    )
+    assert search.best(Gain()) is None
 
 
 @pytest.mark.parametrize(
@@ -223,24 +240,34 @@ def test_leaks_from_one_electrode_to_the_next_are_found_together(
     smooth: Any, make: Make, reference: HeldOutResidual, rows: int, white: float, found: tuple[str, ...]
 ) -> None:
     """Each hides its neighbours, which foretell most of it; together they stand out."""
-    recording = errs_alike(make(rows, seed=4), seed=2, white=white)
-    columns = [CHANNELS.index(name) for name in ("e9", "e10", "e11", "e12")]
-    counts = recording.channels.copy()
-    for before, after in pairwise(columns):
-        own = recording.channels[:, before]
-        counts[:, after] += np.rint(0.15 * (own - own.mean()))
-    observations = gather(smooth, [replace(recording, channels=counts)])
-    blocks = cut(observations, seed=0)
-    bins = Bins.of(blocks, DECLARED.bin_s)
-    assert reference.correlated is not None
-    left = observations.residual
-    channels = CorrelatedChannels(left, bins, reference.correlated, DECLARED)
-    remaining = Remaining(left, blocks.fit, np.ones(len(observations)))
-    best = FewChannelsSearch(channels, observations, remaining, channels.beside_named(left, [])).best(
-        Crosstalk()
-    )
+    recording = leaks_in_a_chain(errs_alike(make(rows, seed=4), seed=2, white=white))
+    best = searched(gather(smooth, [recording]), reference.correlated).search.best(Crosstalk())
     assert best is not None
     assert [CHANNELS[channel] for channel in best.form.channels] == list(found)
+    # Those that join were chosen among all electrodes.
+    assert best.chance == (1.0 if len(found) == 1 else 1 / 19)
+
+
+def test_what_is_usual_of_a_leak_is_what_it_adds_to_others(
+    smooth: Any, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Alone, a channel shows less of a chain of leaks that the model has from the start."""
+    begun = leaks_in_a_chain(errs_alike(make(seed=8, materials=False), seed=1, opposite=True))
+
+    def usual() -> dict[str, Floats]:
+        known = held_out_residual(smooth, [begun])
+        assert known is not None
+        assert known.correlated is not None
+        own = known.correlated.structure["crosstalk"]
+        return {"odds": np.array(own.log_evidence), "gain": np.array(own.gain)}
+
+    beside = usual()
+    monkeypatch.setattr(FewChannelsSearch, "added", lambda *_: iter(()))
+    alone = usual()
+    column = CHANNELS.index("e10")
+    for name in ("odds", "gain"):
+        assert (beside[name] >= alone[name]).all()
+        assert beside[name][column] > 2 * alone[name][column]
 
 
 def test_electrodes_that_age_each_in_its_own_way_are_put_right(
@@ -255,18 +282,11 @@ def test_electrodes_that_age_each_in_its_own_way_are_put_right(
     about = recording.channels - recording.channels.mean(axis=0)
     changed = replace(recording, channels=np.rint(recording.channels - lost * about))
     observations = gather(smooth, [changed])
-    blocks = cut(observations, seed=0)
-    bins = Bins.of(blocks, DECLARED.bin_s)
-    assert reference.correlated is not None
-    left = observations.residual
-    channels = CorrelatedChannels(left, bins, reference.correlated, DECLARED)
-    remaining = Remaining(left, blocks.fit, np.ones(len(observations)))
-    best = FewChannelsSearch(channels, observations, remaining, channels.beside_named(left, [])).best(
-        Gain()
-    )
+    channels, _, _, beside, search = searched(observations, reference.correlated)
+    best = search.best(Gain())
     assert best is not None
     assert best.form.channels == columns
-    weights = channels.weights(best.form, channels.beside_named(left, []), UNSHRUNK)[0]
+    weights = channels.weights(best.form, beside, UNSHRUNK)[0]
     found = best.form.candidate.basis.times(weights)[:, columns]
     rows = observations.rows[0]
     true = (changed.channels - recording.channels)[rows][:, columns]
@@ -379,12 +399,7 @@ def test_an_effect_of_many_channels_tells_what_it_removes_of_held_out_blocks(
     age = np.linspace(-1.0, 1.0, len(recording))[:, None]
     added = drifts * age * np.random.default_rng(7).normal(size=21)
     observations = gather(smooth, [replace(recording, channels=np.rint(recording.channels + added))])
-    blocks = cut(observations, seed=0)
-    assert reference.correlated is not None
-    left = observations.residual
-    bins = Bins.of(blocks, DECLARED.bin_s)
-    channels = CorrelatedChannels(left, bins, reference.correlated, DECLARED)
-    remaining = Remaining(left, blocks.fit, np.ones(len(observations)))
+    channels, left, remaining, *_ = searched(observations, reference.correlated)
     found = channels.of_many("drift", list(Drift().forms(observations, remaining)), channels.bases(left))
     assert (found.gain > found.log_evidence > 0) if rises else found.gain <= 0
 

@@ -53,6 +53,7 @@ def score_of(
         form=SimpleNamespace(candidate=SimpleNamespace(fitting=fitting)),
         weighed=SimpleNamespace(changes=np.ones(21, bool)),
         folds=8,
+        chance=1.0 / fitting.compared,
         t=t,
         channel_t=np.zeros(21) if channel_t is None else channel_t,
         worth=worth,
