@@ -18,19 +18,10 @@ from taxel.held_out_residual import CorrelatedResidual
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Remaining
 from taxel_models.loop.inference.constants import Constants
-from taxel_models.loop.inference.evidence import (
-    Base,
-    Bases,
-    Design,
-    HeldOut,
-    Products,
-    Weighed,
-    held_out,
-    posterior_weights,
-    weigh,
-)
+from taxel_models.loop.inference.evidence import Bases, HeldOut, Weighed, held_out, posterior_weights, weigh
 from taxel_models.loop.inference.few_channels_form import TOGETHER, ChannelForms, FewChannelsForm
 from taxel_models.loop.inference.named_in_channels import NamedForm, NamedInChannels
+from taxel_models.loop.inference.products import Base, Design, Products
 from taxel_models.loop.inference.whitening import ROUNDING, Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations
 

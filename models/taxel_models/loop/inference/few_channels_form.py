@@ -10,8 +10,8 @@ from typing_extensions import override
 from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Candidate, Fitting
-from taxel_models.loop.inference.evidence import Design
 from taxel_models.loop.inference.forms import WhitenedForm
+from taxel_models.loop.inference.products import Design
 from taxel_models.loop.inference.whitening import Whitening
 
 TOGETHER: Final = Fitting(pooled=True)

@@ -10,9 +10,10 @@ from taxel.channels import CHANNELS
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Effect, Remaining
 from taxel_models.loop.inference.correlated_channels import CorrelatedChannels, Price, Signals
-from taxel_models.loop.inference.evidence import Products, Weighed, held_out, weigh
+from taxel_models.loop.inference.evidence import Weighed, held_out, weigh
 from taxel_models.loop.inference.few_channels_form import TOGETHER, ChannelForms, FewChannelsForm
 from taxel_models.loop.inference.named_in_channels import NamedInChannels
+from taxel_models.loop.inference.products import Products
 from taxel_models.loop.inference.score import Score, t_of_folds
 from taxel_models.loop.inference.shape import is_added
 from taxel_models.loop.inference.usual import bins_that_count

@@ -8,7 +8,7 @@ import numpy as np
 from taxel.channels import CHANNELS
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Candidate, about_mean
-from taxel_models.loop.inference.evidence import Design
+from taxel_models.loop.inference.products import Design
 from taxel_models.loop.inference.whitening import Whitening
 
 _HAS_MEAN = 0.02

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Candidate
-from taxel_models.loop.inference.evidence import Bases, Design, Products
+from taxel_models.loop.inference.evidence import Bases
 from taxel_models.loop.inference.few_channels_form import ChannelForms
+from taxel_models.loop.inference.products import Design, Products
 
 _LEAST: Final = 1e-9
 """Least square of a direction of the regressors, over the largest: a smaller one is rounding."""

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.findings import ParameterCorrelation
-from taxel_models.loop.inference.evidence import inverse_of
+from taxel_models.loop.inference.products import inverse_of
 from taxel_models.loop.inference.score import UNSHRUNK, Taken
 
 

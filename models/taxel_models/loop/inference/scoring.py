@@ -21,20 +21,11 @@ from taxel_models.loop.inference.contact_offset import (
     ContactOffsets,
 )
 from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
-from taxel_models.loop.inference.evidence import (
-    Base,
-    Bases,
-    Design,
-    HeldOut,
-    Products,
-    Weighed,
-    held_out,
-    posterior_weights,
-    weigh,
-)
+from taxel_models.loop.inference.evidence import Bases, HeldOut, Weighed, held_out, posterior_weights, weigh
 from taxel_models.loop.inference.few_channels_form import FewChannelsForm
 from taxel_models.loop.inference.forms import WhitenedForm, prepared, prepared_as_it_is
 from taxel_models.loop.inference.named_in_channels import NamedForm, NamedInChannels
+from taxel_models.loop.inference.products import Base, Design, Products
 from taxel_models.loop.inference.proof import stands
 from taxel_models.loop.inference.score import Score, Taken
 from taxel_models.loop.inference.usual import Usual

@@ -9,16 +9,9 @@ import numpy as np
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Effect
 from taxel_models.loop.inference.constants import Constants
-from taxel_models.loop.inference.evidence import (
-    Bases,
-    HeldOut,
-    Products,
-    Weighed,
-    held_out,
-    mean_odds,
-    weigh,
-)
+from taxel_models.loop.inference.evidence import Bases, HeldOut, Weighed, held_out, mean_odds, weigh
 from taxel_models.loop.inference.forms import WhitenedForm
+from taxel_models.loop.inference.products import Products
 from taxel_models.loop.inference.proof import most_of_simpler, simplest, stands
 from taxel_models.loop.inference.score import Score
 from taxel_models.loop.inference.usual import Usual

@@ -12,7 +12,8 @@ import numpy as np
 
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Fitting
-from taxel_models.loop.inference.evidence import Products, Weighed, weights_by_fold
+from taxel_models.loop.inference.evidence import Weighed, weights_by_fold
+from taxel_models.loop.inference.products import Products
 
 
 def held_out_error(

@@ -12,9 +12,10 @@ from taxel_models.loop.effects.effect import Candidate, Effect, Remaining
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
-from taxel_models.loop.inference.evidence import Products, held_out, weigh
+from taxel_models.loop.inference.evidence import held_out, weigh
 from taxel_models.loop.inference.few_channels_form import TOGETHER
 from taxel_models.loop.inference.few_channels_search import FewChannelsSearch
+from taxel_models.loop.inference.products import Products
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.reference.gain_limit import gain_limit

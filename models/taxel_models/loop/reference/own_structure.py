@@ -14,7 +14,8 @@ from taxel_models.loop.blocks import Blocks, cut
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import Constants
-from taxel_models.loop.inference.evidence import Products, held_out, weigh
+from taxel_models.loop.inference.evidence import held_out, weigh
+from taxel_models.loop.inference.products import Products
 from taxel_models.loop.inference.score import Score, t_of_folds
 from taxel_models.loop.inference.scoring import Progress, Scoring
 from taxel_models.loop.inference.whitening import Bins, NoiseShape

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from taxel_models.loop.inference.evidence import Base, Design, Products
+from taxel_models.loop.inference.products import Base, Design, Products
 
 CHANNELS = 21
 

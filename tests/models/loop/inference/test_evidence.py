@@ -12,7 +12,8 @@ from scipy import integrate, special, stats
 
 from taxel_models.loop.effects.effect import Fitting
 from taxel_models.loop.inference.constants import DECLARED, Constants
-from taxel_models.loop.inference.evidence import Base, Design, Products, posterior_weights, weigh
+from taxel_models.loop.inference.evidence import posterior_weights, weigh
+from taxel_models.loop.inference.products import Base, Design, Products
 
 Draw = Callable[..., Products]
 

@@ -7,15 +7,8 @@ import pytest
 
 from taxel_models.loop.effects.effect import Fitting
 from taxel_models.loop.inference.constants import DECLARED
-from taxel_models.loop.inference.evidence import (
-    Base,
-    Design,
-    Products,
-    Weighed,
-    held_out,
-    posterior_weights,
-    weigh,
-)
+from taxel_models.loop.inference.evidence import Weighed, held_out, posterior_weights, weigh
+from taxel_models.loop.inference.products import Base, Design, Products
 from taxel_models.loop.inference.score import t_over_folds
 
 Draw = Callable[..., Products]

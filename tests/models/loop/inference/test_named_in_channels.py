@@ -10,9 +10,10 @@ from taxel_models.loop.basis import Floats, Own, Shared
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.effect import Candidate, Fitting
 from taxel_models.loop.inference.constants import DECLARED
-from taxel_models.loop.inference.evidence import Base, Bases, Design
+from taxel_models.loop.inference.evidence import Bases
 from taxel_models.loop.inference.few_channels_form import ChannelForms
 from taxel_models.loop.inference.named_in_channels import NamedForm, NamedInChannels
+from taxel_models.loop.inference.products import Base, Design
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from taxel.channels import CHANNELS
 from taxel_models.loop.effects.effect import Fitting
-from taxel_models.loop.inference.evidence import Design
 from taxel_models.loop.inference.parameter_correlation import parameter_correlation
+from taxel_models.loop.inference.products import Design
 
 
 @dataclass

@@ -12,14 +12,8 @@ from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.effect import Fitting
 from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.inference.constants import DECLARED
-from taxel_models.loop.inference.evidence import (
-    Base,
-    Design,
-    Products,
-    Weighed,
-    posterior_weights,
-    weigh,
-)
+from taxel_models.loop.inference.evidence import Weighed, posterior_weights, weigh
+from taxel_models.loop.inference.products import Base, Design, Products
 from taxel_models.loop.inference.scoring import Scoring, silent
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.inference.worth import held_out_error
