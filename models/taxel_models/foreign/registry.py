@@ -4,6 +4,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
 from taxel.errors import SettingsError
 from taxel_models.foreign import electrodes, inputs, memory, signal, slow, steady, timing, unknown
 from taxel_models.foreign.injection import ForeignInjection
@@ -17,7 +19,8 @@ class Injector:
         name: `cause: form`.
         inject: puts it into a recording.
         right: each of these names is right; none for a cause that no effect describes.
-        needs: `skin` for positions on the skin, `tdc` for a temperature that changes, or a column.
+        needs: `skin` for positions on the skin, `tdc` for a temperature that changes, or a column of
+            several kinds.
     """
 
     name: str
@@ -36,7 +39,10 @@ class Injector:
             return injection.on_skin
         if self.needs == "tdc":
             return float(injection.recording.auxiliary["tdc"].std()) > 0
-        return not self.needs or self.needs in injection.recording.covariates
+        if not self.needs:
+            return True
+        # What a single kind adds is an offset or a gain.
+        return len(np.unique(injection.recording.covariates.get(self.needs, ()))) > 1
 
 
 INJECTORS: Final = (

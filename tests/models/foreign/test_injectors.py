@@ -231,6 +231,16 @@ def test_a_creep_begins_from_rest_or_settled(inject: Inject, recording: Recordin
     assert begun == {"settled", "from rest"}
 
 
+def test_a_cause_by_kind_needs_several_kinds(inject: Inject, recording: Recording) -> None:
+    column = recording.covariates["material"]
+    for kinds, fit in ((column, True), (np.full_like(column, 3.0), False)):
+        of = replace(recording, covariates={"material": kinds})
+        injection = inject("offset", of=of)
+        assert injector_named("covariate: constant").fits(injection) is fit
+        assert injector_named("covariate: gain").fits(injection) is fit
+        assert injector_named("offset").fits(injection)
+
+
 def test_what_changes_nothing_or_is_not_known_is_refused(inject: Inject, recording: Recording) -> None:
     still = stepped(recording, np.ones(len(recording)))
     with pytest.raises(SettingsError, match="what it depends on is constant"):
