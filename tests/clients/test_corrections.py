@@ -303,6 +303,11 @@ class TestFrame:
             np.testing.assert_allclose(turned[:, first : first + 3].T, [0.5 - y, x, z], atol=1e-7)
         np.testing.assert_array_equal(turned[:, 9:], windows[:, 9:])
 
+    def test_no_windows_are_turned_to_none(self) -> None:
+        frame = Frame(position_rotation=QUARTER, position_translation=(0.5, 0, 0), force_rotation=IDENTITY)
+        none = np.zeros((0, some_windows(np.random.default_rng(3)).shape[1]), np.float32)
+        assert frame.turn(none, SPEC).shape == none.shape
+
     def test_forces_turn_apart(self) -> None:
         windows = some_windows(np.random.default_rng(4))
         frame = Frame(position_rotation=IDENTITY, position_translation=(0, 0, 0), force_rotation=QUARTER)

@@ -26,7 +26,8 @@ class FoundEffect(Schema):
         log_evidence: natural logarithm of the odds with the effect to those without it, over all its forms,
             less what the model's own held-out residual gives it.
         parameters: what was fitted.
-        confounded_with: effects that explain at least 80 % as much in its place on held-out folds.
+        confounded_with: effects that explain at least two thirds as much in its place on held-out folds,
+            and have two thirds of its evidence.
         needs: features that it takes while serving, beside the window.
         served: whether the corrected model adds it; a fault that comes and goes is only reported.
     """
@@ -156,11 +157,12 @@ class NextRecording(Schema):
     Attributes:
         causes: the named one and the one that it cannot be told from.
         protocol: what to do; None if the loop would decide rightly in fewer than eight of ten recordings of
-            every protocol of the menu.
+            every protocol of the menu, or the causes cannot be simulated.
         file: the protocol's file in the report's folder; empty if there is none.
         duration_s: how long it takes.
         simulated: recordings of it that were simulated, half of them with each cause.
         right: how many of these the loop decided rightly.
+        can_be_simulated: whether both causes say what they would do in other recordings.
     """
 
     causes: tuple[str, str]
@@ -169,6 +171,7 @@ class NextRecording(Schema):
     duration_s: float = 0.0
     simulated: int = 0
     right: int = 0
+    can_be_simulated: bool = True
 
 
 class Autocorrelation(Schema):

@@ -26,9 +26,11 @@ def parameters(named: Named) -> list[Parameter]:
     quantile = float(stats.t.ppf(0.975, len(folds) - 1))
     centres = folds.mean(axis=0)
     half_widths = np.hypot(np.sqrt((len(folds) - 1) * folds.var(axis=0)) * quantile, named.unknown)
-    for place, name in enumerate(candidate.weight_names):
-        channels = [("", 2)] if candidate.fitting.pooled else _changed(named)
-        for channel, column in channels:
+    units = candidate.weight_units * (1 if len(candidate.weight_units) > 1 else len(candidate.weight_names))
+    for place, (name, unit) in enumerate(zip(candidate.weight_names, units, strict=True)):
+        columns = [2] if candidate.fitting.pooled else np.flatnonzero(named.changed).tolist()
+        for column in columns:
+            channel = "" if candidate.fitting.pooled else CHANNELS[column]
             value = named.weights[column, place]
             centre, half_width = centres[column, place], half_widths[column, place]
             label = f"{name} {channel}".strip()
@@ -36,17 +38,9 @@ def parameters(named: Named) -> list[Parameter]:
                 Parameter(
                     name=label,
                     value=float(value),
-                    unit=candidate.weight_unit,
+                    unit=unit,
                     low=float(min(centre - half_width, value)),
                     high=float(max(centre + half_width, value)),
                 )
             )
     return found
-
-
-def _changed(named: Named) -> list[tuple[str, int]]:
-    return [
-        (name, column)
-        for column, (name, changed) in enumerate(zip(CHANNELS, named.changed, strict=True))
-        if changed
-    ]

@@ -83,6 +83,8 @@ class LoopResult:
         attribution: the named effects, with their contributions to each row.
         new: the effects of the corrected model.
         after: (n, 21) the corrected model's predictions, counts.
+        left: (n, 21) what it does not explain, nor an effect that is only reported, counts.
+        constants: of the inference, as they were raised for kinds that the model was not trained on.
         reference: the model's own held-out residual, as it was taken into account.
         changes: of single channels in the course of the recordings.
     """
@@ -93,6 +95,8 @@ class LoopResult:
     attribution: Attribution
     new: NewEffects
     after: Floats
+    left: Floats
+    constants: Constants
     reference: HeldOutResidual | None
     changes: tuple[SensitivityChange | ReadingChange, ...]
 
@@ -157,17 +161,18 @@ def run_loop(
     if settings.residual_model:
         if progress is not None:
             progress("what no effect explains")
-        left = observations.measured - after
+        unexplained = observations.measured - after
         unnamed = residual_model(
-            observations, attribution, blocks, left, exclude=settings.exclude, seed=settings.seed
+            observations, attribution, blocks, unexplained, exclude=settings.exclude, seed=settings.seed
         )
     told = None
     if unnamed is not None:
         before, added = after, unnamed.added_to(added)
         after = corrected(observations, attribution, added)
         told = unnamed.found(observations, blocks, before, after)
+    left = _left(observations, attribution, added, after)
     findings = _findings(
-        observations, recordings, blocks, settings, attribution, figures, added, after, reference
+        observations, recordings, blocks, settings, attribution, figures, added, after, left, reference
     )
     changes = _changes(observations, blocks, attribution, reference, new)
     findings = findings.model_copy(
@@ -192,7 +197,18 @@ def run_loop(
             progress=progress or (lambda _: None),
         )
         findings = findings.model_copy(update={"stability": stability})
-    return LoopResult(findings, observations, blocks, attribution, added, after, reference, changes)
+    return LoopResult(
+        findings, observations, blocks, attribution, added, after, left, constants, reference, changes
+    )
+
+
+def _left(observations: Observations, attribution: Attribution, new: NewEffects, after: Floats) -> Floats:
+    """(n, 21) counts that neither the corrected model explains nor an effect that cannot be served."""
+    served = {effect.name for effect in new.effects}
+    left = observations.measured - after
+    for named in attribution.named:
+        left = left if named.name in served else left - named.contribution
+    return left
 
 
 def _changes(
@@ -251,6 +267,7 @@ def _findings(
     figures: Mapping[str, list[Parameter]],
     new: NewEffects,
     after: Floats,
+    left: Floats,
     reference: HeldOutResidual | None,
 ) -> Findings:
     manifest = observations.manifest
@@ -258,11 +275,6 @@ def _findings(
     noise = NoiseFloor.of(observations, attribution.waves)
     energy = (observations.residual[rows] ** 2).mean(axis=0)
     measured = observations.measured[rows]
-    served = {effect.name for effect in new.effects}
-    left = observations.measured - after
-    for named in attribution.named:
-        # It is explained, although it cannot be served.
-        left = left if named.name in served else left - named.contribution
     return Findings(
         model=manifest.label,
         data=tuple(

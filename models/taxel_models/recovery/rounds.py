@@ -37,8 +37,8 @@ class Round(Schema):
         found: the effect that explains most, `none` where nothing was named, `unexplained` where
             nothing was named and what is left is structured.
         named: all that were named.
-        right: whether the first is right, nothing was named where there was nothing, or what no
-            effect describes was left unexplained.
+        right: whether the first is right, or nothing was named where there was nothing, or where no
+            effect describes what there was.
         confounded: whether a right name was reported as one that cannot be told from a named one.
         clean: normalised MAE on the evaluation blocks without the injected effect.
         before: with it.

@@ -27,7 +27,7 @@ from taxel_models.loop.pipeline import LoopResult, LoopSettings, run_loop
 from taxel_models.loop.report import confounded_picture
 from taxel_models.loop.report.confounded_picture import draw_confounded
 from taxel_models.loop.report.contents import Told, contents
-from taxel_models.loop.report.document import Picture
+from taxel_models.loop.report.document import Picture, Table
 from taxel_models.loop.report.drivers import axis_of
 from taxel_models.loop.report.effect_pictures import draw_effect
 from taxel_models.loop.report.error_pictures import bars
@@ -223,6 +223,15 @@ def test_no_effect_reads_well(result: LoopResult) -> None:
     assert "No effect was named" in opening
     assert "There is nothing to add to the model." in opening
     assert "once corrected" not in opening
+
+
+def test_the_nearest_candidates_were_tried(result: LoopResult) -> None:
+    tried = result.findings.rejected[0].model_copy(update={"form": "line", "alone": -0.1, "name": "rate"})
+    out_of_scope = tried.model_copy(update={"form": "", "alone": 0.0, "name": "location"})
+    findings = result.findings.model_copy(update={"effects": (), "rejected": (out_of_scope, tried)})
+    first = contents(Told(findings, [], {"waterfall": WATERFALL})).blocks
+    table = next(block for block in first if isinstance(block, Table))
+    assert [row[0] for row in table.rows] == ["rate"]
 
 
 def test_waterfall_accounts_for_all_energy(result: LoopResult) -> None:

@@ -8,8 +8,11 @@ from rich.console import Console
 from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, Parameter
 from taxel.windows import ExtraFeature, Relaxation
 from taxel_models.loop.findings import (
+    ChannelGain,
     Findings,
     FoundEffect,
+    FoundResidualModel,
+    NextRecording,
     PairedTest,
     RejectedEffect,
     RunsAlong,
@@ -19,9 +22,11 @@ from taxel_models.loop.report.table import findings_table
 from taxel_models.loop.report.wording import (
     chance,
     confounded,
+    headline,
     key_parameters,
     left,
     needs,
+    next_recordings,
     number,
     opening,
     paired,
@@ -126,6 +131,36 @@ def test_needs_say_who_gives_what() -> None:
     assert "only reported" in needs(effect("fault", served=False), extras)
     crossed = effect("fault", served=False).model_copy(update={"form": "crossed: e1 holds e2, e2 holds e1"})
     assert "put the channels in their order" in needs(crossed, extras)
+
+
+def test_why_an_effect_is_only_reported_is_told() -> None:
+    assert "how the finger is mounted" in needs(effect("frame", served=False), [])
+    assert "whole ticks" in needs(effect("lag", served=False), [])
+    assert "not known while serving" in needs(effect("interference", served=False), [])
+
+
+def test_the_headline_says_what_was_added() -> None:
+    unnamed = FoundResidualModel(
+        about="trees",
+        needs=(),
+        gain=0.01,
+        channels=(ChannelGain(channel="e1", folds=0.02, error=0.01, evaluation=0.01),),
+    )
+    both = findings(effect("drift")).model_copy(update={"residual_model": unnamed})
+    assert "; with drift and a residual model added it is off by 0.100, 50 % less" in headline(both)
+    alone = findings().model_copy(update={"residual_model": unnamed})
+    assert "; with a residual model added it is off by 0.100, 50 % less" in headline(alone)
+    assert headline(alone).endswith(", and no effect was named.")
+    reported = findings(effect("fault", served=False))
+    assert headline(reported).endswith("), and fault was found, which no model can add.")
+    worse = unnamed.model_copy(update={"gain": -0.01})
+    assert "rises by 0.0100" in opening(findings().model_copy(update={"residual_model": worse}), [])
+
+
+def test_causes_that_cannot_be_simulated_are_not_said_to_have_failed() -> None:
+    untold = NextRecording(causes=("frame", "drift"), can_be_simulated=False)
+    (told,) = next_recordings(findings().model_copy(update={"next_recordings": (untold,)}))
+    assert told.startswith("What would tell frame from drift is not known")
 
 
 def test_many_needs_are_shortened() -> None:

@@ -32,11 +32,6 @@ class Crosstalk(BaseTerm):
     leaks: Annotated[tuple[Leak, ...], Field(min_length=1)]
     rest: PerChannel
 
-    @property
-    @override
-    def takes(self) -> tuple[str, ...]:
-        return ()
-
     @override
     def delta(self, p: NDArray[np.float64], columns: Columns) -> NDArray[np.float64]:
         matrix, rest = self._mixing

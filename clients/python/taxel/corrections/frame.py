@@ -59,8 +59,8 @@ class Frame(Schema):
             self._translations,
             strict=True,
         ):
-            triples = windows[:, columns].astype(np.float64).reshape(len(windows), -1, 3) @ matrix.T
-            turned[:, columns] = (triples + translation).reshape(len(windows), -1)
+            own = windows[:, columns].astype(np.float64)
+            turned[:, columns] = (own.reshape(-1, 3) @ matrix.T + translation).reshape(own.shape)
         return turned
 
     @cached_property

@@ -25,11 +25,6 @@ class Saturation(BaseTerm):
     level: PerChannel
     rest: PerChannel
 
-    @property
-    @override
-    def takes(self) -> tuple[str, ...]:
-        return ()
-
     @override
     def delta(self, p: NDArray[np.float64], columns: Columns) -> NDArray[np.float64]:
         slope, level, rest = self._arrays

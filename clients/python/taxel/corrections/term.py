@@ -13,7 +13,7 @@ Columns = Mapping[str, NDArray[np.float64]]
 
 
 class BaseTerm(Schema, ABC):
-    """A term of a corrected model: counts = p + Σ terms(p, columns), then the faults.
+    """A term of a corrected model: counts = p + Σ terms(p, columns), then limits and faults.
 
     Every term is computed from the base model's own prediction p, so that their order does not
     matter. Features are called as the base model knows them, whatever the window's shift is, and
@@ -21,9 +21,9 @@ class BaseTerm(Schema, ABC):
     """
 
     @property
-    @abstractmethod
     def takes(self) -> tuple[str, ...]:
         """The features that it needs as columns."""
+        return ()
 
     @abstractmethod
     def delta(self, p: NDArray[np.float64], columns: Columns) -> NDArray[np.float64]:

@@ -45,7 +45,7 @@ def _both(offsets: Candidate, gains: Candidate) -> Candidate:
             *(f"constant, {name}" for name in offsets.weight_names),
             *(f"gain, {name}" for name in gains.weight_names),
         ),
-        weight_unit="counts; relative",
+        weight_units=(*("counts",) * size, *("relative",) * gains.basis.size),
         contains=gains.contains,
         online=online,
         again=again,
@@ -97,7 +97,7 @@ class Covariate(Effect):
         else:
             driver = given(observations, self.column, "")
             yield weighted(
-                observations, self.label, "line", "unit", [driver], weight_unit="counts per unit"
+                observations, self.label, "line", "unit", [driver], weight_units=("counts per unit",)
             )
 
     @override
@@ -114,7 +114,7 @@ class Covariate(Effect):
     def _constants(self, observations: Observations, kinds: Floats, fit: NDArray[np.bool_]) -> Candidate:
         """About the mean of the fit part, they sum to 0 there: no kind stands for what all share."""
         drivers, name = self._are(observations, kinds), self.label
-        return weighted(observations, name, "by kind", "unit", drivers, rows=fit, weight_unit="counts")
+        return weighted(observations, name, "by kind", "unit", drivers, rows=fit, weight_units=("counts",))
 
     def _gains(self, observations: Observations, kinds: Floats) -> Candidate:
         """About their mean, a kind that other folds lack would stand for a gain that all share."""
@@ -125,7 +125,7 @@ class Covariate(Effect):
             "signal",
             self._are(observations, kinds),
             centred=False,
-            weight_unit="relative",
+            weight_units=("relative",),
             contains=Gain.name,
         )
 

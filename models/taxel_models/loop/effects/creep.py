@@ -127,7 +127,7 @@ class Creep(Effect):
             "unit",
             drivers,
             form_parameters={"time_constant": (tau, "s")},
-            weight_unit="counts/N",
+            weight_units=("counts/N",),
         )
 
     def _of_signal(self, observations: Observations, tau: float) -> Candidate:
@@ -140,7 +140,7 @@ class Creep(Effect):
             [past(observations, share, f"relaxation_share[{tau:.3g}s].force", "1")],
             centred=False,
             form_parameters={"time_constant": (tau, "s")},
-            weight_unit="relative",
+            weight_units=("relative",),
         )
 
 

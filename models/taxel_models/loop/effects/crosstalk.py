@@ -55,7 +55,7 @@ class Crosstalk(Effect):
             Own(observations.signal[:, sources, None].astype(np.float32)),
             fitting=Fitting(choices=len(CHANNELS) - 1),
             weight_names=("leak",),
-            weight_unit="relative",
+            weight_units=("relative",),
             online=online,
             again=partial(self._with, sources),
         )

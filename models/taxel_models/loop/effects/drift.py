@@ -69,7 +69,7 @@ class Drift(Effect):
         if span < SHORTEST_S:
             return
         drivers = elapsed(observations, evenly_filled(observations, 1))
-        yield weighted(observations, self.name, "line", "unit", drivers, weight_unit="counts/s")
+        yield weighted(observations, self.name, "line", "unit", drivers, weight_units=("counts/s",))
         yield _of_pieces(observations, remaining)
         for share in WARMING:
             yield _exponential(share * span, "s", observations)
@@ -170,7 +170,7 @@ def _along(
         edges,
         course,
         weight_names=("size",),
-        weight_unit="counts",
+        weight_units=("counts",),
         fitting=fitting or Fitting(),
         form_parameters=parameters or {},
     )

@@ -81,7 +81,7 @@ class Candidate:
         basis: its regressors at the rows of the observations.
         fitting: how its weights are fitted.
         weight_names: the k names of the weights.
-        weight_unit: the unit of all weights.
+        weight_units: the k units of the weights, or one of all.
         form_parameters: the parameters of this form, such as a time constant, with their units.
         online: gives the online form for weights (21, k).
         alike: the largest SD over mean of the electrodes' weights; None if they may differ freely.
@@ -99,7 +99,7 @@ class Candidate:
     basis: Basis
     fitting: Fitting = field(default_factory=Fitting)
     weight_names: tuple[str, ...] = ("weight",)
-    weight_unit: str = ""
+    weight_units: tuple[str, ...] = ("",)
     form_parameters: Mapping[str, tuple[float, str]] = field(default_factory=dict)
     online: Callable[[Floats], Online] = lambda _: Online()
     alike: float | None = None

@@ -52,7 +52,7 @@ class Gain(Effect):
                 centred=False,
                 fitting=Fitting(pooled=alike),
                 weight_names=("gain",),
-                weight_unit="relative",
+                weight_units=("relative",),
             )
         span = float(observations.time_s.max())
         if span > AGEING_S:
@@ -68,7 +68,7 @@ class Gain(Effect):
                         centred=False,
                         fitting=Fitting(pooled=alike),
                         weight_names=("gain", *(driver.name for driver in ageing)),
-                        weight_unit="relative, relative/s",
+                        weight_units=("relative", *("relative/s",) * len(ageing)),
                         ages=True,
                     )
             if has_long_pauses(observations):
@@ -85,6 +85,6 @@ class Gain(Effect):
                         centred=False,
                         fitting=Fitting(pooled=alike),
                         weight_names=("gain", "change"),
-                        weight_unit="relative",
+                        weight_units=("relative",),
                         ages=True,
                     )

@@ -47,7 +47,7 @@ class Hysteresis(Effect):
             "by direction",
             "unit",
             [past(observations, direction, "direction.force", "N")],
-            weight_unit="counts/N",
+            weight_units=("counts/N",),
         )
 
     @override
@@ -81,5 +81,5 @@ class Hysteresis(Effect):
             "unit",
             [past(observations, feature, f"{name}[{width:.3g}N].force", "N")],
             form_parameters={"width": (width, "N")},
-            weight_unit="counts/N",
+            weight_units=("counts/N",),
         )

@@ -23,4 +23,4 @@ class Load(Effect):
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
         force = past(observations, LoadFeature(of="force"), "force", "N")
-        yield weighted(observations, self.name, "by force", "unit", [force], weight_unit="counts/N")
+        yield weighted(observations, self.name, "by force", "unit", [force], weight_units=("counts/N",))

@@ -71,7 +71,7 @@ class Location(Effect):
             f"{len(centres)} bumps",
             Shared(location_design(*_served(observations), centres, width, HALF_FORCE_N)),
             weight_names=tuple(f"bump {number}" for number in range(1, len(centres) + 1)),
-            weight_unit="counts",
+            weight_units=("counts",),
             form_parameters={"width": (width * 1e3, "mm")},
             online=online,
             again=partial(self._with, centres, width),

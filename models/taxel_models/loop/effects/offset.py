@@ -52,7 +52,7 @@ class Offset(Effect):
             [constant],
             centred=False,
             weight_names=("offset",),
-            weight_unit="counts",
+            weight_units=("counts",),
             mean_absorbed=False,
         )
 
@@ -87,7 +87,7 @@ class Offset(Effect):
             "of each contact, from a calibration",
             Own(offsets[:, :, None].astype(np.float32)),
             weight_names=("share of the calibrated offset",),
-            weight_unit="relative",
+            weight_units=("relative",),
             online=online,
             mean_absorbed=False,
             again=lambda _: self._staying(offsets),
@@ -109,7 +109,7 @@ class Offset(Effect):
             basis,
             fitting=fitting,
             weight_names=("share that stays", "share that fades"),
-            weight_unit="relative",
+            weight_units=("relative",),
             form_parameters={"time constant of fading": (time_constant_s, "s")},
             online=lambda weights: _fading_online(weights, time_constant_s, limits),
             mean_absorbed=False,

@@ -46,7 +46,7 @@ class Rate(Effect):
             ("speed", [speed], "counts s/m"),
         )
         for form, drivers, unit in forms:
-            yield weighted(observations, self.name, form, "unit", drivers, weight_unit=unit)
+            yield weighted(observations, self.name, form, "unit", drivers, weight_units=(unit,))
         for half in HALVES_N_S:
             yield self._bounded(observations, half)
         for smoothed_s in SMOOTHED_S:
@@ -74,7 +74,7 @@ class Rate(Effect):
             "unit",
             [past(observations, feature, f"relaxation[{smoothed_s:.3g}s].force", "N")],
             form_parameters={"smoothed": (smoothed_s, "s")},
-            weight_unit="counts/N",
+            weight_units=("counts/N",),
         )
 
     def _bounded(self, observations: Observations, half: float) -> Candidate:
@@ -86,5 +86,5 @@ class Rate(Effect):
             "unit",
             [past(observations, feature, f"rate[{half:.3g}N/s].force", "")],
             form_parameters={"half": (half, "N/s")},
-            weight_unit="counts",
+            weight_units=("counts",),
         )

@@ -60,7 +60,7 @@ class Saturation(Effect):
             # A slope below 0 would be a channel that responds more, the more it is pressed.
             fitting=Fitting(pooled=pooled, positive=True, choices=1 if pooled else len(QUANTILES)),
             weight_names=("slope",),
-            weight_unit="relative",
+            weight_units=("relative",),
             online=online,
             again=partial(self._with, form, level, pooled),
         )

@@ -80,7 +80,7 @@ class Temperature(Effect):
                 [driver],
                 fitting=Fitting(pooled=True, allowed=_electrodes()),
                 weight_names=("slope",),
-                weight_unit="ln Z per tdc count",
+                weight_units=("ln Z per tdc count",),
             )
             yield weighted(
                 observations,
@@ -89,7 +89,7 @@ class Temperature(Effect):
                 "log_impedance",
                 [driver],
                 weight_names=("slope",),
-                weight_unit="ln Z per tdc count; counts per tdc count for pac0 and pdc",
+                weight_units=("ln Z per tdc count; counts per tdc count for pac0 and pdc",),
                 alike=ALIKE,
             )
         else:
@@ -100,7 +100,7 @@ class Temperature(Effect):
                 "unit",
                 [driver],
                 weight_names=("slope",),
-                weight_unit="counts per tdc count",
+                weight_units=("counts per tdc count",),
             )
 
     def _by_state(self, observations: Observations) -> Iterable[Candidate]:
@@ -118,7 +118,7 @@ class Temperature(Effect):
             "log_impedance",
             drivers,
             fitting=Fitting(pooled=True, allowed=_electrodes()),
-            weight_unit="ln Z per s; ln Z per N",
+            weight_units=(*("ln Z per s",) * (len(drivers) - 1), "ln Z per N"),
         )
 
     def _by_contact(self, observations: Observations) -> Iterable[Candidate]:
@@ -141,7 +141,7 @@ class Temperature(Effect):
                 fitting=Fitting(pooled=True, allowed=_electrodes()),
                 form_parameters={WARMING: (warming, "s"), "cooling": (cooling, "s")},
                 weight_names=("slope",),
-                weight_unit=unit,
+                weight_units=(unit,),
             )
 
 

@@ -110,7 +110,7 @@ class ContactOffset(Effect):
             Own(offsets[:, :, None].astype(np.float32)),
             fitting=Fitting(fixed=True),
             weight_names=("share of the offset",),
-            weight_unit="relative",
+            weight_units=("relative",),
             online=lambda _: Online(),
             again=lambda _: self.form(offsets, removed),
         )

@@ -332,7 +332,7 @@ class JointSelection:
         plain, beside = taken.without_prior, [each.without_prior for each in others]
         fixed = taken.form.candidate.fitting.fixed
         fold_weights = np.empty(0) if fixed else self._scoring.fold_weights(plain, beside)
-        counts = taken.effect.is_constant and taken.form.candidate.weight_unit == "counts"
+        counts = taken.effect.is_constant and taken.form.candidate.weight_units == ("counts",)
         unknown = self._scoring.unknown_mean()[:, None] if counts else np.zeros_like(taken.weights)
         return Named(
             candidate=taken.form.candidate,

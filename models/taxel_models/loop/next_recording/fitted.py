@@ -44,10 +44,14 @@ class Fitted:
         return cls(named.candidate, named.served_weights)
 
     @property
-    def needs_calibration(self) -> bool:
-        """Whether it takes what a calibration tells of each contact."""
-        taken = self.candidate.online(self.weights).extras
-        return any(extra in (*CALIBRATION_EXTRAS, CALIBRATION_AGE) for extra in taken)
+    def foretells(self) -> bool:
+        """Whether it says what it would do in another recording.
+
+        What came about in the course of these recordings does not, nor what a calibration tells.
+        """
+        online = self.candidate.online(self.weights)
+        calibrated = any(extra in (*CALIBRATION_EXTRAS, CALIBRATION_AGE) for extra in online.extras)
+        return online.changes_something and not calibrated
 
     def counts(self, observations: Observations) -> Floats:
         """(n, 21) what the model gives on other observations with this cause, not rounded."""

@@ -11,7 +11,6 @@ from taxel.windows.history import TOUCH_N
 from taxel_models.loop.attribution import Named
 from taxel_models.loop.effects.temperature import TDC
 from taxel_models.loop.findings import NextRecording
-from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.next_recording.fitted import Fitted, fitted_in_place
 from taxel_models.loop.next_recording.rehearsal import Rehearsal, Stage, rehearse
 from taxel_models.loop.observations import Observations
@@ -41,14 +40,13 @@ def propose(result: LoopResult, *, progress: Callable[[str], None] | None = None
     Args:
         progress: is told what is looked at.
     """
-    split = result.findings.split
     attribution = result.attribution
     stage = Stage(
         attribution.observations,
         result.blocks,
         attribution.residual,
         result.reference,
-        replace(DECLARED, least_share=float(split["least_share"])),
+        result.constants,
     )
     proposals = []
     for named, name in list(_pairs(attribution.named))[:MOST_PAIRS]:
@@ -76,9 +74,8 @@ def _pairs(named: tuple[Named, ...]) -> Iterator[tuple[Named, str]]:
 
 def _proposal(stage: Stage, first: Fitted, second: Fitted) -> NextRecording:
     best: tuple[RecordingProtocol, Rehearsal] | None = None
-    # Nobody knows what a calibration would tell of contacts that are still to come.
-    untold = first.needs_calibration or second.needs_calibration
-    for protocol in [] if untold else _protocols(stage.observations, first, second):
+    known = first.foretells and second.foretells
+    for protocol in _protocols(stage.observations, first, second) if known else []:
         must_exceed = FEWEST_RIGHT - 1 if best is None else best[1].right
         found = rehearse(stage, protocol, (first, second), must_exceed=must_exceed, seed=0)
         if found is not None:
@@ -87,7 +84,7 @@ def _proposal(stage: Stage, first: Fitted, second: Fitted) -> NextRecording:
             break
     causes = (first.name, second.name)
     if best is None:
-        return NextRecording(causes=causes)
+        return NextRecording(causes=causes, can_be_simulated=known)
     protocol, found = best
     return NextRecording(
         causes=causes,

@@ -97,7 +97,8 @@ def _effects_table(findings: Findings) -> list[Block]:
 
 
 def _nearest_table(findings: Findings) -> list[Block]:
-    rows = tuple((one.name, percent(one.alone), one.reason) for one in findings.rejected[:3])
+    tried = [one for one in findings.rejected if one.form]
+    rows = tuple((one.name, percent(one.alone), one.reason) for one in tried[:3])
     return [Table(("nearest candidate", "alone", "why not"), rows)] if rows else []
 
 
@@ -136,7 +137,7 @@ def _effect(told: Told, effect: FoundEffect) -> list[Block]:
 
 def _parameters(effect: FoundEffect) -> list[Block]:
     rows = tuple(
-        (figure.name, number(figure.value), interval(figure) or "settled", figure.unit)
+        (figure.name, number(figure.value), interval(figure) or "not estimated", figure.unit)
         for figure in effect.parameters
     )
     table = Table(("parameter", "value", "95 % interval", "unit"), rows)

@@ -80,7 +80,7 @@ def _feature(result: LoopResult, partial: Partial) -> Axis | None:
         return None
     name = partial.named.candidate.weight_names[0]
     extra = next((extra for extra in result.new.extras if extra.name == name), None)
-    unit = f", {extra.unit}" if extra else ""
+    unit = f", {extra.unit}" if extra and extra.unit else ""
     about = "" if extra and extra.history else " from its mean"
     return Axis(f"{name}{about}{unit}", basis.features[partial.rows, 0])
 

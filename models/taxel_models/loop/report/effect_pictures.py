@@ -176,9 +176,9 @@ def _traces(result: LoopResult, partial: Partial, path: Path) -> str:
         panel.set_ylabel(f"{CHANNELS[channel]}, counts")
         panel.grid(alpha=0.3)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
-    panels[-1].set_xlabel("seconds of rows, gaps result")
+    panels[-1].set_xlabel("seconds of rows, gaps left out")
     _save(figure, path)
-    return "Channels with a fault where it first shows; shaded, where the channel repeats one value."
+    return "Channels with a fault where it first shows; shaded, where it acts."
 
 
 def _changed_most(contribution: Floats) -> NDArray[np.int64]:

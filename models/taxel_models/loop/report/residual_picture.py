@@ -31,7 +31,7 @@ def draw_spectrum(result: LoopResult, path: Path) -> str:
     axes = figure.subplots()
     for residual, colour, label in (
         (first, BEFORE, "before"),
-        (observations.measured - result.after, AFTER, "after"),
+        (result.left, AFTER, "after"),
     ):
         frequencies, density = power_density(residual, wanted, piece)
         power = (density / energy).mean(axis=1)
@@ -45,6 +45,6 @@ def draw_spectrum(result: LoopResult, path: Path) -> str:
     axes.legend()
     figure.savefig(path, dpi=110, format="png")
     return (
-        "Spectrum of the residual on the evaluation part, mean over the channels. Were everything "
-        "explained, it would lie on the noise. A constant offset does not show."
+        "Spectrum of the residual on the evaluation part, mean over the channels, before and after what "
+        "was found. Were everything explained, it would lie on the noise. A constant offset does not show."
     )

@@ -7,6 +7,8 @@ from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, Parameter
 from taxel.windows import ExtraFeature
 from taxel_models.loop.attribution import AS_USUAL
 from taxel_models.loop.crossed_channels import CROSSED
+from taxel_models.loop.effects.frame import FrameEffect
+from taxel_models.loop.effects.lag import Lag
 from taxel_models.loop.findings import Findings, FoundEffect, PairedTest
 
 SIGNIFICANT: Final = 0.05
@@ -18,6 +20,12 @@ RUNS_ALONG: Final = 0.5
 _MOST_KEY_PARAMETERS: Final = 3
 _MOST_NEEDS: Final = 3
 _MOST_PAIRS: Final = 4
+
+_ONLY_REPORTED: Final = {
+    FrameEffect.name: "it came about while this was recorded; set right how the finger is mounted",
+    Lag.name: "windows move by whole ticks of 10 ms; set the clocks right",
+}
+"""Why no model is given an effect, and what to do."""
 
 _HARMFUL: Final = 0.05
 """An effect that adds a larger share to the residual's energy on held-out blocks is told."""
@@ -85,10 +93,8 @@ def needs(effect: FoundEffect, extras: Iterable[ExtraFeature]) -> str:
     Args:
         extras: what the corrected model takes beside its window.
     """
-    if effect.form.startswith(CROSSED):
-        return "is only reported: put the channels in their order where they are read, or in the recording"
     if not effect.served:
-        return "is only reported: what it depends on is not known while serving"
+        return f"is only reported: {_why_only_reported(effect)}"
     taken = [extra for extra in extras if extra.name in effect.needs]
     past = [extra.name for extra in taken if extra.history is not None]
     calibrated = any(extra in CALIBRATION_EXTRAS for extra in taken)
@@ -107,6 +113,12 @@ def needs(effect: FoundEffect, extras: Iterable[ExtraFeature]) -> str:
     return f"needs {'; and '.join(parts)}" if parts else "needs nothing beside the window"
 
 
+def _why_only_reported(effect: FoundEffect) -> str:
+    if effect.form.startswith(CROSSED):
+        return "put the channels in their order where they are read, or in the recording"
+    return _ONLY_REPORTED.get(effect.name, "what it depends on is not known while serving")
+
+
 def _shortened(words: Sequence[str]) -> str:
     """`a, b and c`, or the first with a count of the others where they are many."""
     if len(words) <= _MOST_NEEDS:
@@ -119,14 +131,16 @@ def headline(findings: Findings) -> str:
     before, after = findings.before["norm_mae"], findings.after["norm_mae"]
     noise = f"noise alone would leave {findings.noise_floor['norm_mae']:.3f}"
     is_off = f"{findings.model} is off by a normalised MAE of {before:.3f} on held-out blocks"
-    served = [effect.name for effect in findings.effects if effect.served]
+    added = [effect.name for effect in findings.effects if effect.served]
+    added += [] if findings.residual_model is None else ["a residual model"]
     told = [effect.name for effect in findings.effects if not effect.served]
-    found = f", and {listed(told)} {'was' if len(told) == 1 else 'were'} found, which no model can add"
-    if not served:
-        return f"{is_off} ({noise}){found if told else ', and no effect was named'}."
+    found = "" if findings.effects else ", and no effect was named"
+    if told:
+        found = f", and {listed(told)} {'was' if len(told) == 1 else 'were'} found, which no model can add"
+    if not added:
+        return f"{is_off} ({noise}){found}."
     change = f"{percent(abs(1.0 - after / before))} {'less' if after <= before else 'more'}"
-    added = f"with {listed(served)} added it is off by {after:.3f}, {change} ({noise})"
-    return f"{is_off}; {added}{found if told else ''}."
+    return f"{is_off}; with {listed(added)} added it is off by {after:.3f}, {change} ({noise}){found}."
 
 
 def opening(findings: Findings, extras: Sequence[ExtraFeature]) -> str:
@@ -167,8 +181,8 @@ def unnamed(findings: Findings) -> list[str]:
         return []
     return [
         "A residual model without a name predicts a part of what no cause explains in "
-        f"{len(found.channels)} channels: the normalised MAE falls by {found.gain:.4f} more on the "
-        "evaluation part."
+        f"{len(found.channels)} channels: the normalised MAE {'falls' if found.gain >= 0 else 'rises'} by "
+        f"{abs(found.gain):.4f} more on the evaluation part."
     ]
 
 
@@ -306,7 +320,12 @@ def next_recordings(findings: Findings) -> list[str]:
     for one in findings.next_recordings:
         first, second = one.causes
         if one.protocol is None:
-            sentences.append(f"No protocol of the menu tells {first} from {second} reliably.")
+            sentences.append(
+                f"No protocol of the menu tells {first} from {second} reliably."
+                if one.can_be_simulated
+                else f"What would tell {first} from {second} is not known: what one of them did in these "
+                "recordings says nothing of others."
+            )
         else:
             sentences.append(
                 f'To tell {first} from {second}, record "{one.protocol.name}" '

@@ -12,11 +12,14 @@ from typer.testing import CliRunner
 
 from taxel.channels import COUNTS_MAX
 from taxel_models.commands.twin import twin
+from taxel_models.loop.effects.effect import Candidate, Effect, Remaining
+from taxel_models.loop.effects.lag import Lag
+from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.effects.registry import NAMES
 from taxel_models.loop.findings import Findings
 from taxel_models.loop.next_recording.fitted import Fitted
 from taxel_models.loop.next_recording.proposals import propose
-from taxel_models.loop.observations import gather
+from taxel_models.loop.observations import Observations, gather
 from taxel_models.loop.pipeline import LoopResult, LoopSettings, run_loop
 from taxel_models.loop.report.report import write_report
 from taxel_models.recordings import Recording, read_recording
@@ -127,15 +130,32 @@ def test_a_fitted_cause_acts_on_another_recording_as_it_did(
     assert left.std(axis=0).max() < 6.0
 
 
-def test_no_protocol_is_simulated_with_what_a_calibration_tells(
+def test_what_is_only_reported_foretells_nothing(tied: LoopResult) -> None:
+    def forms(effect: Effect, of: Observations) -> list[Candidate]:
+        every = np.ones(len(of))
+        return [*effect.forms(of, Remaining(of.residual, every.astype(bool), every))]
+
+    delays = {delay.form: delay for delay in forms(Lag(), tied.observations)}
+    ones = np.ones((21, 1))
+    assert Fitted(delays["20 ms"], ones).foretells
+    # A window moves by whole ticks.
+    assert not Fitted(delays["15 ms"], ones).foretells
+    constant, calibrated, *_ = forms(Offset(), tied.observations.calibrated(0.5))
+    assert Fitted(constant, ones).foretells
+    assert "calibration" in calibrated.form
+    assert not Fitted(calibrated, ones).foretells
+
+
+def test_no_protocol_is_simulated_where_a_cause_foretells_nothing(
     tied: LoopResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It would crash: contacts that are still to come have no calibration."""
+    """It would crash with a calibration: contacts that are still to come have none."""
 
     def rehearse(*_: object, **__: object) -> None:
         raise AssertionError("simulated")
 
-    monkeypatch.setattr(Fitted, "needs_calibration", property(lambda _: True))
+    monkeypatch.setattr(Fitted, "foretells", property(lambda _: False))
     monkeypatch.setattr("taxel_models.loop.next_recording.proposals.rehearse", rehearse)
     (proposal, *_) = propose(tied).findings.next_recordings
     assert proposal.protocol is None
+    assert not proposal.can_be_simulated
