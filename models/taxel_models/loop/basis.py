@@ -19,12 +19,8 @@ class Basis(Protocol):
     def size(self) -> int:
         """k."""
 
-    @property
-    def rows(self) -> Rows | None:
-        """The rows that it is known for, in order; None for all."""
-
     def at(self, rows: Rows) -> Floats:
-        """(1 or 21, m, k) regressors; `rows` are places among `self.rows` where that is given."""
+        """(1 or 21, m, k) regressors at some rows."""
 
     def times(self, weights: Floats) -> Floats:
         """(n, 21) of weights (21, k)."""
@@ -36,7 +32,6 @@ class Shared:
 
     features: Floats
     shape: Floats | None = None
-    rows: Rows | None = None
 
     @property
     def size(self) -> int:
@@ -58,10 +53,9 @@ class Shared:
 
 @dataclass(frozen=True)
 class Own:
-    """Regressors (m, 21, k), each channel's own, maybe for some of the rows only."""
+    """Regressors (n, 21, k), each channel's own."""
 
     values: NDArray[np.float32]
-    rows: Rows | None = None
 
     @property
     def size(self) -> int:
@@ -73,17 +67,16 @@ class Own:
         return np.asarray(self.values[rows].transpose(1, 0, 2), dtype=np.float64)
 
     def times(self, weights: Floats) -> Floats:
-        """(m, 21) of weights (21, k)."""
+        """(n, 21) of weights (21, k)."""
         return np.asarray(np.einsum("nck,ck->nc", self.values, weights))
 
 
 @dataclass(frozen=True)
 class Joined:
-    """The regressors of two bases together; both for all rows."""
+    """The regressors of two bases together."""
 
     first: Basis
     second: Basis
-    rows: Rows | None = None
 
     @property
     def size(self) -> int:
@@ -126,11 +119,6 @@ class AboutMean:
     def size(self) -> int:
         """k."""
         return self.basis.size
-
-    @property
-    def rows(self) -> Rows | None:
-        """The rows that it is known for."""
-        return self.basis.rows
 
     def at(self, rows: Rows) -> Floats:
         """(1 or 21, m, k) regressors."""

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.corrections import Frame, weighted_shape
+from taxel.corrections import weighted_shape
 from taxel.errors import RecordingError
 from taxel.manifest import Manifest
 from taxel.windows import HistoryFeature, Samples, build_windows, extra_columns, history_columns
@@ -63,7 +63,6 @@ class Observations:
         samples: the ticks of each recording, for features of the past.
         rows: for each recording, which of its ticks the rows are.
         withheld: names of the columns that neither the model nor the loop is given.
-        turn: how the windows were turned before they were predicted.
         shift_ticks: how far the windows were moved into the past.
         calibration: taken at the start of each segment; None where none was.
         known_rest: (21,) in place of what the model gives at rest, counts.
@@ -82,7 +81,6 @@ class Observations:
     samples: tuple[Samples, ...]
     rows: tuple[NDArray[np.int64], ...]
     withheld: tuple[str, ...] = ()
-    turn: Frame | None = None
     shift_ticks: int = 0
     calibration: TakenCalibration | None = None
     known_rest: Floats | None = None
@@ -209,19 +207,10 @@ class Observations:
         apart = np.abs((self.time_s - self.time_s[there]) - ticks * TICK_S)
         return np.where(same & (apart < TICK_S / 2), there, rows)
 
-    def with_windows(
-        self, windows: NDArray[np.float32], *, turn: Frame | None, shift_ticks: int
-    ) -> "Observations":
+    def with_windows(self, windows: NDArray[np.float32], *, shift_ticks: int) -> "Observations":
         """The same rows, their inputs turned or shifted and predicted anew."""
         predicted, base = _predictions(self.model, windows)
-        return replace(
-            self,
-            windows=windows,
-            predicted=predicted,
-            base=base,
-            turn=turn,
-            shift_ticks=shift_ticks,
-        )
+        return replace(self, windows=windows, predicted=predicted, base=base, shift_ticks=shift_ticks)
 
     def history(self, feature: HistoryFeature) -> Floats:
         """(n,) a feature of the past at each row; built once."""

@@ -140,7 +140,7 @@ def test_a_corrected_model_is_asked_for_its_base(smooth: Any, recording: Recordi
     found = gather(Corrected(), [recording])
     np.testing.assert_array_equal(found.base, predict_all(smooth.predict, found.windows))
     np.testing.assert_allclose(found.predicted, found.base + 12.0, atol=1e-3)
-    again = found.with_windows(found.windows[::-1], turn=None, shift_ticks=0)
+    again = found.with_windows(found.windows[::-1], shift_ticks=0)
     np.testing.assert_allclose(again.predicted, again.base + 12.0, atol=1e-3)
 
 
@@ -152,10 +152,10 @@ def test_windows_may_be_turned_and_predicted_anew(observations: Observations) ->
         force_rotation=((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
     )
     turned = turn.turn(observations.windows, observations.manifest.spec)
-    found = observations.with_windows(turned, turn=turn, shift_ticks=2)
-    assert (found.turn, found.shift_ticks) == (turn, 2)
+    found = observations.with_windows(turned, shift_ticks=2)
+    assert found.shift_ticks == 2
     assert np.abs(found.predicted - observations.predicted).max() > 20
-    back = found.with_windows(observations.windows, turn=None, shift_ticks=0)
+    back = found.with_windows(observations.windows, shift_ticks=0)
     np.testing.assert_array_equal(back.predicted, observations.predicted)
 
 

@@ -4,26 +4,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from taxel.windows import WindowSpec
 from taxel_models.loop.basis import Shared
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.effect import Remaining
 from taxel_models.loop.effects.frame import FrameEffect
-from taxel_models.loop.effects.rigid_motion import KINDS, Misfit, after, fit_motion, turn_of
+from taxel_models.loop.effects.rigid_motion import LEAST_SCALE, MOTION_KINDS, Misfit, fit_motion
 from taxel_models.loop.observations import Observations
 from taxel_models.model import predict_all
 
+FORCES_TURNED = MOTION_KINDS[0]
 TURN = np.radians(15.0) * np.array([0.6, 0.0, 0.8])
 
 
 @pytest.fixture(scope="module")
 def turned(observations: Observations) -> np.ndarray:
     """(n, 21) what a turn of the forces adds, counts."""
-    windows = turn_of("force", TURN).turn(observations.windows, observations.manifest.spec)
+    windows = FORCES_TURNED.frame(TURN).turn(observations.windows, observations.manifest.spec)
     return np.asarray(predict_all(observations.model.predict, windows) - observations.predicted)
 
 
@@ -35,9 +33,10 @@ def angle(observations: Observations, left: Remaining) -> float:
     """Between the motion that is found and the one that was, in degrees."""
     found = fit_motion(observations, left)
     assert found is not None
-    kind, vector, _ = found
-    assert kind == "force"
-    return float(np.degrees((Rotation.from_rotvec(vector).inv() * Rotation.from_rotvec(TURN)).magnitude()))
+    assert found.kind is FORCES_TURNED
+    return float(
+        np.degrees((Rotation.from_rotvec(found.vector).inv() * Rotation.from_rotvec(TURN)).magnitude())
+    )
 
 
 def test_a_motion_is_found_though_named_effects_took_a_part_of_it(
@@ -62,7 +61,7 @@ def test_what_named_effects_explain_is_no_misfit(observations: Observations, tur
     shape = random.normal(size=turned.shape)
     residual = turned + features @ random.normal(size=(3, 21)) * shape
     left = Remaining(residual, np.ones(len(turned), np.bool_), counted, beside=[Shared(features, shape)])
-    misfit = Misfit(observations, left, "force", rows)
+    misfit = Misfit(observations, left, rows)
     roots = np.sqrt(counted[rows])
     for channel in (0, 7):
         values = roots[:, None] * features[rows] * shape[rows, channel, None]
@@ -99,29 +98,29 @@ def test_the_slow_part_of_a_motion_is_its_mean_over_a_second_of_a_segment(
 
 @pytest.mark.parametrize(
     ("kind", "vector", "precise"),
-    [("zero", (0.3, -0.8, 0.5), 0.05), ("scale", (0.2,), 0.02), ("scale", (-0.45,), 0.02)],
+    [
+        ("forces shifted", (0.3, -0.8, 0.5), 0.05),
+        ("forces scaled", (0.2,), 0.02),
+        ("forces scaled", (-0.45,), 0.02),
+    ],
 )
 def test_a_force_sensors_zero_and_gain_are_found(
     observations: Observations, kind: str, vector: tuple[float, ...], precise: float
 ) -> None:
-    windows = turn_of(kind, np.array(vector)).turn(observations.windows, observations.manifest.spec)
+    (motion,) = [one for one in MOTION_KINDS if one.name == kind]
+    windows = motion.frame(np.array(vector)).turn(observations.windows, observations.manifest.spec)
     change = predict_all(observations.model.predict, windows) - observations.predicted
     noise = np.random.default_rng(3).normal(size=change.shape) * change.std(axis=0)
     found = fit_motion(observations, remaining(observations, change + noise))
     assert found is not None
-    assert found[0] == kind
-    np.testing.assert_allclose(found[1], vector, atol=precise)
+    assert found.kind is motion
+    np.testing.assert_allclose(found.vector, vector, atol=precise)
 
 
-@given(seed=st.integers(0, 999))
-def test_two_motions_together_do_what_they_do_one_after_the_other(seed: int) -> None:
-    random, spec = np.random.default_rng(seed), WindowSpec.of(3)
-    windows = random.normal(size=(4, spec.length)).astype(np.float32)
-    motions = [
-        turn_of(kind, random.normal(size=1 if kind == "scale" else 3) / 3)
-        for kind in random.permutation(KINDS)
-    ]
-    expected, whole = windows, turn_of("shift", np.zeros(3))
-    for motion in motions:
-        expected, whole = motion.turn(expected, spec), after(motion, whole)
-    np.testing.assert_allclose(whole.turn(windows, spec), expected, atol=1e-5)
+def test_what_is_reported_is_what_is_applied() -> None:
+    reported = {kind.name: kind.parameters(np.full(kind.starts.shape[1], -0.95)) for kind in MOTION_KINDS}
+    assert reported["forces shifted"]["force x"] == (-0.95, "N")
+    assert reported["positions shifted"]["x"] == (pytest.approx(-950.0), "mm")
+    assert reported["both turned alike"]["angle"] == (pytest.approx(np.degrees(0.95 * np.sqrt(3))), "deg")
+    # A scale ends above 0.
+    assert reported["forces scaled"]["force scale"] == (LEAST_SCALE, "")

@@ -110,4 +110,4 @@ def _moved(ticks: int, observations: Observations) -> Observations:
     """The observations with windows of so many ticks earlier."""
     windows = observations.windows[observations.rows_before(ticks)]
     shift = observations.shift_ticks + ticks
-    return observations.with_windows(windows, turn=observations.turn, shift_ticks=shift)
+    return observations.with_windows(windows, shift_ticks=shift)

@@ -1,25 +1,18 @@
 """The motion of a model's inputs that explains most of a residual: they are turned, shifted or scaled."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import product
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from taxel.corrections import Frame
-from taxel.schema import Matrix, Vector
 from taxel_models.loop.basis import Basis, Floats
 from taxel_models.loop.effects.effect import Remaining
 from taxel_models.loop.observations import Observations
 from taxel_models.model import predict_all
-
-STEP_RAD: Final = np.radians(2.0)
-STEP_M: Final = 3e-4
-STEP_N: Final = 0.1
-STEP_SCALE: Final = 0.03
-"""Steps of the finite differences: a forest's prediction is constant over smaller steps."""
 
 LEAST_SCALE: Final = 0.1
 """Of forces."""
@@ -45,55 +38,7 @@ ROUGH_STEPS: Final = 4
 AS_GOOD: Final = 0.8
 """Kinds of motion that explain this share of what the best one explains of few rows are fitted to all."""
 
-TURNED: Final = ("force", "position", "both")
-KINDS: Final = ("force", "position", "shift", "both", "zero", "scale")
-"""What moves: forces, positions or both are turned; positions are shifted; forces are shifted, as by a
-force sensor's wrong zero, or scaled, as by its wrong gain."""
-
-
-class Motion(NamedTuple):
-    """A motion of the inputs.
-
-    Attributes:
-        kind: what moves, one of `KINDS`.
-        vector: the rotation vector (3,), rad, the shift (3,), m or N, or the change of the scale (1,).
-        explained: what it takes off the squares of the fit part, see `Misfit`.
-    """
-
-    kind: str
-    vector: Floats
-    explained: float
-
-
-def fit_motion(observations: Observations, remaining: Remaining) -> Motion | None:
-    """The motion that explains most of the fit part's residual; None if none explains anything."""
-    rows = rows_of(remaining.fit)
-    rough: list[tuple[float, str, Floats]] = []
-    for kind in KINDS:
-        few = Misfit(observations, remaining, kind, rows[::FEW])
-        starts = _starts(kind)
-        if len(starts) > BEST_STARTS:
-            scan = Misfit(observations, remaining, kind, rows[:: FEW * SCANNED])
-            starts = starts[np.argsort(scan.of(scan.changes(starts)))[:BEST_STARTS]]
-        near = [_gauss_newton(few, start, _step(kind), ROUGH_STEPS) for start in starts]
-        vector, least = min(near, key=lambda found: found[1])
-        rough.append((1.0 - least / max(few.energy, 1e-12), kind, vector))
-    most = max(share for share, _, _ in rough)
-    if most <= 0:
-        return None
-    found = []
-    for share, kind, start in rough:
-        if share >= AS_GOOD * most:
-            every = Misfit(observations, remaining, kind, rows)
-            vector, least = _gauss_newton(every, start, _step(kind), STEPS)
-            found.append(Motion(kind, vector, every.energy - least))
-    return max(found, key=lambda motion: motion.explained)
-
-
-def _step(kind: str) -> float:
-    if kind in TURNED:
-        return float(STEP_RAD)
-    return {"shift": STEP_M, "zero": STEP_N, "scale": STEP_SCALE}[kind]
+Parameters = dict[str, tuple[float, str]]
 
 
 def _great_turns() -> Floats:
@@ -106,14 +51,122 @@ def _great_turns() -> Floats:
 
 TURNS: Final = _great_turns()
 SCALES: Final = np.linspace(-0.5, 0.75, 11)[:, None]
-"""The starts of fits: if the model is not smooth, small steps do not lead far."""
+NOTHING: Final = np.zeros((1, 3))
+STILL: Final[dict[str, Any]] = {
+    "position_rotation": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    "position_translation": (0.0, 0.0, 0.0),
+    "force_rotation": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+}
+"""A frame that changes nothing."""
 
 
-def _starts(kind: str) -> Floats:
-    """(k, 3) or (k, 1) where fits of a kind of motion may begin."""
-    if kind in TURNED:
-        return TURNS
-    return SCALES if kind == "scale" else np.zeros((1, 3))
+class MotionKind(NamedTuple):
+    """A kind of motion, of which each is a vector.
+
+    Attributes:
+        name: in words.
+        starts: (k, 3) or (k, 1) where fits begin: if the model is not smooth, small steps do not lead far.
+        step: of the finite differences: a forest's prediction is constant over smaller steps.
+        frame: the motion of a vector.
+        parameters: of a vector, for a report, with their units.
+    """
+
+    name: str
+    starts: Floats
+    step: float
+    frame: Callable[[Floats], Frame]
+    parameters: Callable[[Floats], Parameters]
+
+
+def _turn(name: str, *parts: str) -> MotionKind:
+    """Turns of some parts of a frame: vectors are rotation vectors (3,), rad."""
+
+    def frame(vector: Floats) -> Frame:
+        matrix = Rotation.from_rotvec(vector).as_matrix().tolist()
+        return Frame(**{**STILL, **dict.fromkeys(parts, matrix)})
+
+    def parameters(vector: Floats) -> Parameters:
+        angle = float(np.degrees(np.linalg.norm(vector)))
+        return {"angle": (angle, "deg"), **_by_axis("", np.degrees(vector), "deg")}
+
+    return MotionKind(name, TURNS, float(np.radians(2.0)), frame, parameters)
+
+
+def _by_axis(what: str, vector: Floats, unit: str) -> Parameters:
+    return {f"{what}{axis}": (float(value), unit) for axis, value in zip("xyz", vector, strict=True)}
+
+
+def _shifted(vector: Floats) -> Frame:
+    return Frame(**{**STILL, "position_translation": vector.tolist()})
+
+
+def _pushed(vector: Floats) -> Frame:
+    return Frame(**STILL, force_translation=vector.tolist())
+
+
+def _scaled(vector: Floats) -> Frame:
+    return Frame(**STILL, force_scale=max(1.0 + float(vector[0]), LEAST_SCALE))
+
+
+MOTION_KINDS: Final = (
+    _turn("forces turned", "force_rotation"),
+    _turn("positions turned", "position_rotation"),
+    MotionKind(
+        "positions shifted", NOTHING, 3e-4, _shifted, lambda vector: _by_axis("", vector * 1e3, "mm")
+    ),
+    _turn("both turned alike", "position_rotation", "force_rotation"),
+    # As by a force sensor's wrong zero, and by its wrong gain.
+    MotionKind("forces shifted", NOTHING, 0.1, _pushed, lambda vector: _by_axis("force ", vector, "N")),
+    MotionKind(
+        "forces scaled",
+        SCALES,
+        0.03,
+        _scaled,
+        lambda vector: {"force scale": (_scaled(vector).force_scale, "")},
+    ),
+)
+"""What moves: shifts are in m, or N for forces; a scale changes by its vector (1,)."""
+
+
+class Motion(NamedTuple):
+    """A motion of the inputs.
+
+    Attributes:
+        kind: what moves.
+        vector: (3,) or (1,), see `MOTION_KINDS`.
+        explained: what it takes off the squares of the fit part, see `Misfit`.
+    """
+
+    kind: MotionKind
+    vector: Floats
+    explained: float
+
+    @property
+    def frame(self) -> Frame:
+        """What moves the inputs."""
+        return self.kind.frame(self.vector)
+
+
+def fit_motion(observations: Observations, remaining: Remaining) -> Motion | None:
+    """The motion that explains most of the fit part's residual; None if none explains anything."""
+    rows = rows_of(remaining.fit)
+    every, few, scan = (Misfit(observations, remaining, rows[::step]) for step in (1, FEW, FEW * SCANNED))
+    rough: list[Motion] = []
+    for kind in MOTION_KINDS:
+        starts = kind.starts
+        if len(starts) > BEST_STARTS:
+            starts = starts[np.argsort(scan.of(scan.changes(kind, starts)))[:BEST_STARTS]]
+        near = [_gauss_newton(few, kind, start, ROUGH_STEPS) for start in starts]
+        rough.append(max(near, key=lambda motion: motion.explained))
+    most = max(motion.explained for motion in rough)
+    if most <= 0:
+        return None
+    found = [
+        _gauss_newton(every, motion.kind, motion.vector, STEPS)
+        for motion in rough
+        if motion.explained >= AS_GOOD * most
+    ]
+    return max(found, key=lambda motion: motion.explained)
 
 
 class Misfit:
@@ -127,10 +180,8 @@ class Misfit:
         energy: its sum of squares.
     """
 
-    def __init__(
-        self, observations: Observations, remaining: Remaining, kind: str, rows: NDArray[np.int64]
-    ) -> None:
-        self._observations, self._kind = observations, kind
+    def __init__(self, observations: Observations, remaining: Remaining, rows: NDArray[np.int64]) -> None:
+        self._observations = observations
         self._windows, self._still = observations.windows[rows], observations.predicted[rows]
         target = remaining.residual[rows]
         self._counted = np.sqrt(
@@ -140,12 +191,10 @@ class Misfit:
         self.target = self._without(target * self._counted)
         self.energy = float((self.target**2).sum())
 
-    def changes(self, vectors: Floats) -> Floats:
-        """(k, n, 21) the change by each motion (k, 3) or (k, 1), weighted as the target is."""
+    def changes(self, kind: MotionKind, vectors: Floats) -> Floats:
+        """(k, n, 21) the change by each motion (k, 3) or (k, 1) of a kind, weighted as the target is."""
         spec = self._observations.manifest.spec
-        turned = np.concatenate(
-            [turn_of(self._kind, vector).turn(self._windows, spec) for vector in vectors]
-        )
+        turned = np.concatenate([kind.frame(vector).turn(self._windows, spec) for vector in vectors])
         answers = predict_all(self._observations.model.predict, turned)
         return self.weighted(answers.reshape(len(vectors), *self._still.shape) - self._still)
 
@@ -178,16 +227,17 @@ def rows_of(fit: NDArray[np.bool_]) -> NDArray[np.int64]:
     return rows[np.linspace(0, len(rows) - 1, min(len(rows), FIT_ROWS)).astype(np.int64)]
 
 
-def _gauss_newton(misfit: Misfit, vector: Floats, step: float, steps: int) -> tuple[Floats, float]:
-    """The best motion (3,) or (1,) downhill from a start, by finite differences, and its misfit."""
-    change = misfit.changes(vector[None])[0]
+def _gauss_newton(misfit: Misfit, kind: MotionKind, vector: Floats, steps: int) -> Motion:
+    """The best motion downhill from a start (3,) or (1,), by finite differences."""
+    step = kind.step
+    change = misfit.changes(kind, vector[None])[0]
     least = float(misfit.of(change[None])[0])
     for _ in range(steps):
-        moved = misfit.changes(vector + np.eye(len(vector)) * step)
+        moved = misfit.changes(kind, vector + np.eye(len(vector)) * step)
         slopes = ((moved - change) / step).reshape(len(vector), -1).T
         towards = np.linalg.lstsq(slopes, (misfit.target - change).ravel(), rcond=None)[0]
         for shorter in (1.0, 0.5, 0.25):
-            tried = misfit.changes((vector + shorter * towards)[None])[0]
+            tried = misfit.changes(kind, (vector + shorter * towards)[None])[0]
             left = float(misfit.of(tried[None])[0])
             if left < least:
                 break
@@ -197,50 +247,4 @@ def _gauss_newton(misfit: Misfit, vector: Floats, step: float, steps: int) -> tu
         vector, change, least = vector + shorter * towards, tried, left
         if small or np.linalg.norm(shorter * towards) < 0.1 * step:
             break
-    return vector, least
-
-
-def turn_of(kind: str, vector: Floats) -> Frame:
-    """The motion of a rotation vector (3,) rad, of a shift (3,) m or N, or of a change of the scale (1,).
-
-    Args:
-        kind: what moves, one of `KINDS`.
-    """
-    turned = Rotation.from_rotvec(vector).as_matrix() if kind in TURNED else np.eye(3)
-    still = np.eye(3)
-    return Frame(
-        position_rotation=_rows(turned if kind in ("position", "both") else still),
-        position_translation=_triple((vector if kind == "shift" else np.zeros(3)).tolist()),
-        force_rotation=_rows(turned if kind in ("force", "both") else still),
-        force_translation=_triple((vector if kind == "zero" else np.zeros(3)).tolist()),
-        force_scale=max(1.0 + float(vector[0]), LEAST_SCALE) if kind == "scale" else 1.0,
-    )
-
-
-def after(second: Frame, first: Frame) -> Frame:
-    """The composition of two motions: the first, then the second."""
-    turned, force = (
-        np.array(getattr(second, name)) @ np.array(getattr(first, name))
-        for name in ("position_rotation", "force_rotation")
-    )
-    moved = np.array(second.position_rotation) @ np.array(first.position_translation)
-    moved += np.array(second.position_translation)
-    pushed = second.force_scale * np.array(second.force_rotation) @ np.array(first.force_translation)
-    pushed += np.array(second.force_translation)
-    return Frame(
-        position_rotation=_rows(turned),
-        position_translation=_triple(moved.tolist()),
-        force_rotation=_rows(force),
-        force_translation=_triple(pushed.tolist()),
-        force_scale=second.force_scale * first.force_scale,
-    )
-
-
-def _rows(matrix: Floats) -> Matrix:
-    first, second, third = matrix.tolist()
-    return (_triple(first), _triple(second), _triple(third))
-
-
-def _triple(values: list[float]) -> Vector:
-    x, y, z = values
-    return (x, y, z)
+    return Motion(kind, vector, misfit.energy - least)

@@ -154,17 +154,10 @@ class Bins:
         return left
 
     def of_basis(self, basis: Basis) -> Floats:
-        """(1 or 21, bins, k) means of a basis, which may be known for some of the rows only."""
-        if basis.rows is None:
-            values, starts = basis.at(self.order), self.starts
-        else:
-            place = np.full(int(max(self.order.max(), basis.rows.max())) + 1, -1)
-            place[basis.rows] = np.arange(len(basis.rows))
-            known = np.flatnonzero(place[self.order] >= 0)
-            values = basis.at(place[self.order[known]])
-            starts = np.minimum(np.searchsorted(known, self.starts), len(known) - 1)
-        counts = np.maximum(np.diff(starts, append=values.shape[1]), 1)
-        return np.asarray(np.add.reduceat(values, starts, axis=1) / counts[None, :, None])
+        """(1 or 21, bins, k) means of a basis."""
+        counts = np.diff(self.starts, append=len(self.order))
+        sums = np.add.reduceat(basis.at(self.order), self.starts, axis=1)
+        return np.asarray(sums / counts[None, :, None])
 
 
 class Whitening:

@@ -177,7 +177,8 @@ def test_a_lag_and_a_turned_frame_are_both_found(smooth: Any, make: Make) -> Non
     found = attributed(smooth, injection.recording)
     assert set(names(found)) == {"lag", "frame"}
     assert found.observations.shift_ticks == 5
-    assert found.observations.turn is not None
+    (frame,) = [one for one in found.named if one.name == "frame"]
+    assert frame.candidate.moves
     assert np.sqrt((found.residual**2).mean()) < 1.3 * 4.0
 
 
@@ -423,9 +424,7 @@ def test_creep_is_not_refined_beyond_what_the_contacts_show(observations: Observ
 def test_places_are_those_of_the_window_that_a_lag_chose(observations: Observations) -> None:
     (location,) = [one for one in candidates(observations) if one.label == "location"]
     remaining: Any = type("Remaining", (), {"fit": cut(observations, seed=0).fit})
-    late = observations.with_windows(
-        observations.windows[observations.rows_before(8)], turn=observations.turn, shift_ticks=8
-    )
+    late = observations.with_windows(observations.windows[observations.rows_before(8)], shift_ticks=8)
     (form,) = location.forms(observations, remaining)
     assert form.again is not None
     weights = np.ones((len(CHANNELS), form.basis.size))

@@ -67,20 +67,12 @@ def test_long_recordings_have_longer_bins() -> None:
     assert bins.seconds == pytest.approx(bins.rows_each / 100)
 
 
-def test_a_basis_is_binned_by_the_rows_it_is_known_for() -> None:
+def test_a_basis_is_binned_as_its_regressors_are() -> None:
     blocks = cut_into([40, 63, 95, 30])
     bins = Bins.of(blocks, BIN_S)
     values = np.random.default_rng(0).normal(size=(len(blocks.of_row), 21, 2)).astype(np.float32)
     whole = bins.of_basis(Own(values))
     np.testing.assert_allclose(whole, bins.means(values.transpose(1, 0, 2).astype(float)), atol=1e-6)
-    every = np.arange(len(values))
-    np.testing.assert_allclose(bins.of_basis(Own(values, every)), whole)
-    some = every[::3]
-    means = bins.of_basis(Own(values[some], some))
-    edges = [*bins.starts, len(bins.order)]
-    for number in range(len(bins)):
-        rows = np.intersect1d(bins.order[edges[number] : edges[number + 1]], some)
-        np.testing.assert_allclose(means[:, number], values[rows].mean(axis=0), atol=1e-6)
 
 
 def test_whitening_makes_the_covariance_of_blocks_of_any_length_the_identity() -> None:
