@@ -170,7 +170,9 @@ def test_effects_that_cannot_be_told_apart_are_a_graph(result: LoopResult, tmp_p
     both = (offset, drift.model_copy(update={"confounded_with": ("temperature", "gain")}))
     findings = result.findings.model_copy(update={"effects": both})
     assert not any(effect.confounded_with for effect in result.findings.effects)
-    graph = Picture("graph.png", "graph", draw_confounded(findings, tmp_path / "graph.png"))
+    figure, caption = draw_confounded(findings)
+    figure.savefig(tmp_path / "graph.png")
+    graph = Picture("graph.png", "graph", caption)
     assert (tmp_path / "graph.png").read_bytes().startswith(PNG)
     text = markdown(contents(Told(findings, result.new.extras, {"confounded": graph})))
     told = text.split("\n## What cannot be told apart\n")[1].split("\n## ")[0]
@@ -257,7 +259,7 @@ def test_an_effect_that_changes_nothing_here_has_a_picture(result: LoopResult, t
     named = next(one for one in result.attribution.named if one.name == "drift")
     partial = Partial.of(result, replace(named, contribution=np.zeros_like(named.contribution)))
     assert len(partial.channels) == 4
-    assert draw_effect(result, partial, tmp_path / "drift.png")
+    assert draw_effect(result, partial)[1]
 
 
 @pytest.mark.parametrize(
@@ -266,7 +268,8 @@ def test_an_effect_that_changes_nothing_here_has_a_picture(result: LoopResult, t
 def test_every_effect_can_be_drawn(result: LoopResult, name: str, tmp_path: Path) -> None:
     effect = next(one for one in candidates(result.observations) if one.label == name)
     partial = Partial.of(result, _named(result, effect))
-    caption = draw_effect(result, partial, tmp_path / "effect.png")
+    figure, caption = draw_effect(result, partial)
+    figure.savefig(tmp_path / "effect.png")
     assert (tmp_path / "effect.png").read_bytes().startswith(PNG)
     assert caption.endswith(".")
     for channel in partial.channels:
@@ -283,7 +286,8 @@ def test_a_wave_is_drawn_with_its_frequency_and_channels(result: LoopResult, tmp
     named = replace(_bare(result, wave), contribution=wave.basis.times(np.ones((len(CHANNELS), 1))))
     attribution = replace(result.attribution, residual=left - named.contribution)
     played = replace(result, attribution=attribution)
-    caption = draw_effect(played, Partial.of(played, named), tmp_path / "wave.png")
+    figure, caption = draw_effect(played, Partial.of(played, named))
+    figure.savefig(tmp_path / "wave.png")
     assert "in e3, e8, with and without the wave" in caption
     assert (tmp_path / "wave.png").read_bytes().startswith(PNG)
 
@@ -295,7 +299,8 @@ def test_offsets_of_contacts_are_drawn_with_what_a_calibration_brings(
     offsets = np.random.default_rng(0).normal(size=(int(observations.segment.max()) + 1, len(CHANNELS)))
     form = ContactOffset().form(9.0 * offsets[observations.segment], {0.5: 0.4, 1.0: 0.5})
     named = replace(_bare(result, form), contribution=9.0 * offsets[observations.segment])
-    caption = draw_effect(result, Partial.of(result, named), tmp_path / "contacts.png")
+    figure, caption = draw_effect(result, Partial.of(result, named))
+    figure.savefig(tmp_path / "contacts.png")
     assert "each contact's mean residual" in caption
     assert (tmp_path / "contacts.png").read_bytes().startswith(PNG)
 

@@ -1,25 +1,19 @@
 """Effects that cannot be told apart, as a graph."""
 
-from pathlib import Path
-
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Curve
 
 from taxel_models.loop.findings import Findings
-from taxel_models.loop.report.colours import AFTER, NOISE
+from taxel_models.loop.report.drawing import AFTER, NOISE, Drawing
 from taxel_models.loop.report.wording import percent
 
 _FREE = "told apart from all others"
 
 
-def draw_confounded(findings: Findings, path: Path) -> str:
-    """Named effects on the left, those that could stand in their place on the right.
-
-    Returns:
-        A caption.
-    """
+def draw_confounded(findings: Findings) -> Drawing:
+    """Named effects on the left, those that could stand in their place on the right."""
     rows = {effect.name: float(row) for row, effect in enumerate(findings.effects)}
     pairs = {
         tuple(sorted((effect.name, other))): (effect.name, other)
@@ -46,8 +40,7 @@ def draw_confounded(findings: Findings, path: Path) -> str:
     low = min([0.0, *others.values()])
     axes.set(xlim=(-0.65, 1.4), ylim=(max([*rows.values(), *others.values()]) + 0.6, min(low, 0.0) - 1.2))
     axes.axis("off")
-    figure.savefig(path, dpi=110, format="png")
-    return (
+    return figure, (
         "Filled: the effects that were named, the likeliest first. A line: the other effect would explain "
         "at least two thirds as much in its place on held-out folds, so that the recording cannot tell the "
         "two apart."

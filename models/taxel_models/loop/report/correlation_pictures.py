@@ -1,6 +1,5 @@
 """Correlations as pictures: of the residual with its past and with the inputs, and between parameters."""
 
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -8,7 +7,7 @@ from matplotlib.figure import Figure
 
 from taxel.channels import CHANNELS
 from taxel_models.loop.findings import Autocorrelation, CrossCorrelation, ParameterCorrelation
-from taxel_models.loop.report.colours import AFTER, BEFORE, NOISE
+from taxel_models.loop.report.drawing import AFTER, BEFORE, NOISE, Drawing
 
 _MOST_NAMED: Final = 40
 """More parameters get no names at the axes."""
@@ -19,12 +18,8 @@ _MOST_WRITTEN: Final = 12
 _COLUMNS: Final = 4
 
 
-def draw_autocorrelation(found: Autocorrelation, path: Path) -> str:
-    """The median channel, and where nine of ten channels lie.
-
-    Returns:
-        A caption.
-    """
+def draw_autocorrelation(found: Autocorrelation) -> Drawing:
+    """The median channel, and where nine of ten channels lie."""
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     axes = figure.subplots()
     for values, colour, label in ((found.before, BEFORE, "before"), (found.after, AFTER, "after")):
@@ -39,19 +34,14 @@ def draw_autocorrelation(found: Autocorrelation, path: Path) -> str:
     axes.set(xlabel="lag, s", ylabel="autocorrelation")
     axes.grid(alpha=0.3)
     axes.legend()
-    _save(figure, path)
-    return (
+    return figure, (
         "Autocorrelation of the residual on the evaluation part: the median channel, and where nine of ten "
         "channels lie. Were everything explained, it would lie in the grey band."
     )
 
 
-def draw_cross_correlation(found: tuple[CrossCorrelation, ...], path: Path) -> str:
-    """A panel an input, each with the channel that depends on it most before.
-
-    Returns:
-        A caption.
-    """
+def draw_cross_correlation(found: tuple[CrossCorrelation, ...]) -> Drawing:
+    """A panel an input, each with the channel that depends on it most before."""
     rows = -(-len(found) // _COLUMNS)
     figure = Figure(figsize=(11, 0.6 + 2.3 * rows), layout="constrained")
     panels = figure.subplots(rows, _COLUMNS, squeeze=False, sharex=True, sharey=True).ravel()
@@ -74,8 +64,7 @@ def draw_cross_correlation(found: tuple[CrossCorrelation, ...], path: Path) -> s
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower right", ncols=2)
     figure.supxlabel("lag of the input, s", fontsize="medium")
     figure.supylabel("correlation", fontsize="medium")
-    _save(figure, path)
-    return (
+    return figure, (
         "Correlation of the residual with each input so many seconds earlier, on the evaluation part, in "
         "the channel that depends on it most before. A residual that does not depend on the input stays in "
         "the band of its colour (99 %, by the scatter between blocks)."
@@ -95,12 +84,8 @@ def outside(values: dict[str, tuple[float, ...]], bands: dict[str, float]) -> li
     return [name for name in CHANNELS if max(map(abs, values[name])) > bands[name]]
 
 
-def draw_parameter_correlation(found: ParameterCorrelation, path: Path) -> str:
-    """The matrix as colours.
-
-    Returns:
-        A caption.
-    """
+def draw_parameter_correlation(found: ParameterCorrelation) -> Drawing:
+    """The matrix as colours."""
     matrix, count = np.array(found.matrix), len(found.parameters)
     side = min(9.0, 2.6 + 0.32 * count)
     figure = Figure(figsize=(side + 3.5, side + 2.0), layout="constrained")
@@ -118,13 +103,8 @@ def draw_parameter_correlation(found: ParameterCorrelation, path: Path) -> str:
             colour = "white" if abs(value) > 0.6 else "black"
             axes.text(column, row, f"{value:.2f}", ha="center", va="center", color=colour, fontsize="small")
     figure.colorbar(drawn, ax=axes, shrink=0.8, label="correlation")
-    _save(figure, path)
-    return (
+    return figure, (
         "Correlation of each two weights of the named effects, in the channel where it is largest. Near 1 "
         "or -1, the recording tells only a difference or a sum of the two. Time constants and turned "
         "inputs are not among them."
     )
-
-
-def _save(figure: Figure, path: Path) -> None:
-    figure.savefig(path, dpi=110, format="png")

@@ -1,7 +1,6 @@
 """A picture of each named effect: the residual against what drives it, before and after."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -19,7 +18,7 @@ from taxel_models.loop.effects.location import Location
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.inference.contact_offset import ContactOffset
 from taxel_models.loop.pipeline import LoopResult
-from taxel_models.loop.report.colours import AFTER, BEFORE, MEASURED
+from taxel_models.loop.report.drawing import AFTER, BEFORE, MEASURED, Drawing
 from taxel_models.loop.report.drivers import axis_of
 from taxel_models.loop.report.partial import Partial
 from taxel_models.loop.report.signature_pictures import draw_contact_offset, draw_interference
@@ -40,21 +39,17 @@ _OUTER: Final = (0.005, 0.995)
 _TRACE_ROWS: Final = 3000
 
 
-def draw_effect(result: LoopResult, partial: Partial, path: Path) -> str:
-    """Draw an effect in the way that shows it best.
-
-    Returns:
-        A caption.
-    """
+def draw_effect(result: LoopResult, partial: Partial) -> Drawing:
+    """Draw an effect in the way that shows it best."""
     if partial.named.name == ContactOffset.name:
-        return draw_contact_offset(result, partial, path)
+        return draw_contact_offset(result, partial)
     if partial.kind == Offset.name and not isinstance(partial.named.candidate.basis, Shared):
         # An offset of each contact has no mean to speak of.
-        return _against_driver(result, partial, path)
-    return _WAYS.get(partial.kind, _against_driver)(result, partial, path)
+        return _against_driver(result, partial)
+    return _WAYS.get(partial.kind, _against_driver)(result, partial)
 
 
-def _against_driver(result: LoopResult, partial: Partial, path: Path) -> str:
+def _against_driver(result: LoopResult, partial: Partial) -> Drawing:
     figure, panels = _panels(len(partial.channels))
     for panel, channel in zip(panels, partial.channels, strict=True):
         axis = axis_of(result, partial, channel)
@@ -69,8 +64,7 @@ def _against_driver(result: LoopResult, partial: Partial, path: Path) -> str:
         panel.grid(alpha=0.3)
     panels[0].set_ylabel("residual, counts")
     panels[0].legend()
-    _save(figure, path)
-    return (
+    return figure, (
         "Residual against what drives the effect: median and middle half of the evaluation part's rows, "
         "in the channels that it changes most. Before: what the other named effects leave. After, the "
         "line should be flat at 0."
@@ -104,7 +98,7 @@ def _quartiles(groups: list[Floats]) -> tuple[Floats, Floats, Floats]:
     return low, middle, high
 
 
-def _means(result: LoopResult, partial: Partial, path: Path) -> str:
+def _means(result: LoopResult, partial: Partial) -> Drawing:
     """A bar a channel: means over blocks with their 95 % intervals."""
     figure = Figure(figsize=(10, 3.8), layout="constrained")
     axes = figure.subplots()
@@ -122,14 +116,13 @@ def _means(result: LoopResult, partial: Partial, path: Path) -> str:
     axes.set_ylabel("mean residual, counts")
     axes.legend()
     axes.grid(axis="y", alpha=0.3)
-    _save(figure, path)
-    return (
+    return figure, (
         "Mean residual of each channel over the evaluation part's blocks, with 95 % intervals. Before: "
         "what the other named effects leave. After, the bars should vanish."
     )
 
 
-def _map(result: LoopResult, partial: Partial, path: Path) -> str:
+def _map(result: LoopResult, partial: Partial) -> Drawing:
     """Mean absolute residual over where the contact is, in the two directions in which it moves most."""
     touched = result.observations.pressed[partial.rows] > TOUCH_N
     position = result.observations.position[partial.rows][touched] * 1e3
@@ -152,15 +145,14 @@ def _map(result: LoopResult, partial: Partial, path: Path) -> str:
         panel.set_aspect("equal", adjustable="datalim")
     panels[0].set_ylabel(f"{'xyz'[up]} of the contact, mm")
     figure.colorbar(drawn, ax=panels, label="mean |residual| / SD of the channel")
-    _save(figure, path)
-    return (
+    return figure, (
         "Mean absolute residual over where the contact is, on the evaluation part, in "
         f"{', '.join(partial.channel_names)}. Before: what the other named effects leave. After, no place "
         "should stand out."
     )
 
 
-def _traces(result: LoopResult, partial: Partial, path: Path) -> str:
+def _traces(result: LoopResult, partial: Partial) -> Drawing:
     """Half a minute around where the fault first shows."""
     contribution, observations = partial.named.contribution, result.observations
     columns = _changed_most(contribution)
@@ -177,8 +169,7 @@ def _traces(result: LoopResult, partial: Partial, path: Path) -> str:
         panel.grid(alpha=0.3)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
     panels[-1].set_xlabel("seconds of rows, gaps left out")
-    _save(figure, path)
-    return "Channels with a fault where it first shows; shaded, where it acts."
+    return figure, "Channels with a fault where it first shows; shaded, where it acts."
 
 
 def _changed_most(contribution: Floats) -> NDArray[np.int64]:
@@ -197,11 +188,7 @@ def _panels(count: int, width: float = 3.1, height: float = 3.3) -> tuple[Figure
     return figure, list(figure.subplots(1, count, squeeze=False)[0])
 
 
-def _save(figure: Figure, path: Path) -> None:
-    figure.savefig(path, dpi=110, format="png")
-
-
-_WAYS: Final[dict[str, Callable[[LoopResult, Partial, Path], str]]] = {
+_WAYS: Final[dict[str, Callable[[LoopResult, Partial], Drawing]]] = {
     Offset.name: _means,
     Location.name: _map,
     Fault.name: _traces,

@@ -1,6 +1,5 @@
 """The errors of each channel before and after, and which share of the residual went where."""
 
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -8,18 +7,16 @@ from matplotlib.figure import Figure
 
 from taxel.channels import CHANNELS
 from taxel_models.loop.findings import Findings
-from taxel_models.loop.report.colours import AFTER, BEFORE, NOISE, STRUCTURE
+from taxel_models.loop.report.drawing import AFTER, BEFORE, NOISE, STRUCTURE, Drawing
 from taxel_models.loop.report.wording import percent
 
 
-def draw_channels(findings: Findings, noise: tuple[float, ...], path: Path) -> str:
+def draw_channels(findings: Findings, noise: tuple[float, ...]) -> Drawing:
     """A pair of bars a channel, and the error that its noise alone would leave.
 
     Args:
         noise: (21,) normalised MAE of each channel's noise.
 
-    Returns:
-        A caption.
     """
     figure = Figure(figsize=(10, 3.8), layout="constrained")
     axes = figure.subplots()
@@ -35,19 +32,14 @@ def draw_channels(findings: Findings, noise: tuple[float, ...], path: Path) -> s
     axes.set_ylabel("normalised MAE")
     axes.legend()
     axes.grid(axis="y", alpha=0.3)
-    figure.savefig(path, dpi=110, format="png")
-    return (
+    return figure, (
         "Normalised MAE of each channel on the evaluation part; the black line is what noise alone would "
         "leave."
     )
 
 
-def draw_waterfall(findings: Findings, path: Path) -> str:
-    """From the first residual's energy down to what is unexplained and what is noise.
-
-    Returns:
-        A caption.
-    """
+def draw_waterfall(findings: Findings) -> Drawing:
+    """From the first residual's energy down to what is unexplained and what is noise."""
     drawn = bars(findings)
     figure = Figure(figsize=(9, 1.1 + 0.45 * len(drawn)), layout="constrained")
     axes = figure.subplots()
@@ -62,8 +54,8 @@ def draw_waterfall(findings: Findings, path: Path) -> str:
     axes.xaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f} %")
     axes.set_xlabel("energy of the residual, mean over the channels")
     axes.grid(axis="x", alpha=0.3)
-    figure.savefig(path, dpi=110, format="png")
-    return "Where the residual's energy on the evaluation part goes, each effect beside those above it."
+    caption = "Where the residual's energy on the evaluation part goes, each effect beside those above it."
+    return figure, caption
 
 
 class Bar(NamedTuple):

@@ -17,7 +17,7 @@ DIR/effect-1-NAME.png …    the residual against each named effect's driver bef
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -34,6 +34,7 @@ from taxel_models.loop.report.correlation_pictures import (
     draw_parameter_correlation,
 )
 from taxel_models.loop.report.document import Picture
+from taxel_models.loop.report.drawing import Drawing
 from taxel_models.loop.report.effect_pictures import draw_effect
 from taxel_models.loop.report.error_pictures import draw_channels, draw_waterfall
 from taxel_models.loop.report.partial import Partial
@@ -64,53 +65,39 @@ def write_report(folder: Path, result: LoopResult) -> None:
 
 
 def _draw(result: LoopResult, place: Path) -> dict[str, Picture]:
-    """Every picture that these findings have a use for."""
-    pictures = {
-        key: Picture(f"{key}.png", title, draw(place / f"{key}.png"))
-        for key, title, draw in _drawings(result)
-    }
+    """Every picture that these findings have a use for, by its key, saved in a folder."""
+    pictures = {key: _saved(place / f"{key}.png", title, drawn) for key, title, drawn in _drawings(result)}
     named = {effect.name: effect for effect in result.attribution.named}
     for number, effect in enumerate(result.findings.effects, 1):
         file = f"effect-{number}-{re.sub('[^A-Za-z0-9]+', '-', effect.name)}.png"
-        partial = Partial.of(result, named[effect.name])
+        drawn = draw_effect(result, Partial.of(result, named[effect.name]))
         title = f"{effect.name}: residual before and after"
-        pictures[EFFECT + effect.name] = Picture(file, title, draw_effect(result, partial, place / file))
+        pictures[EFFECT + effect.name] = _saved(place / file, title, drawn)
     return pictures
 
 
-def _drawings(result: LoopResult) -> list[tuple[str, str, Callable[[Path], str]]]:
-    """Key, title, and what draws it and returns its caption."""
+def _saved(path: Path, title: str, drawn: Drawing) -> Picture:
+    figure, caption = drawn
+    figure.savefig(path, dpi=110, format="png")
+    return Picture(path.name, title, caption)
+
+
+def _drawings(result: LoopResult) -> Iterator[tuple[str, str, Drawing]]:
+    """Key, title and drawing of the pictures of all effects together."""
     findings = result.findings
-    found: list[tuple[str, str, Callable[[Path], str]]] = [
-        ("waterfall", "explained shares", lambda path: draw_waterfall(findings, path)),
-        ("traces", "traces of a typical and of the worst block", lambda path: draw_traces(result, path)),
-        ("session", "residual over the session", lambda path: draw_session(result, path)),
-        ("channels", "errors of each channel", lambda path: draw_channels(findings, _noise(result), path)),
-        ("residual", "spectrum of the residual", lambda path: draw_spectrum(result, path)),
-    ]
-    past, inputs, weights = (
-        findings.autocorrelation,
-        findings.cross_correlation,
-        findings.parameter_correlation,
-    )
-    if past is not None:
-        found.append(("autocorrelation", "autocorrelation", lambda path: draw_autocorrelation(past, path)))
-    if inputs:
-        found.append(
-            ("inputs", "correlation with the inputs", lambda path: draw_cross_correlation(inputs, path))
-        )
-    if weights is not None:
-        title = "correlations between parameters"
-        found.append(("parameters", title, lambda path: draw_parameter_correlation(weights, path)))
+    yield "waterfall", "explained shares", draw_waterfall(findings)
+    yield "traces", "traces of a typical and of the worst block", draw_traces(result)
+    yield "session", "residual over the session", draw_session(result)
+    yield "channels", "errors of each channel", draw_channels(findings, _noise(result))
+    yield "residual", "spectrum of the residual", draw_spectrum(result)
+    if findings.autocorrelation is not None:
+        yield "autocorrelation", "autocorrelation", draw_autocorrelation(findings.autocorrelation)
+    if findings.cross_correlation:
+        yield "inputs", "correlation with the inputs", draw_cross_correlation(findings.cross_correlation)
+    if (weights := findings.parameter_correlation) is not None:
+        yield "parameters", "correlations between parameters", draw_parameter_correlation(weights)
     if any(effect.confounded_with for effect in findings.effects):
-        found.append(
-            (
-                "confounded",
-                "effects that cannot be told apart",
-                lambda path: draw_confounded(findings, path),
-            )
-        )
-    return found
+        yield "confounded", "effects that cannot be told apart", draw_confounded(findings)
 
 
 def _noise(result: LoopResult) -> tuple[float, ...]:

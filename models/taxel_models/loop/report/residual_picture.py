@@ -1,6 +1,5 @@
 """The spectrum of the residual before and after."""
 
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -9,19 +8,15 @@ from matplotlib.figure import Figure
 from taxel.windows.history import TICK_S
 from taxel_models.loop.noise import NoiseFloor
 from taxel_models.loop.pipeline import LoopResult
-from taxel_models.loop.report.colours import AFTER, BEFORE, NOISE
+from taxel_models.loop.report.drawing import AFTER, BEFORE, NOISE, Drawing
 from taxel_models.loop.spectrum import power_density, stretches
 
 _LONGEST: Final = 1024
 """Rows of a piece: 10 s."""
 
 
-def draw_spectrum(result: LoopResult, path: Path) -> str:
-    """Draw the mean over the channels.
-
-    Returns:
-        A caption.
-    """
+def draw_spectrum(result: LoopResult) -> Drawing:
+    """Draw the mean over the channels."""
     observations, rows = result.observations, result.blocks.evaluation
     first = observations.residual
     energy = np.maximum((first[rows] ** 2).mean(axis=0), 1e-9)
@@ -43,8 +38,7 @@ def draw_spectrum(result: LoopResult, path: Path) -> str:
     axes.xaxis.set_major_formatter("{x:g}")
     axes.grid(alpha=0.3)
     axes.legend()
-    figure.savefig(path, dpi=110, format="png")
-    return (
+    return figure, (
         "Spectrum of the residual on the evaluation part, mean over the channels, before and after what "
         "was found. Were everything explained, it would lie on the noise. A constant offset does not show."
     )

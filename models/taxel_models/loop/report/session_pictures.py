@@ -1,6 +1,5 @@
 """The session as pictures: contacts as traces, and the residual of each channel over time."""
 
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -10,18 +9,14 @@ from taxel.channels import CHANNELS
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.pipeline import LoopResult
-from taxel_models.loop.report.colours import AFTER, BEFORE, MEASURED
+from taxel_models.loop.report.drawing import AFTER, BEFORE, MEASURED, Drawing
 
 _CHANNELS_SHOWN: Final = 3
 _MOST_RECORDINGS_MARKED: Final = 20
 
 
-def draw_traces(result: LoopResult, path: Path) -> str:
-    """Measured, predicted and corrected counts of a typical and of the worst held-out block.
-
-    Returns:
-        A caption.
-    """
+def draw_traces(result: LoopResult) -> Drawing:
+    """Measured, predicted and corrected counts of a typical and of the worst held-out block."""
     observations = result.observations
     scale = np.array(observations.manifest.normalisation.output_std)
     before = np.abs(observations.residual) / scale
@@ -49,8 +44,7 @@ def draw_traces(result: LoopResult, path: Path) -> str:
             panel.grid(alpha=0.3)
         column[-1].set_xlabel("s")
     figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
-    _save(figure, path)
-    return (
+    return figure, (
         "Measured, predicted and corrected counts of the typical held-out block (the median error after) "
         "and of the worst, in the three channels that are furthest off before."
     )
@@ -65,12 +59,8 @@ def _blocks(result: LoopResult, after: Floats) -> list[tuple[str, np.ndarray]]:
     return [("typical", rows[order[len(order) // 2]]), ("worst", rows[order[-1]])]
 
 
-def draw_session(result: LoopResult, path: Path) -> str:
-    """The size of each channel's residual in each block, before and, if anything is corrected, after.
-
-    Returns:
-        A caption.
-    """
+def draw_session(result: LoopResult) -> Drawing:
+    """The size of each channel's residual in each block, before and, if anything is corrected, after."""
     observations, blocks = result.observations, result.blocks
     scale = np.array(observations.manifest.normalisation.output_std)
     numbers = np.unique(blocks.of_row[blocks.of_row >= 0])
@@ -101,13 +91,8 @@ def draw_session(result: LoopResult, path: Path) -> str:
     panels[-1].set_xticks(ticks, [f"{observations.time_s[rows[tick][0]]:.0f}" for tick in ticks])
     panels[-1].set_xlabel("the block's time in its recording, s")
     figure.colorbar(drawn, ax=list(panels), label="root mean square of the residual / SD of the channel")
-    _save(figure, path)
-    return (
+    return figure, (
         "The size of each channel's residual over the session, block by block, with those that were fitted "
         "to. A channel that fails or ages is a row that turns dark; a disturbed moment is a dark column. A "
         "line stands between recordings."
     )
-
-
-def _save(figure: Figure, path: Path) -> None:
-    figure.savefig(path, dpi=110, format="png")

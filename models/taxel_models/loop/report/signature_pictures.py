@@ -1,6 +1,5 @@
 """Pictures of effects that no driver shows: interference by its line, contact offsets by their scatter."""
 
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -9,7 +8,7 @@ from matplotlib.figure import Figure
 from taxel.channels import CHANNELS
 from taxel_models.loop.inference.contact_offset import CALIBRATIONS_S, calibrated
 from taxel_models.loop.pipeline import LoopResult
-from taxel_models.loop.report.colours import AFTER, BEFORE, NOISE
+from taxel_models.loop.report.drawing import AFTER, BEFORE, NOISE, Drawing
 from taxel_models.loop.report.partial import Partial
 from taxel_models.loop.spectrum import power_density, stretches
 
@@ -17,7 +16,7 @@ _LONGEST: Final = 512
 """Rows of a piece of the spectrum: 5 s."""
 
 
-def draw_interference(result: LoopResult, partial: Partial, path: Path) -> str:
+def draw_interference(result: LoopResult, partial: Partial) -> Drawing:
     """The spectrum of the channels that have the wave, and its amplitude in each channel."""
     named, observations = partial.named, result.observations
     frequency = named.candidate.form_parameters["frequency"][0]
@@ -43,14 +42,13 @@ def draw_interference(result: LoopResult, partial: Partial, path: Path) -> str:
     right.set_xticks(range(len(CHANNELS)), CHANNELS, rotation=90)
     right.set(ylabel="amplitude, counts", title=f"the wave of {frequency:.2f} Hz")
     right.grid(axis="y", alpha=0.3)
-    _save(figure, path)
-    return (
+    return figure, (
         f"Left: the spectrum of the residual in {', '.join(CHANNELS[place] for place in channels)}, with "
         "and without the wave. Right: the wave's amplitude in each channel, harmonics included."
     )
 
 
-def draw_contact_offset(result: LoopResult, partial: Partial, path: Path) -> str:
+def draw_contact_offset(result: LoopResult, partial: Partial) -> Drawing:
     """How contacts scatter in each channel, and what a calibration of each would take off the error."""
     observations, blocks = result.observations, result.blocks
     left = result.attribution.residual + partial.named.contribution
@@ -88,13 +86,8 @@ def draw_contact_offset(result: LoopResult, partial: Partial, path: Path) -> str
     lower.legend()
     for axes in (upper, lower):
         axes.grid(axis="y", alpha=0.3)
-    _save(figure, path)
-    return (
+    return figure, (
         "Above: each contact's mean residual, with the other named effects taken out, beside the scatter "
         "inside contacts. Below: what goes of the squared error later in the contact if the mean of its "
         "first half second, or second, is taken off, on held-out folds of the fit part."
     )
-
-
-def _save(figure: Figure, path: Path) -> None:
-    figure.savefig(path, dpi=110, format="png")
