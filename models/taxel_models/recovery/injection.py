@@ -1,6 +1,6 @@
 """Injection: adds an effect of a given strength to a recording's measured channels."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Final
@@ -93,32 +93,16 @@ class Injection:
         scaled = {name: (np.asarray(values) * scale).tolist() for name, values in weights.items()}
         self.truth[-1].update({"parameters": {**parameters, **scaled}})
 
-    def add_nearest(
-        self, changes: Iterable[tuple[float, Callable[[], Recording]]], name: str, unit: str
-    ) -> None:
-        """Take of several changes the one nearest to the strength, for effects that do not scale."""
-        best: tuple[float, float, Recording] | None = None
-        for value, change in changes:
-            changed = change()
-            found = self.strength_of(changed.channels - self.recording.channels)
-            distance = abs(np.log(max(found, 1e-9) / self.strength))
-            if best is None or distance < best[0]:
-                best = distance, value, changed
-        if best is None:
-            raise SettingsError(f"no {name} to choose from")
-        self._put(best[2].channels - self.recording.channels)
-        self.truth[-1].update({"parameters": {name: best[1], "unit": unit}})
-
-    def move(self, position: Floats, force: Floats, **parameters: Any) -> None:
-        """Change the recorded inputs rather than the channels."""
+    def turn_forces(self, force: Floats, **parameters: Any) -> None:
+        """Change the recorded forces (n, 3), N, rather than the channels."""
         self._clear()
-        samples = replace(self.recording.samples, position=position, force=force)
+        samples = replace(self.recording.samples, force=force)
         self.recording = replace(self.recording, samples=samples)
         self.truth[-1].update({"parameters": parameters})
 
-    def replace_channels(self, recording: Recording, **parameters: Any) -> None:
-        """Take a recording whose channels were changed as they are."""
-        self._put(recording.channels - self.recording.channels)
+    def replace_channels(self, counts: Floats, **parameters: Any) -> None:
+        """Take other counts (n, 21), as they are."""
+        self._put(counts - self.recording.channels)
         self.truth[-1].update({"parameters": parameters})
 
     def begin(self, name: str, strength: float) -> None:

@@ -5,8 +5,6 @@ the benchmark tests the selection, not the equations.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -20,7 +18,6 @@ from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.location import farthest_points
 from taxel_models.loop.effects.registry import effect_named
 from taxel_models.loop.resting import are_raw
-from taxel_models.recordings import Recording
 from taxel_models.recordings.kinds import are_kinds
 from taxel_models.recovery.injection import Injection
 
@@ -118,11 +115,16 @@ def _lag(injection: Injection) -> None:
     for segment in recording.segments:
         first[segment] = segment.start
 
-    def trailing(ticks: int) -> Recording:
-        return replace(recording, channels=recording.channels[np.maximum(rows - ticks, first)])
+    def trailing(ticks: int) -> Floats:
+        return recording.channels[np.maximum(rows - ticks, first)]
 
-    lags = range(1, MOST_LAG_TICKS + 1)
-    injection.add_nearest(((ticks * TICK_S, partial(trailing, ticks)) for ticks in lags), "lag", "s")
+    def apart(ticks: int) -> float:
+        found = injection.strength_of(trailing(ticks) - recording.channels)
+        return float(abs(np.log(max(found, 1e-9) / injection.strength)))
+
+    # A delay does not scale.
+    nearest = min(range(1, MOST_LAG_TICKS + 1), key=apart)
+    injection.replace_channels(trailing(nearest), lag=nearest * TICK_S, unit="s")
 
 
 def _frame(injection: Injection) -> None:
@@ -131,7 +133,7 @@ def _frame(injection: Injection) -> None:
     axis /= np.linalg.norm(axis)
     angle = _angle(injection, axis)
     force = Rotation.from_rotvec(axis * np.radians(angle)).apply(samples.force)
-    injection.move(samples.position, force, angle=angle, unit="deg")
+    injection.turn_forces(force, angle=angle, unit="deg")
 
 
 def _angle(injection: Injection, axis: Floats) -> float:
@@ -197,8 +199,7 @@ def _fault(injection: Injection) -> None:
     if kind != "dead":
         value = float(counts[int(injection.random.integers(len(counts))), channel])
     counts[rows, channel] = value
-    changed = replace(injection.recording, channels=counts)
-    injection.replace_channels(changed, channel=CHANNELS[channel], kind=kind)
+    injection.replace_channels(counts, channel=CHANNELS[channel], kind=kind)
 
 
 def _interference(injection: Injection) -> None:

@@ -5,13 +5,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
 from taxel_models.recovery.rounds import NONE, POWER_EDGES, UNEXPLAINED, Rate, Summary, range_name
-
-mpl.use("Agg")
 
 CONFUSION: Final = "confusion.png"
 POWER: Final = "power.png"

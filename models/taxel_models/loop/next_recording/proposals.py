@@ -12,7 +12,7 @@ from taxel_models.loop.attribution import Named
 from taxel_models.loop.effects.temperature import TDC
 from taxel_models.loop.findings import NextRecording
 from taxel_models.loop.next_recording.fitted import Fitted, fitted_in_place
-from taxel_models.loop.next_recording.rehearsal import Rehearsal, Stage, rehearse
+from taxel_models.loop.next_recording.rehearsal import SIMULATED, Stage, rehearse
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.pipeline import LoopResult
 from taxel_models.recordings.kinds import are_kinds
@@ -48,7 +48,7 @@ def propose(result: LoopResult, *, progress: Callable[[str], None] | None = None
         result.reference,
         result.constants,
     )
-    proposals = []
+    proposals: list[NextRecording] = []
     for named, name in list(_pairs(attribution.named))[:MOST_PAIRS]:
         if progress is not None:
             progress(f"what would tell {named.name} from {name}")
@@ -56,9 +56,9 @@ def propose(result: LoopResult, *, progress: Callable[[str], None] | None = None
             result.observations, result.blocks, attribution, named, name, stage.reference, stage.constants
         )
         if other is not None:
-            proposals.append(_proposal(stage, Fitted.of(named), other))
-    numbered = tuple(_with_file(one, number) for number, one in enumerate(proposals, 1))
-    return replace(result, findings=result.findings.model_copy(update={"next_recordings": numbered}))
+            proposals.append(_proposal(stage, Fitted.of(named), other, len(proposals) + 1))
+    findings = result.findings.model_copy(update={"next_recordings": tuple(proposals)})
+    return replace(result, findings=findings)
 
 
 def _pairs(named: tuple[Named, ...]) -> Iterator[tuple[Named, str]]:
@@ -72,26 +72,28 @@ def _pairs(named: tuple[Named, ...]) -> Iterator[tuple[Named, str]]:
                 yield one, name
 
 
-def _proposal(stage: Stage, first: Fitted, second: Fitted) -> NextRecording:
-    best: tuple[RecordingProtocol, Rehearsal] | None = None
+def _proposal(stage: Stage, first: Fitted, second: Fitted, number: int) -> NextRecording:
+    best: tuple[RecordingProtocol, int] | None = None
     known = first.foretells and second.foretells
     for protocol in _protocols(stage.observations, first, second) if known else []:
-        must_exceed = FEWEST_RIGHT - 1 if best is None else best[1].right
-        found = rehearse(stage, protocol, (first, second), must_exceed=must_exceed, seed=0)
+        must_exceed = FEWEST_RIGHT - 1 if best is None else best[1]
+        found = rehearse(stage, protocol, (first, second), must_exceed=must_exceed)
         if found is not None:
             best = protocol, found
-        if best is not None and best[1].right == best[1].simulated:
+        if best is not None and best[1] == SIMULATED:
             break
     causes = (first.name, second.name)
     if best is None:
         return NextRecording(causes=causes, can_be_simulated=known)
-    protocol, found = best
+    protocol, right = best
+    names = "-".join(re.sub("[^A-Za-z0-9]+", "-", cause) for cause in causes)
     return NextRecording(
         causes=causes,
         protocol=protocol,
+        file=f"next-{number}-{names}.json",
         duration_s=protocol.duration_s,
-        simulated=found.simulated,
-        right=found.right,
+        simulated=SIMULATED,
+        right=right,
     )
 
 
@@ -111,14 +113,6 @@ def _protocols(observations: Observations, *causes: Fitted) -> list[RecordingPro
         protocols.append(in_turn(force, column, values.tolist()))
     tdc = observations.covariates.get(TDC)
     if tdc is not None:
-        warm_s = round(on_for(float(tdc.mean())))
-        as_warm = {"on_for_s": float(warm_s)}
-        protocols = [one.model_copy(update=as_warm) for one in protocols]
+        warm_s = float(round(on_for(float(tdc.mean()))))
+        protocols = [one.model_copy(update={"on_for_s": warm_s}) for one in protocols]
     return sorted(protocols, key=lambda protocol: protocol.duration_s)
-
-
-def _with_file(proposal: NextRecording, number: int) -> NextRecording:
-    if proposal.protocol is None:
-        return proposal
-    causes = "-".join(re.sub("[^A-Za-z0-9]+", "-", cause) for cause in proposal.causes)
-    return proposal.model_copy(update={"file": f"next-{number}-{causes}.json"})

@@ -20,7 +20,6 @@ from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.next_recording.fitted import Fitted
 from taxel_models.loop.observations import Observations, gather
-from taxel_models.model import Model
 from taxel_models.recordings import Recording
 from taxel_models.twin import perform
 from taxel_models.twin.protocol import RecordingProtocol
@@ -28,6 +27,8 @@ from taxel_models.twin.temperature import core_celsius, on_for, tdc_counts
 
 DRAWS: Final = 5
 """Simulated recordings with each of the two causes."""
+
+SIMULATED: Final = 2 * DRAWS
 
 
 @dataclass(frozen=True)
@@ -47,11 +48,6 @@ class Stage:
     left: Floats
     reference: HeldOutResidual | None
     constants: Constants
-
-    @property
-    def model(self) -> Model:
-        """That is compared with measurements."""
-        return self.observations.model
 
     def reference_for(self, causes: Sequence[Fitted]) -> HeldOutResidual | None:
         """The reference, with its correlated channels only if a cause changes few channels.
@@ -92,35 +88,25 @@ class Stage:
         return replace(recording, samples=replace(samples, position=positions, force=force))
 
 
-@dataclass(frozen=True)
-class Rehearsal:
-    """How the loop decided on simulated recordings.
-
-    Attributes:
-        simulated: how many there were.
-        right: in how many the loop named the cause that was there and took it for the only explanation.
-    """
-
-    simulated: int
-    right: int
-
-
 def rehearse(
-    stage: Stage, protocol: RecordingProtocol, causes: Sequence[Fitted], *, must_exceed: int, seed: int
-) -> Rehearsal | None:
+    stage: Stage, protocol: RecordingProtocol, causes: tuple[Fitted, Fitted], *, must_exceed: int
+) -> int | None:
     """Simulate recordings of a protocol, each with one of two causes, and let the loop decide.
 
     The effects that compete are these two and a constant.
 
     Args:
-        must_exceed: with no more right decisions than these it gives up, and the answer is None.
-        seed: of the contacts and of the noise.
+        must_exceed: with no more right decisions than these it gives up.
+
+    Returns:
+        In how many of them the loop named the cause that was there and took it for the only explanation;
+        None if it gave up.
     """
-    random = np.random.default_rng(seed)
-    right, left = 0, DRAWS * len(causes)
+    random = np.random.default_rng(0)
+    right, left = 0, SIMULATED
     for _ in range(DRAWS):
         recording = stage.placed(perform(protocol, int(random.integers(1 << 31))))
-        observations = gather(stage.model, [recording], withheld=stage.observations.withheld)
+        observations = gather(stage.observations.model, [recording], withheld=stage.observations.withheld)
         blocks = cut(observations, seed=0)
         for cause in causes:
             counts = cause.counts(observations) + stage.noise(len(observations), random)
@@ -131,7 +117,7 @@ def rehearse(
             left -= 1
             if right + left <= must_exceed:
                 return None
-    return Rehearsal(DRAWS * len(causes), right)
+    return right
 
 
 def _found(

@@ -199,9 +199,6 @@ def _confounding(told: Told) -> list[Block]:
 
 def _next_recordings(told: Told) -> list[Block]:
     findings = told.findings
-    proposals = [one for one in findings.next_recordings if one.protocol is not None]
-    if not proposals:
-        return []
     rows = tuple(
         (
             listed(one.causes),
@@ -211,9 +208,11 @@ def _next_recordings(told: Told) -> list[Block]:
             f"{one.right} of {one.simulated}",
             one.file,
         )
-        for one in proposals
+        for one in findings.next_recordings
         if one.protocol is not None
     )
+    if not rows:
+        return []
     text = (
         "Each protocol was simulated with either cause as it was fitted, and with noise drawn from what is "
         "left here. Of the protocols with the most right decisions, the shortest is shown. Only these two "
