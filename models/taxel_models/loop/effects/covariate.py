@@ -131,8 +131,8 @@ class Covariate(Effect):
 
     def _are(self, observations: Observations, kinds: Floats) -> list[Driver]:
         values = observations.covariates[self.column]
-        return [self._is(values, kind) for kind in kinds]
-
-    def _is(self, values: np.ndarray[tuple[int], np.dtype[np.float64]], kind: float) -> Driver:
-        extra = kind_extra(self.column, values, kind)
-        return Driver(extra.name, (values == kind).astype(np.float64), extra)
+        extras = [kind_extra(self.column, values, kind) for kind in kinds]
+        return [
+            Driver(extra.name, (values == kind).astype(np.float64), extra)
+            for extra, kind in zip(extras, kinds, strict=True)
+        ]

@@ -166,6 +166,7 @@ class Fault(Effect):
             yield self._repeating(repeated, observations)
 
     def _crossed(self, holds: NDArray[np.int64], observations: Observations) -> Candidate:
+        """It is only reported: what is wrong is the order of the channels, which belongs in no model."""
         change = observations.predicted[:, holds] - observations.predicted
         pairs = [
             f"{name} holds {CHANNELS[other]}"
@@ -177,8 +178,6 @@ class Fault(Effect):
             f"{CROSSED}: {', '.join(pairs)}",
             Own(change[:, :, None].astype(np.float32)),
             fitting=Fitting(fixed=True, beforehand=len(pairs)),
-            # What is wrong is the order of the channels, which belongs in no model.
-            online=lambda _: Online(),
             certain=len(pairs) <= FEW_CROSSED,
             again=lambda other: self._crossed(holds, other),
         )
@@ -191,7 +190,6 @@ class Fault(Effect):
             Own(change[:, :, None].astype(np.float32)),
             fitting=Fitting(fixed=True),
             form_parameters={"rows affected": (float(repeated.mean()), "share")},
-            online=lambda _: Online(),
             certain=True,
             again=lambda other: self._repeating(repeated, other),
         )

@@ -12,7 +12,7 @@ from taxel.held_out_residual import OwnWave
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.blocks import GUARD_ROWS
-from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
+from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Remaining
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.spectral_lines import (
     LOBE,
@@ -130,7 +130,6 @@ class Interference(Effect):
                 Own(wave[:, :, None].astype(np.float32)),
                 fitting=Fitting(fixed=True),
                 form_parameters={"frequency": (frequency, "Hz")},
-                online=lambda _: Online(),
                 certain=True,
                 again=lambda _: candidate(),
             )

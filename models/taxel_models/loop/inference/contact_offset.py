@@ -16,7 +16,7 @@ from taxel.channels import CHANNELS
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.blocks import Blocks
-from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
+from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Remaining
 from taxel_models.loop.inference.evidence import HeldOut, Weighed, mean_odds
 from taxel_models.loop.inference.forms import WhitenedForm, prepared
 from taxel_models.loop.inference.whitening import Bins, Whitening
@@ -111,7 +111,6 @@ class ContactOffset(Effect):
             fitting=Fitting(fixed=True),
             weight_names=("share of the offset",),
             weight_units=("relative",),
-            online=lambda _: Online(),
             again=lambda _: self.form(offsets, removed),
         )
 
