@@ -1,13 +1,12 @@
 """What an ONNX file may not hold, seen before anything of it is computed."""
 
-from collections.abc import Iterable, Iterator
-from itertools import chain
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 import onnx
-from google.protobuf.message import DecodeError
-from onnx import AttributeProto, GraphProto, NodeProto, TensorProto
+from google.protobuf.message import DecodeError, Message
+from onnx import NodeProto, TensorProto
 
 from taxel.errors import ArtifactError
 
@@ -25,49 +24,21 @@ def check_graph(path: Path) -> None:
         model = onnx.load(path, load_external_data=False)
     except (DecodeError, OSError) as error:
         raise ArtifactError(f"{path}: no ONNX file: {error}") from None
-    nodes = chain(_nodes(model.graph), *(_nodes_below(function.node) for function in model.functions))
-    for node in nodes:
-        if node.op_type in LOOPS:
-            raise ArtifactError(f"{path}: node {node.name!r} is a {node.op_type}: expected no loops")
-        for attribute in node.attribute:
-            _check_inside(path, (attribute.t, attribute.sparse_tensor.values, *attribute.tensors))
-    for graph in _graphs(model.graph):
-        _check_inside(path, graph.initializer)
-        _check_inside(path, (sparse.values for sparse in graph.sparse_initializer))
-
-
-def _check_inside(path: Path, tensors: Iterable[TensorProto]) -> None:
-    for tensor in tensors:
-        if tensor.data_location == TensorProto.EXTERNAL or tensor.external_data:
+    for part in _parts(model):
+        if isinstance(part, NodeProto) and part.op_type in LOOPS:
+            raise ArtifactError(f"{path}: node {part.name!r} is a {part.op_type}: expected no loops")
+        if isinstance(part, TensorProto) and (
+            part.data_location == TensorProto.EXTERNAL or part.external_data
+        ):
             raise ArtifactError(
-                f"{path}: tensor {tensor.name!r} lies in another file: expected it in this one"
+                f"{path}: tensor {part.name!r} lies in another file: expected it in this one"
             )
 
 
-def _graphs(graph: GraphProto) -> Iterator[GraphProto]:
-    """A graph and those inside its nodes."""
-    waiting = [graph]
-    while waiting:
-        current = waiting.pop()
-        yield current
-        for node in current.node:
-            waiting.extend(_inside(node))
-
-
-def _inside(node: NodeProto) -> Iterator[GraphProto]:
-    for attribute in node.attribute:
-        if attribute.type == AttributeProto.GRAPH:
-            yield attribute.g
-        yield from attribute.graphs
-
-
-def _nodes(graph: GraphProto) -> Iterator[NodeProto]:
-    for each in _graphs(graph):
-        yield from each.node
-
-
-def _nodes_below(nodes: Iterable[NodeProto]) -> Iterator[NodeProto]:
-    for node in nodes:
-        yield node
-        for graph in _inside(node):
-            yield from _nodes(graph)
+def _parts(message: Message) -> Iterator[Message]:
+    """All messages in a message, at any depth: the parser allows only so many."""
+    for field, value in message.ListFields():
+        if field.message_type is not None:
+            for part in (value,) if isinstance(value, Message) else value:
+                yield part
+                yield from _parts(part)
