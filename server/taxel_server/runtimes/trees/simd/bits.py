@@ -3,6 +3,7 @@
 All operations run on any processor. Addresses are plain integers: nothing checks bounds.
 """
 
+from functools import reduce
 from typing import Any, Final
 
 from llvmlite import ir
@@ -52,8 +53,8 @@ def number(_context: Any, _sets: Any, literal_count: Any, literal_lanes: Any) ->
         sets = [builder.load(place, align=8, typ=kind) for place in places]
         found = []
         for _ in range(bits):
-            found.append(_union(builder, sets[1::2]))
-            sets = [_union(builder, sets[at : at + 2]) for at in range(0, len(sets), 2)]
+            found.append(reduce(builder.or_, sets[1::2]))
+            sets = [reduce(builder.or_, sets[at : at + 2]) for at in range(0, len(sets), 2)]
         return context.make_tuple(builder, signature.return_type, (*found, *sets))
 
     return types.UniTuple(vector, bits + 1)(types.intp, literal_count, literal_lanes), generate
@@ -83,13 +84,6 @@ def put_numbers(_context: Any, bits: Any, _exits: Any, _places: Any, literal_tre
         return context.get_dummy_value()
 
     return types.void(bits, types.intp, types.intp, literal_trees), generate
-
-
-def _union(builder: ir.IRBuilder, sets: list[ir.Value]) -> ir.Value:
-    first, *others = sets
-    for other in others:
-        first = builder.or_(first, other)
-    return first
 
 
 def _transpose(builder: ir.IRBuilder, vectors: list[ir.Value]) -> list[ir.Value]:

@@ -4,6 +4,7 @@ An instruction that the processor does not have would end the process, so each i
 features that code is generated for. Without byte shuffles (`can_look_up`), only `gather` works.
 """
 
+from functools import reduce
 from typing import Any, Final
 
 from llvmlite import ir
@@ -178,7 +179,7 @@ def _permute_by_shuffles(builder: ir.IRBuilder, table: ir.Value, size: int, plac
         entries = _load_bytes(builder, table, first, _BYTES_IN_A_SHUFFLE)
         everywhere = take(builder, entries, [lane % _BYTES_IN_A_SHUFFLE for lane in range(width)])
         found.append(builder.call(function, [everywhere, inside]))
-    return _union(builder, found)
+    return reduce(builder.or_, found)  # where one has found an entry, the others are 0
 
 
 def _permute_by_neon_tables(
@@ -195,7 +196,7 @@ def _permute_by_neon_tables(
         function = declare(builder, name, places.type, [places.type] * (len(entries) + 1))
         inside = builder.sub(places, _constant(first, 16)) if first else places
         found.append(builder.call(function, [*entries, inside]))
-    return _union(builder, found)
+    return reduce(builder.or_, found)  # where one has found an entry, the others are 0
 
 
 def _permute_by_wide_table(builder: ir.IRBuilder, table: ir.Value, size: int, places: ir.Value) -> ir.Value:
@@ -211,28 +212,9 @@ def _permute_by_wide_table(builder: ir.IRBuilder, table: ir.Value, size: int, pl
         low = _load_bytes(builder, table, first, 64)
         high = _load_bytes(builder, table, first + 64, 64)
         found.append(builder.call(function, [low, places, high]))
-    return _choose(builder, found, places, bit=7)
-
-
-def _choose(builder: ir.IRBuilder, found: list[ir.Value], places: ir.Value, bit: int) -> ir.Value:
-    """Halves the candidates by one bit of the places after another, the lowest first."""
-    while len(found) > 1:
-        shifted = builder.shl(places, _constant(7 - bit, places.type.count))
-        upper = builder.icmp_signed("<", shifted, _constant(0, places.type.count))
-        last = found[len(found) // 2 * 2 :]
-        found = [
-            builder.select(upper, high, low) for low, high in zip(found[::2], found[1::2], strict=False)
-        ]
-        found += last
-        bit += 1
-    return found[0]
-
-
-def _union(builder: ir.IRBuilder, found: list[ir.Value]) -> ir.Value:
-    """What was found where it was found: each of the others is 0."""
-    while len(found) > 1:
-        found = [builder.or_(found[0], found[1]), *found[2:]]
-    return found[0]
+    # A table of 256 has two halves, and the places' highest bit tells which. One of 128 has only one.
+    upper = builder.icmp_signed("<", places, _constant(0, 64))
+    return builder.select(upper, found[-1], found[0])
 
 
 def _unpack(builder: ir.IRBuilder, left: ir.Value, right: ir.Value, size: int) -> list[ir.Value]:
