@@ -28,6 +28,15 @@ def limit_arenas() -> None:
             library.mallopt(_ARENA_MAX, _ARENAS)
 
 
+def give_back() -> None:
+    """Give the allocator's free pages back, where it is glibc, which keeps them by itself.
+
+    It takes milliseconds.
+    """
+    if sys.platform == "linux" and hasattr(library := ctypes.CDLL(None), "malloc_trim"):
+        library.malloc_trim(0)
+
+
 class FreeMemory:
     """Notes what was handled; gives free memory back when it is idle after much work."""
 
@@ -47,11 +56,6 @@ class FreeMemory:
         return _IDLE_S if self._handled > self.MUCH_BYTES else None
 
     def release(self) -> None:
-        """Give the allocator's free pages back, where it is glibc.
-
-        After a flood, these pages lie between small blocks that are in use. glibc keeps them by itself. The
-        call takes milliseconds.
-        """
+        """Give back the pages that lie, after a flood, between small blocks that are in use."""
         self._handled = 0
-        if sys.platform == "linux" and hasattr(library := ctypes.CDLL(None), "malloc_trim"):
-            library.malloc_trim(0)
+        give_back()

@@ -27,9 +27,9 @@ def _features() -> frozenset[str]:
     return frozenset(name for name, has in found.items() if has and (avx or not name.startswith("avx")))
 
 
-def processor_has(*features: str) -> bool:
-    """Whether code is generated for a processor with all these features, in LLVM's names."""
-    return _features().issuperset(features)
+def processor_has(feature: str) -> bool:
+    """Whether code is generated for a processor with a feature, in LLVM's names."""
+    return feature in _features()
 
 
 def instruction_set() -> str:

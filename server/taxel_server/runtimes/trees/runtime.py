@@ -1,7 +1,5 @@
 """Evaluates the forest of one artifact."""
 
-import ctypes
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
@@ -12,6 +10,7 @@ from numpy.typing import NDArray
 
 from taxel.errors import ArtifactError
 from taxel.manifest import Normalisation
+from taxel_server import memory
 from taxel_server.runtimes.compiled.compiling import announce
 from taxel_server.runtimes.compiled.processor import instruction_set
 from taxel_server.runtimes.evaluator_info import EvaluatorInfo
@@ -58,7 +57,7 @@ class TreesRuntime:
         self._autotuned = Autotuned.of(forest, Scales.of(normalisation))
         self._cheapest = self._autotuned.cheapest
         del forest
-        _give_memory_back()
+        memory.give_back()  # what reading and layout took
         self._threads = threads
         self._pool = _pool_of(threads)
 
@@ -107,11 +106,3 @@ class TreesRuntime:
 
 def _pool_of(threads: int) -> ThreadPoolExecutor | None:
     return ThreadPoolExecutor(threads - 1, "trees") if threads > 1 else None
-
-
-def _give_memory_back() -> None:
-    """Gives back the memory that reading and layout took: glibc keeps it until it is asked."""
-    if sys.platform == "linux":
-        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
-        if trim is not None:
-            trim(0)
