@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from taxel.errors import ArtifactError
-from taxel_server.runtimes.trees.reading.xgboost_json import nearest, read_forest
+from taxel_server.runtimes.trees.reading.xgboost_json import read_forest
 
 STUMP = (0, 0.25, True, (1.5,), (-2.5,))
 Model = Callable[..., dict[str, Any]]
@@ -172,4 +172,3 @@ def test_floats_written_in_any_way_are_read_exactly(
 )
 def test_a_decimal_is_rounded_once(model: Model, tmp_path: Path, token: str, expected: float) -> None:
     assert _leaves(model, tmp_path, ["1.5", token])[1] == np.float32(expected)
-    assert nearest(token) == np.float32(expected)

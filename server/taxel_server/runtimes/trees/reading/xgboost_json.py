@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -25,12 +25,7 @@ _BEYOND_FLOAT32: Final = {b"Infinity": b"1e39", b"-Infinity": b"-1e39", b"NaN": 
 
 _MOST_OUTPUTS: Final = 4096
 
-_TINY: Final = 2.0**-126
-"""The least normal float32. Below it, neighbours are further apart for their size."""
-
 _NUMBERS: Final = msgspec.json.Decoder(list[float])
-
-_Content = TypeVar("_Content")
 
 
 def read_forest(path: Path) -> Forest:
@@ -47,7 +42,7 @@ def read_forest(path: Path) -> Forest:
     if b"Infinity" in text or b"NaN" in text:
         text = _NOT_JSON.sub(lambda found: _BEYOND_FLOAT32[found[0]], text)
     try:
-        learner = _decoded(text, Model).learner
+        learner = _decoded(text).learner
         model, param = learner.gradient_booster.model, learner.learner_model_param
         base_score = _base_score(param)
         outputs = np.array(model.tree_info, dtype=np.int32)
@@ -57,9 +52,9 @@ def read_forest(path: Path) -> Forest:
         raise ArtifactError(f"{path}: {error}") from error
 
 
-def _decoded(text: bytes, kind: type[_Content]) -> _Content:
+def _decoded(text: bytes) -> Model:
     try:
-        return msgspec.json.decode(text, type=kind)
+        return msgspec.json.decode(text, type=Model)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise ArtifactError(_unsupported_part(text) or str(error)) from error
 
@@ -126,34 +121,21 @@ def _rounded(
 ) -> NDArray[np.float32]:
     """The decimals of the trees' `split_conditions`, rounded once to float32, from their float64.
 
-    A float64 has 29 bits more than a float32. If it lies in the middle of two float32, its own rounding may
-    have hidden on which side the decimal is. Only then the decimal itself is compared.
+    If a float64 lies in the middle of two float32, its own rounding may have hidden on which side the
+    decimal is. Only then the decimal itself is compared.
     """
-    with np.errstate(over="ignore", under="ignore"):
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         result = values.astype(np.float32)
-    middle = (values.view(np.int64) & (2**29 - 1)) == 2**28
-    tiny = (values != 0) & (np.abs(values) < _TINY)
+        beyond = np.where(values > result, np.float32(np.inf), np.float32(-np.inf))
+        middle = values - result == np.nextafter(result, beyond) - values
     starts = np.cumsum([0, *sizes])
-    for node in np.flatnonzero(middle | tiny).tolist():
+    for node in np.flatnonzero(middle).tolist():
         tree = int(np.searchsorted(starts, node, side="right")) - 1
         decimals = bytes(trees[tree].split_conditions).strip(b" \t\r\n[]").split(b",")
-        result[node] = nearest(decimals[node - int(starts[tree])].decode())
+        hidden = Fraction(decimals[node - int(starts[tree])].decode()) - Fraction(values[node])
+        if hidden:
+            result[node] = np.nextafter(values[node], np.inf if hidden > 0 else -np.inf)
     return result
-
-
-def nearest(decimal: str) -> np.float32:
-    """The float32 nearest to a finite decimal, ties to even. Over a float64 it would be rounded twice."""
-    with np.errstate(over="ignore", under="ignore"):
-        guess = np.float32(float(decimal))
-        near = [guess, *(np.nextafter(guess, np.float32(side)) for side in (-np.inf, np.inf))]
-    if not np.isfinite(guess):
-        return guess
-    exact = Fraction(decimal.strip())
-
-    def distance(value: Any) -> tuple[Fraction, int]:
-        return abs(Fraction(float(value)) - exact), int(value.view(np.int32)) & 1
-
-    return min((value for value in near if np.isfinite(value)), key=distance)
 
 
 def _base_score(param: LearnerParam) -> NDArray[np.float32]:
