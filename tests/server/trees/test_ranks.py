@@ -31,7 +31,7 @@ def columns_of(lengths: list[int], generator: np.random.Generator) -> Columns:
         start=np.cumsum([0, *map(len, cuts)]),
         cuts=np.concatenate([np.empty(0, np.float32), *cuts]),
     )
-    return Columns(8, laid_out, column=np.empty(0, np.int32), limit=np.empty(0, np.int16))
+    return Columns(laid_out, column=np.empty(0, np.int32), limit=np.empty(0, np.int8))
 
 
 @settings(max_examples=60, deadline=None)

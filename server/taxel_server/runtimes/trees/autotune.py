@@ -99,7 +99,7 @@ class Autotuned:
 def _evaluators(forest: Forest, scales: Scales, switches: Switches) -> Iterator[tuple[Evaluator, int]]:
     """Every evaluator that fits the forest, and the size of its blocks."""
     index = InOrder.of(forest)
-    columns = Columns.of(index, 8)
+    columns = Columns.of(index)
     in_lanes = fits_lanes(columns)
     if switches.leaf_blocks and in_lanes and LeafBlocksForest.fits(forest, index):
         yield LeafBlocksEvaluator(LeafBlocksForest.of(forest, index, columns, switches), scales), ROWS
@@ -108,7 +108,7 @@ def _evaluators(forest: Forest, scales: Scales, switches: Switches) -> Iterator[
     if switches.small_batch and in_lanes and SmallBatchForest.fits(index):
         yield SmallBatchEvaluator(SmallBatchForest.of(forest, index, columns, switches), scales), ROWS
     if index.leaves.max(initial=0) <= MOST_LEAVES[2]:
-        bitsets = BitsetForest.of(forest, index, switches)
+        bitsets = BitsetForest.of(forest, index, columns, switches)
         for lanes, switched_on in zip(BLOCKS, (switches.bitset_64, switches.bitset_256), strict=True):
             if switched_on:
                 yield BitsetEvaluator(bitsets, lanes, scales), lanes

@@ -33,7 +33,7 @@ from taxel_server.runtimes.compiled.vectors import (
     splat_float,
     store,
 )
-from taxel_server.runtimes.trees.layout.columns import Columns, Cuts
+from taxel_server.runtimes.trees.layout.columns import BIAS, Columns, Cuts
 from taxel_server.runtimes.trees.layout.tree_lanes import (
     COLUMN_BITS,
     COLUMNS_AT,
@@ -61,7 +61,6 @@ _CUTS_AT_ONCE: Final = 16
 """How many cuts are compared at once: a cache line of float32."""
 
 _MISSING_GOES_RIGHT: Final = 255
-_BIAS: Final = 128
 _MASKS: Final = 8 * OUTPUTS_AT_ONCE
 _MOST_LANES: Final = 128
 _AHEAD: Final = 4096
@@ -91,7 +90,7 @@ def rank_rows(
     size: int,
     ranks: NDArray[np.int8],
 ) -> None:
-    """Writes the ranks [row][column] of some rows, less 128; a row takes `size` bytes.
+    """Writes the ranks [row][column] of some rows, less BIAS; a row takes `size` bytes.
 
     A missing value gets the lowest rank in columns whose nodes send it left, and the highest in others.
     """
@@ -107,7 +106,7 @@ def rank_rows(
                 rank += count(not_above(load_floats(cuts + 4 * place, _CUTS_AT_ONCE), everywhere))
             if np.isnan(x) and not columns.default_left[column]:
                 rank = _MISSING_GOES_RIGHT
-            ranks[row * size + column] = rank - _BIAS
+            ranks[row * size + column] = rank - BIAS
 
 
 def trees_at_once() -> int:

@@ -175,7 +175,7 @@ def _put_top_trees(
     leaves: NDArray[np.int64],
     node_start: NDArray[np.int64],
     column: NDArray[np.int32],
-    limit: NDArray[np.int16],
+    limit: NDArray[np.int8],
     distance: NDArray[np.int64],
     nodes: NDArray[np.uint8],
 ) -> None:
@@ -207,7 +207,7 @@ def _put_blocks(
     node_start: NDArray[np.int64],
     leaf_start: NDArray[np.int64],
     column: NDArray[np.int32],
-    limit: NDArray[np.int16],
+    limit: NDArray[np.int8],
     first: NDArray[np.int32],
     last: NDArray[np.int32],
     value: NDArray[np.uint8],

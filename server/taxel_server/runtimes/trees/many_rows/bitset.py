@@ -120,9 +120,8 @@ class BitsetForest:
     base_score: NDArray[np.float32]
 
     @classmethod
-    def of(cls, forest: Forest, index: InOrder, switches: Switches) -> Self:
+    def of(cls, forest: Forest, index: InOrder, columns: Columns, switches: Switches) -> Self:
         """Lays a forest out."""
-        columns = Columns.of(index, 16)
         may_be_narrow = len(columns.cuts.cuts) <= _MOST_NARROW_COMPARISONS
         numbers = LeafNumbers.of(index, may_be_narrow, switches.upper_levels)
         small = numbers.small
