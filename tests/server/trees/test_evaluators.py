@@ -130,14 +130,15 @@ def test_a_switch_changes_what_it_names(
 
 def parts(evaluators: list[Any], switch: str) -> list[Any]:
     """What a switch decides, in each evaluator that it concerns: a compiled function or a layout."""
-    few, small, bitset, _ = evaluators
+    few, small = (evaluator._given[1] for evaluator in evaluators[:2])
+    bitset = evaluators[2]._data[0]
     return {
         # Distances within a small batch's trees are too large for packed nodes here.
-        "packed_nodes": [few._trees.traversal],
-        "next_nodes": [few._trees.prefetches, small._trees.traversal],
-        "next_leaves": [few._trees.addition, small._trees.addition],
-        "upper_levels": [bitset._forest.narrow.upper],
-        "byte_tables": [bitset._forest.leaves["kind"].tolist()],
+        "packed_nodes": [few.traversal],
+        "next_nodes": [few.prefetches, small.traversal],
+        "next_leaves": [few.addition, small.addition],
+        "upper_levels": [bitset.narrow.upper],
+        "byte_tables": [bitset.leaves["kind"].tolist()],
     }[switch]
 
 

@@ -1,14 +1,13 @@
 """A compiled function with its arguments, and memory for it: what forests and networks have in common."""
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from taxel_server.runtimes.compiled.arguments import Scratch
+from taxel_server.runtimes.compiled.arguments import Scratch, pack
 
 
 class Evaluator(Protocol):
@@ -22,7 +21,7 @@ class Evaluator(Protocol):
         """Fills `result` (n, outputs) with what the model says of `windows` (n, features)."""
 
 
-class CompiledEvaluator(ABC):
+class CompiledEvaluator:
     """A model compiled for some number of rows.
 
     A pickle of it holds its data. Whoever reads it, in another process, makes it again from them: compiled
@@ -32,7 +31,11 @@ class CompiledEvaluator(ABC):
     name: str
 
     def __init__(
-        self, data: tuple[Any, ...], evaluation: Callable[..., None], arguments: NDArray[np.int64]
+        self,
+        data: tuple[Any, ...],
+        evaluation: Callable[..., None],
+        arguments: Sequence[tuple[Any, ...]],
+        scratch: tuple[NDArray[Any], ...],
     ) -> None:
         """Takes a function of these arguments, a scratch's arguments, windows and a result.
 
@@ -40,20 +43,19 @@ class CompiledEvaluator(ABC):
             data: the arguments that this evaluator's class was called with, without copies of what
                 `arguments` refers to.
             evaluation: the function.
-            arguments: its first argument.
+            arguments: what its first argument packs.
+            scratch: what its second argument packs: a copy of these arrays for each call at a time.
         """
         self._data = data
         self._evaluation = evaluation
-        self._arguments = arguments
+        self._given = arguments  # which `pack` does not keep alive
+        self._arguments = pack(*arguments)
+        self._scratch = scratch
         self._idle = list[Scratch]()
 
     @override
     def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:
         return type(self), self._data
-
-    @abstractmethod
-    def _scratch(self) -> Scratch:
-        """Memory for one evaluation at a time."""
 
     def evaluate(self, windows: NDArray[np.float32], result: NDArray[np.float32]) -> None:
         """Fills `result` (n, outputs) with what the model says of `windows` (n, features)."""
@@ -67,6 +69,6 @@ class CompiledEvaluator(ABC):
         try:
             scratch = self._idle.pop()
         except IndexError:
-            scratch = self._scratch()
+            scratch = Scratch(self._scratch)
         self._evaluation(self._arguments, scratch.arguments, windows, result)
         self._idle.append(scratch)

@@ -7,11 +7,10 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import override
 
 from taxel.channels import CHANNELS
 from taxel.manifest import Normalisation
-from taxel_server.runtimes.compiled.arguments import Scratch, pack, together
+from taxel_server.runtimes.compiled.arguments import together
 from taxel_server.runtimes.compiled.compiling import announce
 from taxel_server.runtimes.compiled.evaluator import CompiledEvaluator
 from taxel_server.runtimes.compiled.processor import instruction_set
@@ -39,14 +38,8 @@ class ProgramEvaluator(CompiledEvaluator):
     def __init__(self, program: Program) -> None:
         (weights,) = together(program.weights)
         program = program._replace(weights=weights)
-        arguments = pack((program.steps, weights, program.window, program.channels))
-        super().__init__((program,), evaluate, arguments)
-        self._memory = program.memory
-
-    @override
-    def _scratch(self) -> Scratch:
-        """A memory for one call at a time."""
-        return Scratch((self._memory,))
+        arguments = (program.steps, weights, program.window, program.channels)
+        super().__init__((program,), evaluate, [arguments], (program.memory,))
 
     def counts(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
         """Counts (n, 21) float32 of windows (n, f) float32."""

@@ -6,7 +6,7 @@ from typing import Any, Final, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.compiled.arguments import Scratch, array_in, number_in, pack, together
+from taxel_server.runtimes.compiled.arguments import array_in, number_in, together
 from taxel_server.runtimes.compiled.compiling import compiled, inlined
 from taxel_server.runtimes.compiled.evaluator import CompiledEvaluator
 from taxel_server.runtimes.compiled.vectors import call, prefetch
@@ -221,7 +221,7 @@ class LeafBlocksEvaluator(CompiledEvaluator):
     def __init__(self, forest: LeafBlocksForest, scales: Scales) -> None:
         forest = forest.placed()
         top, groups = forest.top, forest.groups
-        self._trees = _Trees(
+        trees = _Trees(
             find_exits(forest.size, top.bits, top.packed, prefetches=False),
             find_blocks(top.bits),
             add_blocks(forest.size, forest.next_leaves),
@@ -240,20 +240,17 @@ class LeafBlocksEvaluator(CompiledEvaluator):
             -(-groups.parts * groups.outputs // OUTPUTS_AT_ONCE) * OUTPUTS_AT_ONCE,
             forest.base_score,
         )
-        super().__init__((forest, scales), _evaluate, pack(forest.cuts, self._trees, scales))
-
-    def _scratch(self) -> Scratch:
-        """Memory for one evaluation at a time."""
-        own = _Scratch(
-            np.zeros(ROWS * self._trees.ranks, dtype=np.int8),
-            np.zeros(ROWS * self._trees.lanes, dtype=np.uint16),
-            np.zeros(self._trees.lanes, dtype=np.int64),
-            np.zeros(ROWS * self._trees.lanes, dtype=np.int64),
-            np.zeros(ROWS * self._trees.lanes, dtype=np.int64),
-            np.zeros(ROWS * self._trees.lanes + OUTPUTS_AT_ONCE, dtype=np.float32),
-            np.empty(ROWS * self._trees.width, dtype=np.float32),
+        places = ROWS * forest.lanes
+        scratch = _Scratch(
+            np.zeros(ROWS * forest.size, dtype=np.int8),
+            np.zeros(places, dtype=np.uint16),
+            np.zeros(forest.lanes, dtype=np.int64),
+            np.zeros(places, dtype=np.int64),
+            np.zeros(places, dtype=np.int64),
+            np.zeros(places + OUTPUTS_AT_ONCE, dtype=np.float32),
+            np.zeros(ROWS * trees.width, dtype=np.float32),
         )
-        return Scratch(own)
+        super().__init__((forest, scales), _evaluate, (forest.cuts, trees, scales), scratch)
 
 
 @compiled

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel_server.runtimes.compiled.arguments import Scratch, array_in, number_in, pack, together
+from taxel_server.runtimes.compiled.arguments import array_in, number_in, together
 from taxel_server.runtimes.compiled.compiling import compiled, inlined
 from taxel_server.runtimes.compiled.evaluator import CompiledEvaluator
 from taxel_server.runtimes.compiled.processor import register_bytes
@@ -187,8 +187,7 @@ class SmallBatchEvaluator(CompiledEvaluator):
     def __init__(self, forest: SmallBatchForest, scales: Scales) -> None:
         forest = forest.placed()
         top = forest.top
-        self._spare = forest.spare
-        self._trees = _Trees(
+        trees = _Trees(
             find_exits(forest.size, top.bits, top.packed, forest.next_nodes),
             put_exits(),
             add_leaves(forest.next_leaves),
@@ -206,18 +205,14 @@ class SmallBatchEvaluator(CompiledEvaluator):
             forest.size,
             forest.base_score,
         )
-        super().__init__((forest, scales), _evaluate, pack(forest.cuts, self._trees, scales))
-
-    def _scratch(self) -> Scratch:
-        """Memory for one evaluation at a time."""
-        own = _Scratch(
-            np.zeros(ROWS * self._trees.ranks, dtype=np.int8),
-            np.zeros(ROWS * self._trees.lanes, dtype=np.uint8),
-            np.empty(self._trees.lanes, dtype=np.int64),
-            np.empty(self._spare + 1, dtype=np.int64),
-            np.empty(ROWS * len(self._trees.base_score), dtype=np.float32),
+        scratch = _Scratch(
+            np.zeros(ROWS * forest.size, dtype=np.int8),
+            np.zeros(ROWS * forest.lanes, dtype=np.uint8),
+            np.zeros(forest.lanes, dtype=np.int64),
+            np.zeros(forest.spare + 1, dtype=np.int64),
+            np.zeros(ROWS * len(forest.base_score), dtype=np.float32),
         )
-        return Scratch(own)
+        super().__init__((forest, scales), _evaluate, (forest.cuts, trees, scales), scratch)
 
 
 def _batches(output_tree: NDArray[np.int64]) -> NDArray[np.int64]:

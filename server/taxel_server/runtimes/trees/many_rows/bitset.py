@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from taxel_server.runtimes.compiled.arguments import Scratch, array_in, number_in, pack, together
+from taxel_server.runtimes.compiled.arguments import array_in, number_in, together
 from taxel_server.runtimes.compiled.compiling import compiled, inlined
 from taxel_server.runtimes.compiled.evaluator import CompiledEvaluator
 from taxel_server.runtimes.compiled.vectors import call
@@ -35,7 +35,7 @@ class _Trees(NamedTuple):
     groups: int
     records: int
     upper: int
-    sets: int
+    sets: NDArray[np.int64]
     traversal: int
 
 
@@ -65,7 +65,7 @@ def _read_trees(arguments: NDArray[np.int64], first: int) -> _Trees:
         number_in(arguments, first + 1),
         number_in(arguments, first + 2),
         number_in(arguments, first + 3),
-        number_in(arguments, first + 4),
+        array_in(arguments, first + 4, np.int64),
         number_in(arguments, first + 5),
     )
 
@@ -167,21 +167,17 @@ class BitsetEvaluator(CompiledEvaluator):
     """A BitsetForest compiled for one block size."""
 
     def __init__(self, forest: BitsetForest, lanes: int, scales: Scales) -> None:
-        self.lanes = lanes
         self.name = f"bitset-{lanes}"
-        self._forest = forest
-        trees = (forest.narrow, forest.wide)
-        sets = [split_sets(some.upper) for some in trees]
         narrow, wide = (
             _Trees(
                 some.start,
                 some.groups.ctypes.data,
                 some.records.ctypes.data,
                 2**some.upper - 1,
-                its_sets.ctypes.data,
+                split_sets(some.upper),
                 find_exits(some.size, lanes) if len(some.groups) else 0,
             )
-            for some, its_sets in zip(trees, sets, strict=True)
+            for some in (forest.narrow, forest.wide)
         )
         lane = np.empty(lanes, dtype=np.int64)
         lane[assembled_lane(lanes)] = np.arange(lanes)
@@ -193,21 +189,16 @@ class BitsetEvaluator(CompiledEvaluator):
             forest.base_score,
             lane,
         )
-        self._kept = (sets, narrow, wide, sums)
-        super().__init__((forest, lanes, scales), _evaluate, pack(forest.cuts, narrow, wide, sums, scales))
-
-    def _scratch(self) -> Scratch:
-        """Memory for one evaluation at a time."""
-        return Scratch(
-            _Scratch(
-                np.empty(self.lanes, dtype=np.float32),
-                # No block makes the last comparison: no row goes right there.
-                np.zeros((len(self._forest.cuts.cuts) + 1) * self.lanes // 64, dtype=np.int64),
-                np.zeros(memory_size(self._forest.most_numbers), dtype=np.int64),
-                np.empty(self._forest.places * self.lanes, dtype=np.uint8),
-                np.empty(self.lanes, dtype=np.float32),
-            )
+        scratch = _Scratch(
+            np.zeros(lanes, dtype=np.float32),
+            # No block makes the last comparison: no row goes right there.
+            np.zeros((len(forest.cuts.cuts) + 1) * lanes // 64, dtype=np.int64),
+            np.zeros(memory_size(forest.most_numbers), dtype=np.int64),
+            np.zeros(forest.places * lanes, dtype=np.uint8),
+            np.zeros(lanes, dtype=np.float32),
         )
+        arguments = (forest.cuts, narrow, wide, sums, scales)
+        super().__init__((forest, lanes, scales), _evaluate, arguments, scratch)
 
 
 @compiled
@@ -261,8 +252,9 @@ def _find_exits(trees: _Trees, output: int, scratch: _Scratch) -> None:
     first, stop = trees.group_start[output], trees.group_start[output + 1]
     if first < stop:
         groups = trees.groups + first * _GROUP
-        comparisons, memory = scratch.comparisons.ctypes.data, scratch.memory.ctypes.data
-        given = (stop - first, groups, trees.records, trees.upper, trees.sets, comparisons, memory)
+        sets, memory = trees.sets.ctypes.data, scratch.memory.ctypes.data
+        comparisons = scratch.comparisons.ctypes.data
+        given = (stop - first, groups, trees.records, trees.upper, sets, comparisons, memory)
         call(trees.traversal, (*given, scratch.exits.ctypes.data))
 
 
