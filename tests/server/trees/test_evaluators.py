@@ -54,7 +54,7 @@ NO_LOOK_UP = ["node-walk", *BITSETS]
 NAMES = {
     "even": EVERY,
     "one leaf or two": EVERY,
-    "more outputs than lanes": EVERY,
+    "more outputs than lanes": ["node-walk", "small-batch", *BITSETS],
     "many small trees": EVERY,
     "comparisons beyond 16 bits": NO_LOOK_UP,
 }

@@ -41,37 +41,32 @@ _MOST_BYTES: Final = 2**27
 
 @dataclass(frozen=True)
 class Groups:
-    """How a forest's trees are divided into groups of lanes.
+    """How a forest's trees are divided into groups of lanes: each group holds whole rounds.
 
-    A round is one tree of each output. A group holds whole rounds, or a part of a round if there are more
-    outputs than lanes.
+    A round is one tree of each output.
 
     Attributes:
         count: the number of groups.
         rounds: the rounds of a group.
-        outputs: the outputs of a group.
-        parts: the groups that a round takes.
+        outputs: of the forest, at most one for each lane.
     """
 
     count: int
     rounds: int
     outputs: int
-    parts: int
 
     @classmethod
     def of(cls, forest: Forest) -> Self:
         """Divides a forest's trees."""
-        every, lanes = len(forest.base_score), trees_at_once()
-        outputs, parts = min(every, lanes), -(-every // lanes)
-        rounds = lanes // outputs
-        return cls(-(-int(forest.rounds.max(initial=-1) + 1) // rounds) * parts, rounds, outputs, parts)
+        outputs = len(forest.base_score)
+        rounds = trees_at_once() // outputs
+        return cls(-(-int(forest.rounds.max(initial=-1) + 1) // rounds), rounds, outputs)
 
     def trees(self, forest: Forest) -> NDArray[np.int64]:
         """(groups, lanes) The number of the tree at each place, or -1."""
         trees = np.full((self.count, trees_at_once()), -1, dtype=np.int64)
-        part, output = np.divmod(forest.outputs, self.outputs)
         group, round_ = np.divmod(forest.rounds, self.rounds)
-        trees[group * self.parts + part, round_ * self.outputs + output] = np.arange(forest.trees)
+        trees[group, round_ * self.outputs + forest.outputs] = np.arange(forest.trees)
         return trees
 
 
@@ -123,11 +118,13 @@ class LeafBlocksForest(NamedTuple):
 
     @staticmethod
     def fits(forest: Forest, index: InOrder) -> bool:
-        """Whether no tree has too many blocks and the layout does not take too much memory.
+        """Whether every output has a lane, no tree has too many blocks, and the layout fits the memory.
 
         Every top tree takes the memory of the largest one in its group, so a few huge trees could fill the
         memory. In a forest with many trees for one output, places without a tree could fill it, too.
         """
+        if len(forest.base_score) > trees_at_once():
+            return False
         blocks = int(count_blocks(index, BLOCK_LEAVES).max(initial=1))
         places = Groups.of(forest).count * trees_at_once()
         return blocks <= MOST_EXITS[16] and (4 * blocks + LINE) * places <= _MOST_BYTES
@@ -161,7 +158,6 @@ class _Trees(NamedTuple):
     lanes: int
     rounds: int
     outputs: int
-    parts: int
     ranks: int
     width: int
     base_score: NDArray[np.float32]
@@ -185,8 +181,7 @@ def _read_trees(arguments: NDArray[np.int64], first: int) -> _Trees:
         number_in(arguments, first + 12),
         number_in(arguments, first + 13),
         number_in(arguments, first + 14),
-        number_in(arguments, first + 15),
-        array_in(arguments, first + 16, np.float32),
+        array_in(arguments, first + 15, np.float32),
     )
 
 
@@ -235,9 +230,8 @@ class LeafBlocksEvaluator(CompiledEvaluator):
             forest.lanes,
             groups.rounds,
             groups.outputs,
-            groups.parts,
             forest.size,
-            -(-groups.parts * groups.outputs // OUTPUTS_AT_ONCE) * OUTPUTS_AT_ONCE,
+            -(-groups.outputs // OUTPUTS_AT_ONCE) * OUTPUTS_AT_ONCE,
             forest.base_score,
         )
         places = ROWS * forest.lanes
@@ -271,8 +265,7 @@ def _visit(trees: _Trees, scratch: _Scratch, rows: int) -> None:
             counts = trees.counts + trees.size * group * trees.lanes
             call(trees.finding, (first, counts, rows, exits, ahead))
         if group:
-            totals = sums + 4 * trees.outputs * ((group - 1) % trees.parts)
-            given = (ranks, rows, places, ahead, leaves, trees.rounds, trees.outputs, totals, width)
+            given = (ranks, rows, places, ahead, leaves, trees.rounds, trees.outputs, sums, width)
             call(trees.addition, given)
         places, ahead = ahead, places
 
