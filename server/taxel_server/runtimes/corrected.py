@@ -19,6 +19,9 @@ class CorrectedRuntime:
         evaluate: the model file's runtime, which takes only its own columns.
         evaluator: that runtime's, by the number of windows.
         manifest: with effects.
+
+    Attributes:
+        features: values in one window.
     """
 
     def __init__(
@@ -28,15 +31,10 @@ class CorrectedRuntime:
         self._evaluate = evaluate
         self._evaluator = evaluator
         self._correction = Correction(manifest.effects, manifest.spec, manifest.window.extras)
-        self._features = len(manifest.window.features)
+        self.features = len(manifest.window.features)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return CorrectedRuntime, self._given
-
-    @property
-    def features(self) -> int:
-        """Values in one window."""
-        return self._features
 
     def evaluate(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
         """Counts of windows (n, f) float32, C-contiguous, finite, n above 0.

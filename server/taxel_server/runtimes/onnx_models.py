@@ -27,6 +27,9 @@ class OnnxRuntime:
         threads: how many one evaluation may use.
         providers: ONNX Runtime's execution providers, best first.
 
+    Attributes:
+        features: values in one window.
+
     Raises:
         ArtifactError: the file is not such a model, or a provider is not available.
     """
@@ -55,7 +58,7 @@ class OnnxRuntime:
         except Exception as error:  # ONNX Runtime raises classes of its own for each kind of damage
             reason = str(error).strip().splitlines()[0]
             raise ArtifactError(f"{model_path}: ONNX Runtime cannot load it: {reason}") from None
-        self._features = self._checked_shapes(model_path)
+        self.features = self._checked_shapes(model_path)
         self._given = (model_path, normalisation, threads, providers)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -78,11 +81,6 @@ class OnnxRuntime:
             raise ArtifactError(f"{model_path}: {shapes}: expected (n, f) to (n, {len(CHANNELS)})")
         self._outputs = output_names
         return shape[1]
-
-    @property
-    def features(self) -> int:
-        """Values in one window."""
-        return self._features
 
     def evaluate(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
         """Counts of windows (n, f) float32, C-contiguous, finite, n above 0.
