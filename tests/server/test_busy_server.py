@@ -59,7 +59,7 @@ class Gate:
 
     def __init__(self, runtime: Runtime) -> None:
         self.runtime = runtime
-        self.features, self.parameters = runtime.features, runtime.parameters
+        self.features = runtime.features
         self.entered, self.opened = Event(), Event()
         self.opened.set()
 

@@ -20,7 +20,6 @@ def artifact(repository: Path) -> artifacts.Artifact:
 def test_trees_evaluate_xgboost(artifact: artifacts.Artifact) -> None:
     opened = open_runtime(artifact)
     assert opened.features == 6
-    assert opened.parameters > 0
 
 
 def test_a_platform_without_a_runtime_is_refused(

@@ -1,7 +1,6 @@
 """Evaluates the forest of one artifact."""
 
 from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +25,7 @@ class TreesRuntime:
 
     Attributes:
         features: number of inputs.
-        parameters: number of nodes.
     """
-
-    features: int
-    parameters: int
 
     def __init__(self, model_path: Path, normalisation: Normalisation, threads: int = 1) -> None:
         """Loads a forest, lays it out, compiles, checks and times its evaluators.
@@ -46,7 +41,6 @@ class TreesRuntime:
         forest = read_forest(model_path)
         announce()
         self.features = forest.features
-        self.parameters = forest.nodes
         self._outputs = len(forest.base_score)
         for name, found, expected in (
             ("inputs", self.features, len(normalisation.input_mean)),
@@ -94,14 +88,11 @@ class TreesRuntime:
         """Gives whole blocks to each thread. The calling thread is one of them."""
         rows = len(windows)
         shares = min(self._threads, rows // BLOCKS[-1])
-        bounds = [rows * share // shares // BLOCKS[-1] * BLOCKS[-1] for share in range(shares)] + [rows]
-        others = [
-            pool.submit(self._autotuned.evaluate, windows[first:stop], result[first:stop])
-            for first, stop in pairwise(bounds[1:])
-        ]
-        self._autotuned.evaluate(windows[: bounds[1]], result[: bounds[1]])
-        for other in others:
-            other.result()
+        bounds = [rows * share // shares // BLOCKS[-1] * BLOCKS[-1] for share in range(1, shares)]
+        (own, *windows_of_others), (filled, *results) = np.split(windows, bounds), np.split(result, bounds)
+        others = pool.map(self._autotuned.evaluate, windows_of_others, results)
+        self._autotuned.evaluate(own, filled)
+        list(others)  # waits for them
 
 
 def _pool_of(threads: int) -> ThreadPoolExecutor | None:
