@@ -25,7 +25,7 @@ def test_trees_evaluate_xgboost(artifact: artifacts.Artifact) -> None:
 def test_a_platform_without_a_runtime_is_refused(
     artifact: artifacts.Artifact, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delitem(runtime._FACTORIES, "xgboost_json")
+    monkeypatch.delitem(runtime._MODULES, "xgboost_json")
     with pytest.raises(ArtifactError, match="no runtime for xgboost_json"):
         open_runtime(artifact)
 

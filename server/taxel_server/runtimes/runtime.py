@@ -1,6 +1,5 @@
 """The interface of runtimes, and the choice of a runtime for an artifact."""
 
-from collections.abc import Callable
 from importlib import import_module
 from typing import Final, Protocol
 
@@ -36,39 +35,11 @@ class Runtime(Protocol):
         """Which evaluator computes a call of so many windows, and with which instructions."""
 
 
-Factory = Callable[[Artifact, RuntimeOptions], Runtime]
-
-
-def _trees(artifact: Artifact, options: RuntimeOptions) -> Runtime:
-    from taxel_server.runtimes.trees import TreesRuntime
-
-    return TreesRuntime(artifact.model_path, artifact.manifest.normalisation, options.threads)
-
-
-def _onnx(artifact: Artifact, options: RuntimeOptions) -> Runtime:
-    from taxel_server.runtimes.graph_checks import check_graph
-    from taxel_server.runtimes.networks import faster_runtime
-    from taxel_server.runtimes.onnx_models import OnnxRuntime
-
-    path, normalisation = artifact.model_path, artifact.manifest.normalisation
-    check_graph(path)
-    runtime = OnnxRuntime(path, normalisation, options.threads, options.providers)
-    if runtime.features != len(normalisation.input_mean):
-        return runtime  # which `open_runtime` refuses
-    if options.providers != DEFAULTS.providers or not options.network_program:
-        return runtime
-    return faster_runtime(path, normalisation, runtime)
-
-
-_FACTORIES: Final[dict[Platform, Factory]] = {"xgboost_json": _trees, "onnxruntime_onnx": _onnx}
-"""Makes each platform's runtime; its libraries are imported only then."""
-
-
-_MODULES: Final[dict[Platform, tuple[str, ...]]] = {
-    "xgboost_json": ("taxel_server.runtimes.trees",),
-    "onnxruntime_onnx": ("taxel_server.runtimes.onnx_models", "taxel_server.runtimes.networks"),
+_MODULES: Final[dict[Platform, str]] = {
+    "xgboost_json": "taxel_server.runtimes.trees",
+    "onnxruntime_onnx": "taxel_server.runtimes.networks",
 }
-"""What each factory imports."""
+"""What has `open_artifact` for each platform; it and its libraries are imported only when needed."""
 
 
 def check_platform(platform: Platform) -> None:
@@ -78,11 +49,10 @@ def check_platform(platform: Platform) -> None:
         ArtifactError: there is no runtime for it, or one whose libraries fail when they are imported.
         MissingDependency: the runtime's library is not installed.
     """
-    if platform not in _FACTORIES:
-        raise ArtifactError(f"no runtime for {platform}; there is: {', '.join(_FACTORIES)}")
+    if platform not in _MODULES:
+        raise ArtifactError(f"no runtime for {platform}; there is: {', '.join(_MODULES)}")
     try:
-        for name in _MODULES[platform]:
-            import_module(name)
+        import_module(_MODULES[platform])
     except ModuleNotFoundError as error:
         raise _missing(platform, error) from None
     except Exception as error:  # a library that does not fit this Python or its other libraries
@@ -99,7 +69,7 @@ def open_runtime(artifact: Artifact, options: RuntimeOptions = DEFAULTS) -> Runt
     manifest = artifact.manifest
     check_platform(manifest.platform)
     try:
-        runtime = _FACTORIES[manifest.platform](artifact, options)
+        runtime: Runtime = import_module(_MODULES[manifest.platform]).open_artifact(artifact, options)
     except ModuleNotFoundError as error:  # of a library that is imported only when it is needed
         raise _missing(manifest.platform, error) from None
     expected = manifest.window.model_columns

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel.artifacts import Artifact
 from taxel.channels import CHANNELS
 from taxel.manifest import Normalisation
 from taxel_server.runtimes.compiled.arguments import together
@@ -15,11 +16,13 @@ from taxel_server.runtimes.compiled.compiling import announce
 from taxel_server.runtimes.compiled.evaluator import CompiledEvaluator
 from taxel_server.runtimes.compiled.processor import instruction_set
 from taxel_server.runtimes.evaluator_info import EvaluatorInfo
+from taxel_server.runtimes.graph_checks import check_graph
 from taxel_server.runtimes.networks.evaluation import evaluate
 from taxel_server.runtimes.networks.graph import Unsupported, read_graph
 from taxel_server.runtimes.networks.lowering import lower
 from taxel_server.runtimes.networks.program import Program
 from taxel_server.runtimes.onnx_models import OnnxRuntime
+from taxel_server.runtimes.options import DEFAULTS, RuntimeOptions
 from taxel_server.runtimes.timing import least_seconds
 
 _LOG: Final = logging.getLogger(__name__)
@@ -73,6 +76,18 @@ class NetworkRuntime:
         if rows > self.most_windows:
             return self._onnx_runtime.evaluator(rows)
         return EvaluatorInfo(self._program.name, instruction_set())
+
+
+def open_artifact(artifact: Artifact, options: RuntimeOptions) -> NetworkRuntime | OnnxRuntime:
+    """The runtime of an artifact's ONNX file."""
+    path, normalisation = artifact.model_path, artifact.manifest.normalisation
+    check_graph(path)
+    runtime = OnnxRuntime(path, normalisation, options.threads, options.providers)
+    if runtime.features != len(normalisation.input_mean):
+        return runtime  # which `open_runtime` refuses
+    if options.providers != DEFAULTS.providers or not options.network_program:
+        return runtime
+    return faster_runtime(path, normalisation, runtime)
 
 
 def faster_runtime(

@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel.artifacts import Artifact
 from taxel.errors import ArtifactError
 from taxel.manifest import Normalisation
 from taxel_server import memory
 from taxel_server.runtimes.compiled.compiling import announce
 from taxel_server.runtimes.compiled.processor import instruction_set
 from taxel_server.runtimes.evaluator_info import EvaluatorInfo
+from taxel_server.runtimes.options import RuntimeOptions
 from taxel_server.runtimes.trees.autotune import BLOCKS, Autotuned
 from taxel_server.runtimes.trees.normalisation import Scales
 from taxel_server.runtimes.trees.reading.xgboost_json import read_forest
@@ -93,6 +95,11 @@ class TreesRuntime:
         others = pool.map(self._autotuned.evaluate, windows_of_others, results)
         self._autotuned.evaluate(own, filled)
         list(others)  # waits for them
+
+
+def open_artifact(artifact: Artifact, options: RuntimeOptions) -> TreesRuntime:
+    """The runtime of an artifact's forest."""
+    return TreesRuntime(artifact.model_path, artifact.manifest.normalisation, options.threads)
 
 
 def _pool_of(threads: int) -> ThreadPoolExecutor | None:
