@@ -133,26 +133,16 @@ def integer_at(_context: Any, _address: Any, literal_bits: Any) -> Any:
     return types.intp(types.intp, literal_bits), generate
 
 
-def _storing(kind: Callable[[Any], Any]) -> Any:
-    """Makes an operation that writes a value of some type to an address, at any alignment."""
+@intrinsic  # type: ignore[untyped-decorator, unused-ignore]
+def store(_context: Any, _address: Any, value: Any) -> Any:
+    """Writes a vector, or an integer as eight bytes, to an address, at any alignment."""
+    kind = types.intp if isinstance(value, types.Integer) else value
 
-    @intrinsic  # type: ignore[untyped-decorator, unused-ignore]
-    def store_value(_context: Any, _address: Any, value: Any) -> Any:
-        def generate(context: Any, builder: Any, _signature: Any, given: Any) -> Any:
-            pointer = builder.inttoptr(given[0], given[1].type.as_pointer())
-            builder.store(given[1], pointer, align=1)
-            return context.get_dummy_value()
+    def generate(context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        builder.store(given[1], builder.inttoptr(given[0], given[1].type.as_pointer()), align=1)
+        return context.get_dummy_value()
 
-        return types.void(types.intp, kind(value)), generate
-
-    return store_value
-
-
-store = _storing(lambda vector: vector)
-"""Writes a vector to an address, at any alignment."""
-
-put_int64 = _storing(lambda _: types.intp)
-"""Writes eight bytes to an address, at any alignment."""
+    return types.void(types.intp, kind), generate
 
 
 @operation

@@ -27,7 +27,6 @@ from taxel_server.runtimes.compiled.vectors import (
     plus,
     plus_saturated,
     prefetch,
-    put_int64,
     select,
     splat,
     splat_float,
@@ -222,7 +221,7 @@ def put_exits() -> int:
                 store(place, part)
                 place += width
         for lane in range(lanes):
-            put_int64(by_slot + 8 * integer_at(slots + 4 * lane, 32), integer_at(memory + 8 * lane, 64))
+            store(by_slot + 8 * integer_at(slots + 4 * lane, 32), integer_at(memory + 8 * lane, 64))
 
     return put
 

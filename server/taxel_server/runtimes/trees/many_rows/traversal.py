@@ -11,7 +11,6 @@ from taxel_server.runtimes.compiled.vectors import (
     exclusive,
     integer_at,
     load,
-    put_int64,
     splat,
     store,
 )
@@ -241,8 +240,8 @@ def _clear(memory: int, sixteens: int, copies: int, lanes: int) -> None:
     size = 8 * lanes
     unions = _UNIONS + 16 * ((sixteens + 15) // 16)
     for place in range(memory + size * _UNIONS_OF_4096, memory + size * unions, 8):
-        put_int64(place, 0)
+        store(place, 0)
     for copy in range(copies):
         start = memory + size * (_LEAVES + _APART * copy)
         for place in range(start, start + size * 16 * max(sixteens, _IN_REGISTERS), 8):
-            put_int64(place, 0)
+            store(place, 0)
