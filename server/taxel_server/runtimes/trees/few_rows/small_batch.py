@@ -71,8 +71,7 @@ class SmallBatchForest(NamedTuple):
     def of(cls, forest: Forest, index: InOrder, columns: Columns, switches: Switches) -> Self:
         """Lays a forest out that `fits`."""
         lanes = trees_at_once()
-        order = np.argsort(forest.outputs, kind="stable")
-        output_tree = np.searchsorted(forest.outputs[order], np.arange(len(forest.base_score) + 1))
+        order, output_tree = forest.by_output
         batch_output = _batches(output_tree)
         bounds = output_tree[batch_output]
         places, batch_group = _places(index.leaves[order], bounds, lanes)

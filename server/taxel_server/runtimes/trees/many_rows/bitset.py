@@ -125,8 +125,7 @@ class BitsetForest:
         may_be_narrow = len(columns.cuts.cuts) <= _MOST_NARROW_COMPARISONS
         numbers = LeafNumbers.of(index, may_be_narrow, switches.upper_levels)
         small = numbers.small
-        order = np.argsort(forest.outputs, kind="stable")
-        start = np.searchsorted(forest.outputs[order], np.arange(len(forest.base_score) + 1))
+        order, start = forest.by_output
         # Exits of two bytes take the room of two trees.
         ends = np.cumsum(np.where(small[order], 1, 2))
         begins = ends - np.where(small[order], 1, 2)

@@ -62,12 +62,17 @@ class Forest:
         return len(self.left)
 
     @property
+    def by_output(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """(trees,) The trees of output after output, each output's in order; (outputs + 1,) its first."""
+        order = np.argsort(self.outputs, kind="stable")
+        return order, np.searchsorted(self.outputs[order], np.arange(len(self.base_score) + 1))
+
+    @property
     def rounds(self) -> NDArray[np.int64]:
         """(trees,) The place of each tree among those of its output."""
-        order = np.argsort(self.outputs, kind="stable")
-        ordered = self.outputs[order]
+        order, start = self.by_output
         rounds = np.empty(self.trees, dtype=np.int64)
-        rounds[order] = np.arange(self.trees) - np.searchsorted(ordered, ordered)
+        rounds[order] = np.arange(self.trees) - start[self.outputs[order]]
         return rounds
 
     def in_preorder(self) -> Self:
