@@ -24,7 +24,6 @@ def test_a_forest_stands_in_preorder(model: Model, write: Write) -> None:
     forest = read_forest(write(model([tree, (3.0,)], base_score="[-1.25E0]")))
     assert (forest.trees, forest.nodes, forest.features) == (2, 8, 6)
     assert forest.roots.tolist() == [0, 7, 8]
-    assert forest.left.tolist() == [1, 2, -1, -1, 5, -1, -1, -1]
     assert forest.right.tolist() == [4, 3, -1, -1, 6, -1, -1, -1]
     assert forest.value.tolist() == [0.5, 0.25, 1.5, -2.5, -1.0, 7.0, 8.0, 3.0]
     assert forest.default_left.tolist()[:2] == [False, True]

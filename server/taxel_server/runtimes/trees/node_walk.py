@@ -30,7 +30,6 @@ def walk(forest: Forest, scales: Scales, windows: NDArray[np.float32]) -> NDArra
     _walk(
         forest.roots,
         forest.outputs,
-        forest.left,
         forest.right,
         forest.feature,
         forest.default_left,
@@ -47,7 +46,6 @@ def walk(forest: Forest, scales: Scales, windows: NDArray[np.float32]) -> NDArra
 def _walk(
     roots: NDArray[np.int64],
     outputs: NDArray[np.int32],
-    left: NDArray[np.int32],
     right: NDArray[np.int32],
     feature: NDArray[np.int32],
     default_left: NDArray[np.bool_],
@@ -62,8 +60,8 @@ def _walk(
         for tree in range(outputs.size):
             root = roots[tree]
             node = root
-            while left[node] != LEAF:
+            while right[node] != LEAF:
                 x = windows[row, feature[node]]
                 go_left = default_left[node] if np.isnan(x) else x < value[node]
-                node = root + (left[node] if go_left else right[node])
+                node = node + 1 if go_left else root + right[node]
             result[row, outputs[tree]] += value[node]

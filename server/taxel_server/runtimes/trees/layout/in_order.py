@@ -79,7 +79,6 @@ class InOrder:
         source = np.empty(inner, dtype=np.int64)
         _renumber(
             forest.roots,
-            forest.left,
             forest.right,
             forest.value,
             index.node_start,
@@ -100,7 +99,6 @@ class InOrder:
 @compiled
 def _renumber(
     roots: NDArray[np.int64],
-    left: NDArray[np.int32],
     right: NDArray[np.int32],
     value: NDArray[np.float32],
     node_start: NDArray[np.int64],
@@ -112,22 +110,22 @@ def _renumber(
     source: NDArray[np.int64],
     leaf_value: NDArray[np.float32],
 ) -> None:
-    leaves = np.empty(left.size, dtype=np.int32)
-    lowest = np.empty(left.size, dtype=np.int32)
-    level, across = np.empty(left.size, dtype=np.int32), np.empty(left.size, dtype=np.int32)
+    leaves = np.empty(right.size, dtype=np.int32)
+    lowest = np.empty(right.size, dtype=np.int32)
+    level, across = np.empty(right.size, dtype=np.int32), np.empty(right.size, dtype=np.int32)
     for tree in range(roots.size - 1):
         root = roots[tree]
         for node in range(roots[tree + 1] - 1, root - 1, -1):
-            if left[node] == LEAF:
+            if right[node] == LEAF:
                 leaves[node] = 1
             else:
-                leaves[node] = leaves[root + left[node]] + leaves[root + right[node]]
+                leaves[node] = leaves[node + 1] + leaves[root + right[node]]
         lowest[root], level[root], across[root] = 0, 0, 0
         for node in range(root, roots[tree + 1]):
-            if left[node] == LEAF:
+            if right[node] == LEAF:
                 leaf_value[leaf_start[tree] + lowest[node]] = value[node]
                 continue
-            low, high = root + left[node], root + right[node]
+            low, high = node + 1, root + right[node]
             lowest[low] = lowest[node]
             lowest[high] = lowest[node] + leaves[low]
             level[low] = level[high] = level[node] + 1

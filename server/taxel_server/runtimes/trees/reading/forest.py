@@ -10,7 +10,7 @@ from taxel.errors import ArtifactError
 from taxel_server.runtimes.compiled.compiling import compiled
 
 LEAF: Final = -1
-"""The left child of a node that has no children."""
+"""The right child of a node that has no children."""
 
 _FAULTS: Final = (
     "",
@@ -26,15 +26,14 @@ class Forest:
     """Trees whose leaves are added, in order, to a base score: output o sums the trees that name it.
 
     A row goes left where its feature is below the threshold (both float32), and where the feature
-    is NaN and `default_left` says so. Nodes stand in preorder, so that a left child follows its
-    parent; children are numbered within their tree.
+    is NaN and `default_left` says so. Nodes stand in preorder, so a left child follows its parent;
+    a right child is numbered within its tree.
 
     Attributes:
         features: number of inputs.
         base_score: (outputs,) float32.
         roots: (trees + 1,) int64, each tree's first node; the last entry is the number of nodes.
         outputs: (trees,) int32, the output that each tree adds to.
-        left: (nodes,) int32, left child or LEAF.
         right: (nodes,) int32, right child or LEAF.
         feature: (nodes,) int32.
         default_left: (nodes,) bool.
@@ -45,7 +44,6 @@ class Forest:
     base_score: NDArray[np.float32]
     roots: NDArray[np.int64]
     outputs: NDArray[np.int32]
-    left: NDArray[np.int32]
     right: NDArray[np.int32]
     feature: NDArray[np.int32]
     default_left: NDArray[np.bool_]
@@ -59,7 +57,7 @@ class Forest:
     @property
     def nodes(self) -> int:
         """Number of nodes, leaves included."""
-        return len(self.left)
+        return len(self.right)
 
     @property
     def by_output(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -75,17 +73,19 @@ class Forest:
         rounds[order] = np.arange(self.trees) - start[self.outputs[order]]
         return rounds
 
-    def in_preorder(self) -> Self:
+    def in_preorder(self, left: NDArray[np.int32]) -> Self:
         """The same forest with its nodes in preorder, and without those that no row can reach.
+
+        Args:
+            left: (nodes,) the left children of nodes in any order, numbered within their tree, or LEAF.
 
         Raises:
             ArtifactError: the nodes of a tree form no binary tree; the text names tree and node.
         """
         order = np.empty(self.nodes, dtype=np.int64)
-        left, right = np.full_like(self.left, LEAF), np.full_like(self.right, LEAF)
-        roots = np.zeros_like(self.roots)
+        right, roots = np.full_like(self.right, LEAF), np.zeros_like(self.roots)
         fault, tree, node = _preorder(
-            self.features, self.roots, self.left, self.right, self.feature, order, left, right, roots
+            self.features, self.roots, left, self.right, self.feature, order, right, roots
         )
         if fault:
             raise ArtifactError(f"tree {tree}, node {node}: {_FAULTS[fault]}")
@@ -95,7 +95,6 @@ class Forest:
             base_score=self.base_score,
             roots=roots,
             outputs=self.outputs,
-            left=left[: roots[-1]].copy(),
             right=right[: roots[-1]].copy(),
             feature=self.feature[reached],
             default_left=self.default_left[reached],
@@ -111,11 +110,13 @@ def _preorder(
     right: NDArray[np.int32],
     feature: NDArray[np.int32],
     order: NDArray[np.int64],
-    new_left: NDArray[np.int32],
     new_right: NDArray[np.int32],
     new_roots: NDArray[np.int64],
 ) -> tuple[int, int, int]:
-    """Walks every tree once; returns a fault's number (0: none) with its tree and node."""
+    """Walks every tree once; returns a fault's number (0: none) with its tree and node.
+
+    Of a node that waits, `parents` has the new number of the parent if it is a right child, otherwise -1.
+    """
     seen = np.zeros(left.size, dtype=np.bool_)
     stack = np.empty(left.size + 1, dtype=np.int64)
     parents = np.empty(left.size + 1, dtype=np.int64)
@@ -130,10 +131,7 @@ def _preorder(
                 return 3, tree, node
             seen[root + node] = True
             if parent >= 0:
-                if new_left[parent] == LEAF:
-                    new_left[parent] = placed - first
-                else:
-                    new_right[parent] = placed - first
+                new_right[parent] = placed - first
             order[placed] = root + node
             low, high = left[root + node], right[root + node]
             if (low == LEAF) != (high == LEAF):
@@ -144,7 +142,7 @@ def _preorder(
                 if feature[root + node] < 0 or feature[root + node] >= features:
                     return 4, tree, node
                 stack[depth], parents[depth] = high, placed
-                stack[depth + 1], parents[depth + 1] = low, placed
+                stack[depth + 1], parents[depth + 1] = low, -1
                 depth += 2
             placed += 1
         new_roots[tree + 1] = placed

@@ -47,7 +47,7 @@ def read_forest(path: Path) -> Forest:
         base_score = _base_score(param)
         outputs = np.array(model.tree_info, dtype=np.int32)
         _check_outputs(outputs, len(model.trees), len(base_score))
-        return _forest(model.trees, outputs, base_score, int(param.num_feature)).in_preorder()
+        return _forest(model.trees, outputs, base_score, int(param.num_feature))
     except ArtifactError as error:
         raise ArtifactError(f"{path}: {error}") from error
 
@@ -90,17 +90,17 @@ def _forest(
 
     if joined("split_type").any():
         raise ArtifactError("split_type names a categorical split: only numerical splits are supported")
-    return Forest(
+    forest = Forest(
         features=features,
         base_score=base_score,
         roots=np.cumsum([0, *sizes]),
         outputs=outputs,
-        left=joined("left_children"),
         right=joined("right_children"),
         feature=joined("split_indices"),
         default_left=joined("default_left") != 0,
         value=_rounded(np.fromiter(chain.from_iterable(thresholds), np.float64, total), trees, sizes),
     )
+    return forest.in_preorder(joined("left_children"))
 
 
 def _numbers(tree: int, text: msgspec.Raw) -> list[float]:
