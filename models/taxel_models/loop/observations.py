@@ -1,6 +1,6 @@
 """Observations: a model's predictions, the measurements, and the other columns of each row."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -252,36 +252,27 @@ def gather(
         ]
     )
     predicted, base = _predictions(model, windows)
+    samples = tuple(recording.samples for recording in ticks)
     names = set.intersection(*({*recording.auxiliary, *recording.covariates} for recording in ticks))
     names -= {"pac1", *withheld}
     columns = [{**recording.auxiliary, **recording.covariates} for recording in ticks]
-    starts = [recording.samples.time_ns[0] for recording in ticks]
+
+    def joined(per_tick: Iterable[NDArray[Any]]) -> NDArray[Any]:
+        """The kept rows of what each recording has at each of its ticks, one recording after another."""
+        return np.concatenate([own[kept] for own, kept in zip(per_tick, rows, strict=True)])
+
     return Observations(
         model=model,
         windows=windows,
         predicted=predicted,
         base=base,
-        measured=np.concatenate(
-            [recording.channels[kept] for recording, kept in zip(ticks, rows, strict=True)]
-        ),
+        measured=joined(recording.channels for recording in ticks),
         segment=_segments(ticks, rows),
-        time_s=np.concatenate(
-            [
-                (recording.samples.time_ns[kept] - start) / 1e9
-                for recording, kept, start in zip(ticks, rows, starts, strict=True)
-            ]
-        ),
-        position=np.concatenate(
-            [recording.samples.position[kept] for recording, kept in zip(ticks, rows, strict=True)]
-        ),
-        force=np.concatenate(
-            [recording.samples.force[kept] for recording, kept in zip(ticks, rows, strict=True)]
-        ),
-        covariates={
-            name: np.concatenate([own[name][kept] for own, kept in zip(columns, rows, strict=True)])
-            for name in sorted(names)
-        },
-        samples=tuple(recording.samples for recording in ticks),
+        time_s=joined((own.time_ns - own.time_ns[0]) / 1e9 for own in samples),
+        position=joined(own.position for own in samples),
+        force=joined(own.force for own in samples),
+        covariates={name: joined(own[name] for own in columns) for name in sorted(names)},
+        samples=samples,
         rows=rows,
         withheld=withheld,
     )
