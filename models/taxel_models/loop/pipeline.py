@@ -28,6 +28,7 @@ from taxel_models.loop.findings import (
 )
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.kinds import new_kinds, of_its_kinds
+from taxel_models.loop.inference.scoring import silent
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.inference.stability import on_halves
 from taxel_models.loop.intervals import parameters
@@ -152,7 +153,7 @@ def run_loop(
     new = new_kinds(observations)
     constants = _constants(settings, new)
     attribution = JointSelection(
-        observations, blocks, effects, reference=reference, constants=constants, progress=progress
+        observations, blocks, effects, reference=reference, constants=constants, progress=progress or silent
     ).run()
     figures = {named.name: parameters(named) for named in attribution.named}
     added = NewEffects.of(attribution, figures)

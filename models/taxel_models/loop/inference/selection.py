@@ -47,11 +47,11 @@ class JointSelection:
         *,
         reference: HeldOutResidual | None = None,
         constants: Constants = DECLARED,
-        progress: Progress | None = None,
+        progress: Progress = silent,
     ) -> None:
         self._first, self._blocks, self._constants = observations, blocks, constants
-        self._progress = progress or silent
-        self._scoring = Scoring(observations, blocks, effects, reference, constants, self._progress)
+        self._progress = progress
+        self._scoring = Scoring(observations, blocks, effects, reference, constants, progress)
         self._taken: list[Taken] = []
         self._tried: set[tuple[str, str]] = set()
 

@@ -1,6 +1,6 @@
 """How a model's own held-out errors are correlated between channels, and what is usual beside that."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from taxel_models.loop.inference.evidence import held_out, weigh
 from taxel_models.loop.inference.few_channels_form import TOGETHER
 from taxel_models.loop.inference.few_channels_search import FewChannelsSearch
 from taxel_models.loop.inference.products import Products
+from taxel_models.loop.inference.scoring import Progress, silent
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.reference.gain_limit import gain_limit
@@ -30,7 +31,7 @@ from taxel_models.loop.reference.precision import (
 
 
 def correlated_residual(
-    observations: Observations, blocks: Blocks, constants: Constants, progress: Callable[[str], None]
+    observations: Observations, blocks: Blocks, constants: Constants, progress: Progress
 ) -> CorrelatedResidual | None:
     """Of the recordings that training held out; None where there are too few parts to test it.
 
@@ -81,7 +82,7 @@ def correlated_structure(
     channels = CorrelatedChannels(residual, bins, known, constants)
     shape = NoiseShape.of(bins, residual, constants.fading_s)
     weights = Whitening(bins, shape, residual, constants).row_weights(len(observations)).mean(axis=1)
-    return _structure_of(channels, observations, blocks, weights, constants, confidence, lambda _: None)
+    return _structure_of(channels, observations, blocks, weights, constants, confidence, silent)
 
 
 def _structure_of(
@@ -91,7 +92,7 @@ def _structure_of(
     row_weights: Floats,
     constants: Constants,
     confidence: float,
-    progress: Callable[[str], None],
+    progress: Progress,
 ) -> dict[str, OwnStructure]:
     residual = observations.residual
     remaining = Remaining(residual, blocks.fit, row_weights)

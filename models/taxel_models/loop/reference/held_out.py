@@ -32,7 +32,7 @@ def held_out_residual(
     model: Model,
     recordings: Sequence[Recording],
     constants: Constants = DECLARED,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> HeldOutResidual | None:
     """Of a model and the recordings that its training held out; None where they are too short.
 
@@ -40,7 +40,6 @@ def held_out_residual(
         constants: of the inference.
         progress: is told what is looked at.
     """
-    progress = progress or silent
     try:
         observations = gather(model, recordings)
         if len(observations) < FEWEST_ROWS:
