@@ -11,7 +11,6 @@ from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
 from taxel.channels import CHANNELS
 from taxel.held_out_residual import CorrelatedResidual, HeldOutResidual
@@ -19,6 +18,7 @@ from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Basis, Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.inference.constants import Constants
+from taxel_models.loop.running_mean import mean_within
 
 ROUNDING: Final = 12**-0.5
 """Standard deviation of rounding to whole counts."""
@@ -146,12 +146,7 @@ class Bins:
     def fast(self, means: Floats, window_s: float) -> Floats:
         """(c, bins, k) of means (c, bins, k), what is left of them less their average over a window."""
         window = 2 * round(0.5 * window_s / self.seconds) + 1
-        left = np.empty_like(means)
-        for block in self.blocks:
-            left[:, block] = means[:, block] - uniform_filter1d(
-                means[:, block], window, axis=1, mode="nearest"
-            )
-        return left
+        return np.asarray(means - mean_within(means, window, self.blocks))
 
     def of_basis(self, basis: Basis) -> Floats:
         """(1 or 21, bins, k) means of a basis."""
