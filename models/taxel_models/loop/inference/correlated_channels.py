@@ -117,15 +117,8 @@ class CorrelatedChannels:
         around = residual - residual[self.bins.order].mean(axis=0)
         return np.asarray(self._whiten(around) @ self._root / np.diag(self._precision))
 
-    def bases(self, left: Floats) -> Bases:
-        """What forms are weighed beside, for the residual (n, 21) that no named effect explains, counts."""
-        return self._bases_of(self._target(left))
-
-    def _target(self, left: Floats) -> Floats:
-        """(21, bins, 1) the whitened residual of one (n, 21) in counts."""
-        return self._whitening(self.bins.means(self._whiten(left).T[:, :, None]))
-
     def _bases_of(self, target: Floats) -> Bases:
+        """What forms are weighed beside, of a whitened residual (21, bins, 1)."""
         none = np.empty((len(CHANNELS), 0))
         nothing = Design(none[:, None, :].repeat(len(self.bins), axis=1), self.bins.fold)
         # An error of 1 is what the model's own held-out residual has.
@@ -141,7 +134,8 @@ class CorrelatedChannels:
             named: those that have weights of each channel.
         """
         forms = ChannelForms([one.candidate for one in named], self._root, self._whitening)
-        return NamedInChannels(named, forms, self._target(left), self._bases_of)
+        target = self._whitening(self.bins.means(self._whiten(left).T[:, :, None]))
+        return NamedInChannels(named, forms, target, self._bases_of)
 
     def weights(
         self,

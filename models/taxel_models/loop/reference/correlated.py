@@ -12,15 +12,15 @@ from taxel_models.loop.effects.effect import Candidate, Effect, Remaining
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
-from taxel_models.loop.inference.evidence import held_out, weigh
+from taxel_models.loop.inference.evidence import Bases, held_out, weigh
 from taxel_models.loop.inference.few_channels_form import TOGETHER
 from taxel_models.loop.inference.few_channels_search import FewChannelsSearch
-from taxel_models.loop.inference.products import Products
+from taxel_models.loop.inference.named_in_channels import NamedInChannels
 from taxel_models.loop.inference.scoring import Progress, silent
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.reference.gain_limit import gain_limit
-from taxel_models.loop.reference.own_structure import OPEN
+from taxel_models.loop.reference.own_structure import MEAN, OPEN
 from taxel_models.loop.reference.precision import (
     FEWEST_PARTS,
     likeliest_own_noise,
@@ -62,27 +62,19 @@ def correlated_residual(
     )
     channels = CorrelatedChannels(residual, bins, known, constants, whiten)
     weights = alone.row_weights(len(observations)).mean(axis=1)
-    structure = _structure_of(channels, observations, blocks, weights, constants, OPEN, progress)
+    structure = _structure_of(channels, observations, blocks, weights, OPEN, progress)
     return known.model_copy(update={"structure": structure})
 
 
 def correlated_structure(
-    observations: Observations,
-    blocks: Blocks,
-    known: CorrelatedResidual,
-    constants: Constants,
-    confidence: float,
+    observations: Observations, blocks: Blocks, known: CorrelatedResidual, constants: Constants
 ) -> dict[str, OwnStructure]:
-    """What a part of these recordings, such as one kind, shows beside what its channels have in common.
-
-    Args:
-        confidence: of the limit of what few blocks leave open.
-    """
+    """What a part of these recordings, such as one kind, shows beside what its channels have in common."""
     residual, bins = observations.residual, Bins.of(blocks, constants.bin_s)
     channels = CorrelatedChannels(residual, bins, known, constants)
     shape = NoiseShape.of(bins, residual, constants.fading_s)
     weights = Whitening(bins, shape, residual, constants).row_weights(len(observations)).mean(axis=1)
-    return _structure_of(channels, observations, blocks, weights, constants, confidence, silent)
+    return _structure_of(channels, observations, blocks, weights, MEAN, silent)
 
 
 def _structure_of(
@@ -90,23 +82,20 @@ def _structure_of(
     observations: Observations,
     blocks: Blocks,
     row_weights: Floats,
-    constants: Constants,
     confidence: float,
     progress: Progress,
 ) -> dict[str, OwnStructure]:
-    residual = observations.residual
-    remaining = Remaining(residual, blocks.fit, row_weights)
+    remaining = Remaining(observations.residual, blocks.fit, row_weights)
+    beside = channels.beside_named(remaining.residual, [])
     structure = {}
     for effect in candidates(observations):
         if effect.is_costly or effect.out_of_scope(observations) is not None:
             continue
         progress(effect.label)
         if effect.follows is not None:
-            structure[effect.label] = _of_few(
-                channels, effect, observations, remaining, constants, confidence
-            )
+            structure[effect.label] = _of_few(channels, effect, observations, remaining, beside, confidence)
         elif forms := list(effect.forms(observations, remaining)):
-            structure[effect.label] = _of_many(channels, effect, forms, residual, constants)
+            structure[effect.label] = _of_many(channels, effect, forms, beside.bases(()))
     return structure
 
 
@@ -115,11 +104,11 @@ def _of_few(
     effect: Effect,
     observations: Observations,
     remaining: Remaining,
-    constants: Constants,
+    beside: NamedInChannels,
     confidence: float,
 ) -> OwnStructure:
     """What an effect explains in each electrode, alone or beside others: log odds and gain, by bins."""
-    base = channels.bases(remaining.residual).beside
+    bins = len(channels.bins)
     log_evidence, gain = np.zeros((2, len(CHANNELS)))
     options = [
         (channel, signals.about_mean.design({channel: place}))
@@ -127,8 +116,8 @@ def _of_few(
         for channel, place in signals.about_mean.options
     ]
     for channel, design in options:
-        products = Products.of(base, design)
-        weighed = weigh(products, TOGETHER, constants)
+        products = beside.products(design, [channel])
+        weighed = weigh(products, TOGETHER, channels.constants)
         seen, unseen = (
             held_out(products, TOGETHER, weighed, seen=one).gain.sum(axis=1, keepdims=True)
             for one in (True, False)
@@ -136,28 +125,25 @@ def _of_few(
         log_evidence[channel] = max(log_evidence[channel], weighed.log_evidence)
         gain[channel] = max(gain[channel], float(gain_limit(seen, unseen, confidence)[0]))
     # Beside others that change, too, a channel may show more: neighbours hide each other.
-    beside = channels.beside_named(remaining.residual, [])
     for added in FewChannelsSearch(channels, observations, remaining, beside).added(effect):
         channel = added.channel
         limit = gain_limit(added.seen[:, None], added.unseen[:, None], confidence)
         log_evidence[channel] = max(log_evidence[channel], added.log_evidence)
         gain[channel] = max(gain[channel], float(limit[0]))
     return OwnStructure(
-        log_evidence=tuple((log_evidence / base.bins).tolist()), gain=tuple((gain / base.bins).tolist())
+        log_evidence=tuple((log_evidence / bins).tolist()), gain=tuple((gain / bins).tolist())
     )
 
 
 def _of_many(
-    channels: CorrelatedChannels,
-    effect: Effect,
-    forms: Sequence[Candidate],
-    residual: Floats,
-    constants: Constants,
+    channels: CorrelatedChannels, effect: Effect, forms: Sequence[Candidate], bases: Bases
 ) -> OwnStructure:
     """What an effect of many channels explains: log odds of each whitened channel, by bins."""
-    bases = channels.bases(residual)
     bases = bases.of_constant if effect.is_constant else bases
-    found = [weigh(each, fitting, constants) for each, fitting in channels.products_of_many(forms, bases)]
+    found = [
+        weigh(products, fitting, channels.constants)
+        for products, fitting in channels.products_of_many(forms, bases)
+    ]
     # Where each form stands for itself, only the likely ones are usual, and the likeliest in any case.
     least = min(0.0, max(one.log_evidence for one in found)) if effect.fits_nothing else -np.inf
     kept = [(form, one) for form, one in zip(forms, found, strict=True) if one.log_evidence >= least]

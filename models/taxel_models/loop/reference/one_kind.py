@@ -87,7 +87,7 @@ class _Shown:
             beside: Mapping[str, OwnStructure] = {}
             if correlated is not None:
                 blocks = cut(part, seed=0, held_out=KEPT)
-                beside = correlated_structure(part, blocks, correlated, constants, MEAN)
+                beside = correlated_structure(part, blocks, correlated, constants)
         except RecordingError:
             return found
         return replace(found, structure=structure, correlated=beside)

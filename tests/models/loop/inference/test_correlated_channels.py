@@ -399,8 +399,8 @@ def test_an_effect_of_many_channels_tells_what_it_removes_of_held_out_blocks(
     age = np.linspace(-1.0, 1.0, len(recording))[:, None]
     added = drifts * age * np.random.default_rng(7).normal(size=21)
     observations = gather(smooth, [replace(recording, channels=np.rint(recording.channels + added))])
-    channels, left, remaining, *_ = searched(observations, reference.correlated)
-    found = channels.of_many("drift", list(Drift().forms(observations, remaining)), channels.bases(left))
+    channels, _, remaining, beside, _ = searched(observations, reference.correlated)
+    found = channels.of_many("drift", list(Drift().forms(observations, remaining)), beside.bases(()))
     assert (found.gain > found.log_evidence > 0) if rises else found.gain <= 0
 
 
