@@ -8,7 +8,7 @@ the root of the precision of the model's own held-out residual, their errors hav
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,9 @@ from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Remaini
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.evidence import Bases, HeldOut, Weighed, held_out, posterior_weights, weigh
 from taxel_models.loop.inference.few_channels_form import TOGETHER, ChannelForms, FewChannelsForm
-from taxel_models.loop.inference.named_in_channels import NamedForm, NamedInChannels
+from taxel_models.loop.inference.named_in_channels import NamedInChannels
 from taxel_models.loop.inference.products import Base, Design, Products
+from taxel_models.loop.inference.score import Taken
 from taxel_models.loop.inference.whitening import ROUNDING, Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations
 
@@ -52,22 +53,6 @@ class Price(NamedTuple):
 
     odds: Floats
     gain: Floats
-
-
-class OfMany(NamedTuple):
-    """What all whitened channels show of an effect that changes many.
-
-    Attributes:
-        log_evidence: of its likeliest form, 0 at least.
-        gain: fall of the squared error over the known noise on folds that nothing was fitted to, less what
-            the model's own residual has of it.
-    """
-
-    log_evidence: float
-    gain: float
-
-
-NOTHING: Final = OfMany(0.0, 0.0)
 
 
 class CorrelatedChannels:
@@ -126,16 +111,17 @@ class CorrelatedChannels:
         base = Base(Design(target, self.bins.fold), nothing, none, self._whitening.quantum, noise)
         return Bases.of(base, self._ones, self.constants)
 
-    def beside_named(self, left: Floats, named: Sequence[NamedForm]) -> NamedInChannels:
+    def beside_named(self, left: Floats, named: Sequence[Taken]) -> NamedInChannels:
         """What changes of a few channels are weighed beside.
 
         Args:
             left: (n, 21) what named effects leave, counts.
             named: those that have weights of each channel.
         """
-        forms = ChannelForms([one.candidate for one in named], self._root, self._whitening)
+        forms = ChannelForms([one.form.candidate for one in named], self._root, self._whitening)
         target = self._whitening(self.bins.means(self._whiten(left).T[:, :, None]))
-        return NamedInChannels(named, forms, target, self._bases_of)
+        changed = [one.weighed.changes for one in named]
+        return NamedInChannels(changed, forms, target, self._bases_of)
 
     def weights(
         self,
@@ -162,13 +148,15 @@ class CorrelatedChannels:
         gain = found.gain.sum(axis=1)[:, None] * form.included / form.included.sum()
         return weighed, HeldOut(gain, found.before, np.ones(len(CHANNELS)), found.squared_change)
 
-    def of_many(self, label: str, forms: Sequence[Candidate], bases: Bases) -> OfMany:
-        """The likeliest form of an effect that changes many channels.
+    def of_many(self, label: str, forms: Sequence[Candidate], bases: Bases) -> tuple[float, float]:
+        """The log evidence and the gain of the likeliest form of an effect that changes many channels.
 
-        It has no evidence where the model's own residual does not tell how much of the effect is usual.
+        The gain is the fall of the squared error over the known noise on folds that nothing was fitted to,
+        less what the model's own residual has of it. Both are 0 where no form is likely, and where that
+        residual does not tell how much of the effect is usual.
         """
         if not self.knows(label):
-            return NOTHING
+            return 0.0, 0.0
         known, odds = self._known.structure[label], self._usual_odds(label)
         reached, best = 0.0, None
         for candidate, (products, fitting) in zip(forms, self.products_of_many(forms, bases), strict=True):
@@ -177,12 +165,12 @@ class CorrelatedChannels:
             if weighed.log_evidence > reached:
                 reached, best = weighed.log_evidence, (products, fitting, weighed, usual)
         if best is None:
-            return NOTHING
+            return 0.0, 0.0
         products, fitting, weighed, usual = best
         found = held_out(products, fitting, weighed)
         # Odds are half of what goes of the squared error over the noise, but for the prior.
         gain = (found.gain * found.noise / bases.beside.counted_noise).sum() - 2.0 * usual.sum()
-        return OfMany(reached, float(gain))
+        return reached, float(gain)
 
     def products_of_many(
         self, forms: Sequence[Candidate], bases: Bases

@@ -7,13 +7,12 @@ in these channels fit as well as they can (Frisch and Waugh 1933).
 
 from collections.abc import Callable, Collection, Sequence
 from functools import cache
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.inference.evidence import Bases
 from taxel_models.loop.inference.few_channels_form import ChannelForms
 from taxel_models.loop.inference.products import Design, Products
@@ -22,36 +21,24 @@ _LEAST: Final = 1e-9
 """Least square of a direction of the regressors, over the largest: a smaller one is rounding."""
 
 
-class NamedForm(NamedTuple):
-    """A named effect.
-
-    Attributes:
-        candidate: its form, with weights of each channel.
-        changes: (21,) channels that have it.
-    """
-
-    candidate: Candidate
-    changes: NDArray[np.bool_]
-
-
 class NamedInChannels:
     """What changes of a few channels are weighed beside.
 
     Args:
-        named: effects.
-        forms: of their candidates, in the same order.
+        changed: (21,) channels that each named effect has.
+        forms: of these effects, in the same order.
         target: (21, bins, 1) what they leave of the whitened residual.
         bases: gives what forms are weighed beside, of such a residual.
     """
 
     def __init__(
         self,
-        named: Sequence[NamedForm],
+        changed: Sequence[NDArray[np.bool_]],
         forms: ChannelForms,
         target: Floats,
         bases: Callable[[Floats], Bases],
     ) -> None:
-        self._named, self._forms = named, forms
+        self._changed, self._forms = changed, forms
         self._first = bases(target)
         # The root of the noise, by which whitened channels count.
         self._root = np.sqrt(self._first.beside.counted_noise)[:, None, None]
@@ -81,9 +68,9 @@ class NamedInChannels:
         """(21, bins, k) independent directions of length 1, over the noise."""
         images = [
             self._forms.design({channel: place}).values
-            for place, one in enumerate(self._named)
+            for place, changes in enumerate(self._changed)
             for channel in channels
-            if one.changes[channel]
+            if changes[channel]
         ]
         if not images:
             return np.empty((0, 0, 0))

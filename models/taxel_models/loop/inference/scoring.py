@@ -24,7 +24,7 @@ from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
 from taxel_models.loop.inference.evidence import Bases, HeldOut, Weighed, held_out, posterior_weights, weigh
 from taxel_models.loop.inference.few_channels_form import FewChannelsForm
 from taxel_models.loop.inference.forms import WhitenedForm, prepared, prepared_as_it_is
-from taxel_models.loop.inference.named_in_channels import NamedForm, NamedInChannels
+from taxel_models.loop.inference.named_in_channels import NamedInChannels
 from taxel_models.loop.inference.products import Base, Design, Products
 from taxel_models.loop.inference.proof import stands
 from taxel_models.loop.inference.score import Score, Taken
@@ -361,7 +361,13 @@ class Scoring:
 
     def _beside(self, correlated: CorrelatedChannels, others: Sequence[Taken]) -> NamedInChannels:
         """What changes of few channels are weighed beside where others are named."""
-        return correlated.beside_named(self.residual(others), _with_own_weights(others))
+        # Those that have weights of each channel.
+        named = [
+            each
+            for each in others
+            if not (each.form.candidate.fitting.fixed or each.form.candidate.fitting.pooled)
+        ]
+        return correlated.beside_named(self.residual(others), named)
 
     def beside(self, taken: Taken, others: Sequence[Taken]) -> tuple[Weighed, HeldOut, Floats]:
         """A named effect's own form, weighed and tested beside the others; (21,) what share it removes."""
@@ -375,14 +381,3 @@ class Scoring:
         shares = (before - after) / np.maximum(before, 1e-12)
         weighed = weigh(products, fitting, self.constants)
         return weighed, held_out(products, fitting, taken.weighed), shares
-
-
-def _with_own_weights(taken: Sequence[Taken]) -> list[NamedForm]:
-    """The named effects that have weights of each channel."""
-    return [
-        NamedForm(each.form.candidate, each.weighed.changes)
-        for each in taken
-        if not (each.form.candidate.fitting.fixed or each.form.candidate.fitting.pooled)
-        and each.effect.is_predictable
-        and not each.form.candidate.certain
-    ]

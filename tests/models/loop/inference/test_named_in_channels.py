@@ -12,7 +12,7 @@ from taxel_models.loop.effects.effect import Candidate, Fitting
 from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.inference.evidence import Bases
 from taxel_models.loop.inference.few_channels_form import ChannelForms
-from taxel_models.loop.inference.named_in_channels import NamedForm, NamedInChannels
+from taxel_models.loop.inference.named_in_channels import NamedInChannels
 from taxel_models.loop.inference.products import Base, Design
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations
@@ -41,7 +41,7 @@ class Ground:
         self.effects = ChannelForms([effect], mixing, whitening)
         self.changes = ChannelForms([change], mixing, whitening)
         has = np.arange(channels) < CHANGED[1]
-        one = [NamedForm(effect, has)] if named else []
+        one = [has] if named else []
         self.beside = NamedInChannels(one, self.effects, self.target, self.bases)
 
     def bases(self, target: Floats) -> Bases:
@@ -95,9 +95,8 @@ def test_a_regressor_that_is_there_twice_is_taken_out_once(observations: Observa
     effect: Any = ground.effects.candidate(0)
     twice = ChannelForms([effect, effect], np.eye(len(CHANNELS)), ground.effects._whitening)
     every = np.ones(len(CHANNELS), bool)
-    both = [NamedForm(effect, every)] * 2
-    once = NamedInChannels(both[:1], twice, ground.target, ground.bases)
-    again = NamedInChannels(both, twice, ground.target, ground.bases)
+    once = NamedInChannels([every], twice, ground.target, ground.bases)
+    again = NamedInChannels([every, every], twice, ground.target, ground.bases)
     design = ground.changes.design(dict.fromkeys(CHANGED, 0))
     found, expected = (one.without(design, CHANGED).values for one in (again, once))
     np.testing.assert_allclose(found, expected, atol=1e-9)
