@@ -5,14 +5,12 @@ from dataclasses import replace
 from functools import cache
 
 from taxel.channels import CHANNELS
-from taxel_models.loop.effects.effect import Candidate, Effect, Remaining
-from taxel_models.loop.inference.constants import Constants
+from taxel_models.loop.effects.effect import Candidate, Effect
 from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
+from taxel_models.loop.inference.evidence import Bases
 from taxel_models.loop.inference.few_channels_search import MOST_CHANNELS, FewChannelsSearch
-from taxel_models.loop.inference.named_in_channels import NamedInChannels
 from taxel_models.loop.inference.proof import stands
 from taxel_models.loop.inference.score import Score
-from taxel_models.loop.observations import Observations
 
 
 class AllChannels:
@@ -22,12 +20,10 @@ class AllChannels:
         correlated: channels, which weigh.
         effects: that compete, without those that are named.
         forms: gives an effect's forms.
-        observations: the recordings with the model's predictions.
-        remaining: what no named effect explains.
-        beside: what changes of few channels are weighed beside.
+        search: gives the search for changes of few channels by an effect that `follows` signals.
+        bases: what effects of many channels are weighed beside.
         rivals: labels of effects that may be likelier than a change of few channels.
         beside_others: something is named already.
-        constants: of the inference.
     """
 
     def __init__(
@@ -35,19 +31,15 @@ class AllChannels:
         correlated: CorrelatedChannels,
         effects: Sequence[Effect],
         forms: Callable[[Effect], Sequence[Candidate]],
-        observations: Observations,
-        remaining: Remaining,
+        search: Callable[[Effect], FewChannelsSearch],
         *,
-        beside: NamedInChannels,
+        bases: Bases,
         rivals: Collection[str],
         beside_others: bool,
-        constants: Constants,
     ) -> None:
-        self._correlated, self._effects = correlated, effects
-        self._beside_others, self._constants = beside_others, constants
-        self._rivals = rivals
-        self._search = FewChannelsSearch(correlated, observations, remaining, beside)
-        self._forms, self._bases = forms, beside.bases(())
+        self._correlated, self._effects, self._forms = correlated, effects, forms
+        self._beside_others, self._constants = beside_others, correlated.constants
+        self._search, self._rivals, self._bases = search, rivals, bases
         self._weighed = cache(self._weigh)
 
     def judged(self, score: Score) -> Score:
@@ -70,7 +62,7 @@ class AllChannels:
         """The likeliest change of a few channels that proves itself."""
         if effect.follows is None:
             return None
-        few = self._search.best(effect)
+        few = self._search(effect).best()
         stand = few is not None and stands(few, self._beside_others, self._constants)
         return few if stand else None
 
@@ -86,7 +78,7 @@ class AllChannels:
         changes_few |= score.worth.mean() < self._constants.least_share
         # What few channels show must show beside all others. By itself it repeats already.
         changes_few &= effect.follows is not None
-        if changes_few and few is None and self._search.best(effect, most_channels=len(CHANNELS)) is None:
+        if changes_few and few is None and self._search(effect).best(most_channels=len(CHANNELS)) is None:
             return False
         least = self._rival(effect) if effect.follows == "measured" else 0.0
         return self._found(effect)[0] > least

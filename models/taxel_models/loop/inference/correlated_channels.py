@@ -43,18 +43,6 @@ class Signals(NamedTuple):
     predicted: ChannelForms
 
 
-class Price(NamedTuple):
-    """What is taken from a change of a channel.
-
-    Attributes:
-        odds: (21,) log odds, for having chosen the channel and its form, and of the model's own residual.
-        gain: (21,) of the model's own residual, over the noise, for each bin.
-    """
-
-    odds: Floats
-    gain: Floats
-
-
 class CorrelatedChannels:
     """Channels that are fitted together, on the fit part: their forms, and what these are weighed beside.
 
@@ -157,7 +145,7 @@ class CorrelatedChannels:
         """
         if not self.knows(label):
             return 0.0, 0.0
-        known, odds = self._known.structure[label], self._usual_odds(label)
+        known, odds = self._known.structure[label], self.usual_odds(label)
         reached, best = 0.0, None
         for candidate, (products, fitting) in zip(forms, self.products_of_many(forms, bases), strict=True):
             usual = odds if known.has(candidate.form_itself) else np.zeros_like(odds)
@@ -227,15 +215,15 @@ class CorrelatedChannels:
             return [signals]
         return [signals, Signals(signals.predicted, signals.predicted, signals.predicted)]
 
-    def _usual_odds(self, label: str) -> Floats:
+    def usual_odds(self, label: str) -> Floats:
+        """(21,) log odds that the model's own residual gives an effect."""
         known = self._known.structure.get(label)
         return np.zeros(len(CHANNELS)) if known is None else len(self.bins) * np.array(known.log_evidence)
 
-    def price(self, label: str, choices: int) -> Price:
-        """What is taken from a change of a channel by an effect, one of so many choices."""
+    def usual_gain(self, label: str) -> Floats:
+        """(21,) gain of an effect in the model's own residual, over the noise, for each bin."""
         known = self._known.structure.get(label)
-        gain = np.zeros(len(CHANNELS)) if known is None else np.array(known.gain)
-        return Price(np.log(max(choices, 1)) + self._usual_odds(label), gain)
+        return np.zeros(len(CHANNELS)) if known is None else np.array(known.gain)
 
 
 def root_of(precision: Floats) -> Floats:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -23,6 +24,7 @@ from taxel_models.loop.inference.contact_offset import (
 from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
 from taxel_models.loop.inference.evidence import Bases, HeldOut, Weighed, held_out, posterior_weights, weigh
 from taxel_models.loop.inference.few_channels_form import FewChannelsForm
+from taxel_models.loop.inference.few_channels_search import FewChannelsSearch
 from taxel_models.loop.inference.forms import WhitenedForm, prepared, prepared_as_it_is
 from taxel_models.loop.inference.named_in_channels import NamedInChannels
 from taxel_models.loop.inference.products import Base, Design, Products
@@ -205,16 +207,15 @@ class Scoring:
                 if effect.is_costly and (weak or score.worth.mean() < self.constants.least_share):
                     self._hopeless[effect.label] = beside
         if self._correlated is not None:
+            named, remaining = self._beside(self._correlated, taken), self._remaining(left, taken)
             together = AllChannels(
                 self._correlated,
                 [effect for effect in self._effects if effect.label not in names],
                 lambda effect: [form.candidate for form in self._forms_of(effect, left, taken)],
-                self.observations,
-                self._remaining(left, taken),
-                beside=self._beside(self._correlated, taken),
+                partial(FewChannelsSearch, self._correlated, self.observations, remaining, named),
+                bases=named.bases(()),
                 rivals=self._rivals(found, taken),
                 beside_others=bool(taken),
-                constants=self.constants,
             )
             found = [together.judged(score) for score in found]
         contact = None if ContactOffset.name in names else self._contact_offset(bases.plain, left)

@@ -12,10 +12,8 @@ from taxel_models.loop.effects.effect import Candidate, Effect, Remaining
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
-from taxel_models.loop.inference.evidence import Bases, held_out, weigh
-from taxel_models.loop.inference.few_channels_form import TOGETHER
+from taxel_models.loop.inference.evidence import Bases, weigh
 from taxel_models.loop.inference.few_channels_search import FewChannelsSearch
-from taxel_models.loop.inference.named_in_channels import NamedInChannels
 from taxel_models.loop.inference.scoring import Progress, silent
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations
@@ -93,39 +91,18 @@ def _structure_of(
             continue
         progress(effect.label)
         if effect.follows is not None:
-            structure[effect.label] = _of_few(channels, effect, observations, remaining, beside, confidence)
+            search = FewChannelsSearch(channels, observations, remaining, beside, effect)
+            structure[effect.label] = _of_few(search, len(channels.bins), confidence)
         elif forms := list(effect.forms(observations, remaining)):
             structure[effect.label] = _of_many(channels, effect, forms, beside.bases(()))
     return structure
 
 
-def _of_few(
-    channels: CorrelatedChannels,
-    effect: Effect,
-    observations: Observations,
-    remaining: Remaining,
-    beside: NamedInChannels,
-    confidence: float,
-) -> OwnStructure:
+def _of_few(search: FewChannelsSearch, bins: int, confidence: float) -> OwnStructure:
     """What an effect explains in each electrode, alone or beside others: log odds and gain, by bins."""
-    bins = len(channels.bins)
     log_evidence, gain = np.zeros((2, len(CHANNELS)))
-    options = [
-        (channel, signals.about_mean.design({channel: place}))
-        for signals in channels.signals(effect, observations, remaining)
-        for channel, place in signals.about_mean.options
-    ]
-    for channel, design in options:
-        products = beside.products(design, [channel])
-        weighed = weigh(products, TOGETHER, channels.constants)
-        seen, unseen = (
-            held_out(products, TOGETHER, weighed, seen=one).gain.sum(axis=1, keepdims=True)
-            for one in (True, False)
-        )
-        log_evidence[channel] = max(log_evidence[channel], weighed.log_evidence)
-        gain[channel] = max(gain[channel], float(gain_limit(seen, unseen, confidence)[0]))
     # Beside others that change, too, a channel may show more: neighbours hide each other.
-    for added in FewChannelsSearch(channels, observations, remaining, beside).added(effect):
+    for added in (*search.alone(), *search.added()):
         channel = added.channel
         limit = gain_limit(added.seen[:, None], added.unseen[:, None], confidence)
         log_evidence[channel] = max(log_evidence[channel], added.log_evidence)

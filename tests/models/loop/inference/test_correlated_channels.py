@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -16,7 +17,7 @@ from taxel.held_out_residual import CorrelatedResidual, HeldOutResidual, OwnStru
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.crosstalk import Crosstalk
 from taxel_models.loop.effects.drift import Drift
-from taxel_models.loop.effects.effect import Remaining
+from taxel_models.loop.effects.effect import Effect, Remaining
 from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED, Constants
@@ -125,7 +126,7 @@ class Searched(NamedTuple):
     left: Floats
     remaining: Remaining
     beside: NamedInChannels
-    search: FewChannelsSearch
+    search: Callable[[Effect], FewChannelsSearch]
 
 
 def searched(
@@ -137,7 +138,7 @@ def searched(
     channels = CorrelatedChannels(left, Bins.of(blocks, constants.bin_s), known, constants)
     remaining = Remaining(left, blocks.fit, np.ones(len(observations)))
     beside = channels.beside_named(left, [])
-    search = FewChannelsSearch(channels, observations, remaining, beside)
+    search = partial(FewChannelsSearch, channels, observations, remaining, beside)
     return Searched(channels, left, remaining, beside, search)
 
 
@@ -175,7 +176,7 @@ def test_weights_are_those_of_generalised_least_squares(
     white = reference.correlated.model_copy(update={"shared": nothing, "fading": nothing})
     channels, left, _, beside, search = searched(observations, white, replace(DECLARED, robust=1e9))
     bins = channels.bins
-    best = search.best(Gain())
+    best = search(Gain()).best()
     assert best is not None
     assert best.form.channels == [CHANNELS.index("e4")]
     found = channels.weights(best.form, beside, UNSHRUNK)[0]
@@ -225,12 +226,12 @@ def test_an_electrode_that_fades_where_the_others_err_otherwise_than_usual_follo
     counts[:, column] = np.rint(own - np.linspace(0.0, 0.8, len(own)) * (own - own.mean()))
     observations = gather(smooth, [replace(recording, channels=counts)])
     channels, _, remaining, _, search = searched(observations, reference.correlated)
-    best = search.best(Gain())
+    best = search(Gain()).best()
     assert best is not None
     assert best.form.channels == [column]
     foretold, _ = channels.signals(Gain(), observations, remaining)
     monkeypatch.setattr(channels, "signals", lambda *_: [foretold])
-    assert search.best(Gain()) is None
+    assert search(Gain()).best() is None
 
 
 @pytest.mark.parametrize(
@@ -241,7 +242,7 @@ def test_leaks_from_one_electrode_to_the_next_are_found_together(
 ) -> None:
     """Each hides its neighbours, which foretell most of it; together they stand out."""
     recording = leaks_in_a_chain(errs_alike(make(rows, seed=4), seed=2, white=white))
-    best = searched(gather(smooth, [recording]), reference.correlated).search.best(Crosstalk())
+    best = searched(gather(smooth, [recording]), reference.correlated).search(Crosstalk()).best()
     assert best is not None
     assert [CHANNELS[channel] for channel in best.form.channels] == list(found)
     # Those that join were chosen among all electrodes.
@@ -283,7 +284,7 @@ def test_electrodes_that_age_each_in_its_own_way_are_put_right(
     changed = replace(recording, channels=np.rint(recording.channels - lost * about))
     observations = gather(smooth, [changed])
     channels, _, _, beside, search = searched(observations, reference.correlated)
-    best = search.best(Gain())
+    best = search(Gain()).best()
     assert best is not None
     assert best.form.channels == columns
     weights = channels.weights(best.form, beside, UNSHRUNK)[0]
