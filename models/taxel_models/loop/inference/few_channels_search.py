@@ -209,7 +209,6 @@ class FewChannelsSearch:
             needs_constant=needs_constant,
             gain=gain,
             worth=gain.sum(axis=0) / error,
-            taken_off=gain.sum(axis=0) * found.noise,
             usual=usual,
             most_gain=float(gain.sum()),
             forms=((form.freedom, log_evidence),),

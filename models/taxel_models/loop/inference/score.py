@@ -30,7 +30,6 @@ class Score:
         gain: (folds, 21) fall of the held-out squared error, over the noise, beside a constant of each
             channel.
         worth: (21,) share of each channel's held-out squared error that goes.
-        taken_off: (21,) what goes of each channel's held-out squared error, counts².
         usual: (folds, 21) what was subtracted from the gain, since the model's own residual has it.
         most_gain: gain in all of its likeliest form before a simpler one was preferred.
         forms: how many figures each form fits, and its log evidence.
@@ -43,7 +42,6 @@ class Score:
     needs_constant: bool
     gain: Floats
     worth: Floats
-    taken_off: Floats
     usual: Floats
     most_gain: float
     log_evidence_alone: float = -np.inf

@@ -323,9 +323,8 @@ class Scoring:
             falls = (before - after)[order]
             gain = np.array([falls[fold == number].sum(axis=0) for number in range(len(score.gain))])
             gain = gain / noise - score.usual
-            taken_off = gain.sum(axis=0) * noise
-            worth = taken_off / np.maximum(before[order].sum(axis=0), 1e-9)
-            return replace(score, gain=gain, worth=worth, taken_off=taken_off)
+            worth = gain.sum(axis=0) * noise / np.maximum(before[order].sum(axis=0), 1e-9)
+            return replace(score, gain=gain, worth=worth)
 
         return tested(lambda counts: counts), tested(self.observations.limits.shown)
 

@@ -150,10 +150,8 @@ class Weighing:
         # So much of what goes is news: the model's own residual has the rest.
         news = np.clip(own / np.where(whole > 0, whole, np.inf), -1.0, 1.0)
         worth = np.where(fall > 0, fall * news, fall)
-        taken_off = own * tested.noise * self._whitening.scale**2
         usual = usual * np.ones_like(gain)
-        shares = (gain, worth, taken_off, usual)
-        score = Score(effect, form, weighed, log_evidence, False, *shares, most_gain=0.0)
+        score = Score(effect, form, weighed, log_evidence, False, gain, worth, usual, most_gain=0.0)
         return replace(score, most_gain=score.total_gain)
 
 

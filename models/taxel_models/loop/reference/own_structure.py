@@ -97,13 +97,12 @@ def _of_other_forms(scoring: Scoring, score: Score, confidence: float) -> list[t
 
 def own_gain(scoring: Scoring, score: Score, confidence: float = OPEN) -> Floats:
     """(21,) what an effect takes off the squared error in every channel, counts²; see `gain_limit`."""
+    bases, counts = scoring.bases([]), scoring.whitening.scale**2
     if not score.effect.is_predictable:
         # Nothing is fitted to other folds, so that folds are independent of each other.
-        total = score.gain.sum(axis=0)
-        by_fold = score.gain * score.taken_off / np.where(total == 0, np.inf, total)
+        by_fold = score.gain * bases.plain.noise * counts
         limit = float(stats.t.ppf(min(confidence, ONE_ERROR), len(score.gain) - 1))
         return np.asarray(by_fold.sum(axis=0) + limit * np.sqrt(len(by_fold)) * by_fold.std(axis=0, ddof=1))
-    bases = scoring.bases([])
     products = Products.of(bases.beside, score.form.design)
     if score.effect.is_constant:
         products = replace(products, base=bases.plain)
@@ -112,7 +111,7 @@ def own_gain(scoring: Scoring, score: Score, confidence: float = OPEN) -> Floats
     every = replace(score.weighed, included=included)
     folds = [held_out(products, fitting, every, seen=seen) for seen in (True, False)]
     seen, unseen = (tested.gain * tested.noise for tested in folds)
-    return np.asarray(gain_limit(seen, unseen, confidence) * scoring.whitening.scale**2)
+    return np.asarray(gain_limit(seen, unseen, confidence) * counts)
 
 
 def own_residual(

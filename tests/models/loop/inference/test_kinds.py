@@ -212,7 +212,8 @@ def test_a_kind_is_judged_by_the_noise_of_all(smooth: Any, make: Make) -> None:
     unknown = reference.model_copy(update={"structure": {}, "correlated": None})
     scoring = Scoring(alone, cut(alone, seed=0, held_out=KEPT), [Gain()], unknown, DECLARED, silent)
     (score,) = (score for score in scoring.scores([]) if score.name == "gain")
-    may = usual * len(scoring.bins) / score.taken_off.sum()
+    unit = scoring.bases([]).beside.noise * scoring.whitening.scale**2
+    may = usual * len(scoring.bins) / (score.gain.sum(axis=0) * unit).sum()
     assert DECLARED.usual_of_kind * 0.8 < may < DECLARED.usual_of_kind * 1.4
 
 

@@ -176,6 +176,11 @@ def scoring_of(
     return Scoring(observations, blocks, effects, reference, DECLARED, lambda _: None)
 
 
+def squared_counts(scoring: Scoring) -> Any:
+    """(21,) a gain of 1 while nothing is named, counts²."""
+    return scoring.bases([]).plain.noise * scoring.whitening.scale**2
+
+
 def test_nothing_is_left_of_what_is_known_of_the_same_recording(
     smooth: Any, make: Make, scattered: HeldOutResidual
 ) -> None:
@@ -186,7 +191,8 @@ def test_nothing_is_left_of_what_is_known_of_the_same_recording(
     gains = {}
     for name, reference in {"unknown": without, "known": scattered}.items():
         scoring = scoring_of(smooth, recording, effects, reference)
-        gains[name] = {score.name: score.taken_off for score in scoring.scores([])}
+        unit = squared_counts(scoring)
+        gains[name] = {score.name: score.gain.sum(axis=0) * unit for score in scoring.scores([])}
     assert set(gains["unknown"]) == {"offset", "gain", "hysteresis", "offset:contact"}
     assert gains["unknown"]["offset:contact"].min() > 100
     # They count up to one standard error of what so few contacts tell.
@@ -287,11 +293,11 @@ def test_a_calibration_that_makes_it_worse_leaves_open_how_much_is_usual(
     """One odd contact can cost more than all others gain. That says little, not that nothing is usual."""
     scoring = scoring_of(smooth, apart(make), [Offset()], scattered)
     (score,) = (score for score in scoring.scores([]) if score.name == "offset:contact")
-    unit = score.taken_off / score.gain.sum(axis=0)
+    unit = squared_counts(scoring)
     gain = np.full_like(score.gain, 5.0)
     gain[0] = -10.0 * len(gain)
-    worse = replace(score, gain=gain, taken_off=gain.sum(axis=0) * unit)
-    assert worse.taken_off.max() < 0
+    worse = replace(score, gain=gain)
+    assert gain.sum() < 0
     scatter = gain.std(axis=0, ddof=1) * np.sqrt(len(gain))
     limit = float(stats.t.ppf(ONE_ERROR, len(gain) - 1))
     np.testing.assert_allclose(own_gain(scoring, worse), unit * (gain.sum(axis=0) + limit * scatter))
