@@ -170,8 +170,6 @@ def posterior_weights(
         weights = (inverse @ cross[..., None])[..., 0]
     if fitting.positive and not fitting.fixed:
         weights = np.maximum(weights, 0.0)
-    if not base.size:
-        return np.zeros((*weights.shape[:-1], 0)), weights
     remaining = sums.base_cross - (sums.between @ weights[..., None])[..., 0]
     return (inverse_of(sums.base_gram, base.precision) @ remaining[..., None])[..., 0], weights
 

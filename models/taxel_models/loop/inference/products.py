@@ -65,11 +65,6 @@ class Base:
         """Their number."""
         return int(self.target.values.shape[1])
 
-    @property
-    def size(self) -> int:
-        """k."""
-        return int(self.precision.shape[1])
-
     @cached_property
     def gram(self) -> Floats:
         """(folds, 21, k, k)."""
@@ -112,8 +107,6 @@ class Base:
 
     def given(self, sums: "Sums") -> tuple[Floats, Floats, Floats]:
         """Products of new regressors with themselves and the residual, and its energy, given the base."""
-        if not self.size:
-            return sums.gram, sums.cross, sums.energy
         inverse = inverse_of(sums.base_gram, self.precision)
         half = inverse @ sums.between
         return (
