@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel.held_out_residual import HeldOutResidual
@@ -149,12 +150,12 @@ def sensitivity_changes(
         usual: (21,) as from `usual_changes`.
         known: as in `changed_channels`.
     """
-    for channel, found, follows in _largest_changes(observations, blocks, explained, known):
+    for channel, found, followed, follows in _largest_changes(observations, blocks, explained, known):
         clear = found.part >= LEAST_CHANGE and found.t >= LEAST_T
         factor = max(found.kept, 1.0 / max(found.kept, 1e-9))
         quantile = WHILE_ALIVE if found.kept < 1 else 0.5
         # A sensitivity that grew was real before: a model that errs gives a small slope, too.
-        real = found.kept < 1 or found.followed >= FOLLOWS
+        real = found.kept < 1 or followed >= FOLLOWS
         # What goes beyond the usual factor must be a change worth telling itself.
         beyond = factor * (1.0 - LEAST_CHANGE) >= usual[channel]
         if clear and real and beyond and np.quantile(follows, quantile) >= FOLLOWS:
@@ -201,15 +202,18 @@ def usual_changes(observations: Observations, blocks: Blocks) -> Floats:
     and materials follow each other.
     """
     usual, nothing = np.ones(len(CHANNELS)), np.zeros_like(observations.residual)
-    for channel, found, _ in _largest_changes(observations, blocks, nothing, None):
+    for channel, found, *_ in _largest_changes(observations, blocks, nothing, None):
         usual[channel] = np.clip(max(found.kept, 1.0 / max(found.kept, 1e-9)), 1.0, MOST_TOLD)
     return usual
 
 
 def _largest_changes(
     observations: Observations, blocks: Blocks, explained: Floats, known: NDArray[np.bool_] | None
-) -> Iterator[tuple[int, "_Change", Floats]]:
-    """The largest change of each channel that can be measured, and (blocks,) how well it follows."""
+) -> Iterator[tuple[int, "_Course", float, Floats]]:
+    """The largest change of each channel's sensitivity that can be measured.
+
+    With it, how well the channel followed its prediction before, and in each block (blocks,).
+    """
     rows = _rows_of_blocks(observations, blocks, known)
     if len(rows) < 2 * FEWEST:
         return
@@ -227,7 +231,9 @@ def _largest_changes(
         if used.sum() < 2 * FEWEST or not weight.any():
             continue
         slopes = cross[used, channel] / weight[used]
-        yield channel, _change(clocks[:, used], slopes, follows[used, channel]), follows[:, channel]
+        course = _course(clocks[:, used], slopes)
+        followed = float(np.median(follows[used, channel][: course.before]))
+        yield channel, course, followed, follows[:, channel]
 
 
 def _rows_of_blocks(
@@ -250,35 +256,6 @@ def _products(first: Floats, second: Floats) -> Floats:
     """(3, 21) sums over rows of the first's squares, of both, and of the second's squares, about means."""
     first, second = first - first.mean(axis=0), second - second.mean(axis=0)
     return np.array([(first**2).sum(axis=0), (first * second).sum(axis=0), (second**2).sum(axis=0)])
-
-
-class _Change(NamedTuple):
-    """Of a channel's sensitivity.
-
-    Attributes:
-        kept: the last over the first.
-        since_s: when it changed; None where it changed all the time.
-        followed: how well the channel followed its prediction before, or in the first half.
-        part: the size of the change over the first.
-        t: the change over its standard error.
-    """
-
-    kept: float
-    since_s: float | None
-    followed: float
-    part: float
-    t: float
-
-
-def _change(clocks: Floats, slopes: Floats, follows: Floats) -> _Change:
-    course = _course(clocks, slopes)
-    return _Change(
-        kept=max(course.last / max(course.first, 1e-9), 0.0),
-        since_s=course.since_s,
-        followed=float(np.median(follows[: course.before])),
-        part=abs(course.change) / max(abs(course.first), 1e-9),
-        t=course.t,
-    )
 
 
 class _Course(NamedTuple):
@@ -304,6 +281,16 @@ class _Course(NamedTuple):
         return self.last - self.first
 
     @property
+    def part(self) -> float:
+        """The size of the change over the first."""
+        return abs(self.change) / max(abs(self.first), 1e-9)
+
+    @property
+    def kept(self) -> float:
+        """The last over the first, at least 0."""
+        return max(self.last / max(self.first, 1e-9), 0.0)
+
+    @property
     def t(self) -> float:
         """The change over its standard error."""
         return abs(self.change) / max(self.standard_error, 1e-9)
@@ -314,14 +301,12 @@ def _course(clocks: Floats, values: Floats) -> _Course:
     count = len(values)
     places = np.arange(FEWEST, count - FEWEST + 1)
     errors = [values[:place].var() * place + values[place:].var() * (count - place) for place in places]
-    lines = [np.polyval(np.polyfit(time, values, 1), time) for time in clocks]
-    left = [float(((values - line) ** 2).sum()) for line in lines]
+    lines = [(stats.linregress(time, values), time) for time in clocks]
+    left = [((values - line.intercept - line.slope * time) ** 2).sum() for line, time in lines]
     if min(left) < min(errors):
-        best = int(np.argmin(left))
-        line, time = lines[best], clocks[best]
-        scatter = np.sqrt(left[best] / (count - 2))
-        standard_error = scatter / (time.std() * np.sqrt(count)) * (time[-1] - time[0])
-        return _Course(float(line[0]), float(line[-1]), None, count // 2, standard_error)
+        line, time = lines[int(np.argmin(left))]
+        first, last = (float(line.intercept + line.slope * end) for end in (time[0], time[-1]))
+        return _Course(first, last, None, count // 2, float(line.stderr * (time[-1] - time[0])))
     place = int(places[int(np.argmin(errors))])
     before, after = values[:place], values[place:]
     standard_error = np.sqrt(before.var(ddof=1) / len(before) + after.var(ddof=1) / len(after))
