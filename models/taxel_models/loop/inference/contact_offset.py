@@ -19,7 +19,7 @@ from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Remaining
 from taxel_models.loop.inference.evidence import HeldOut, Weighed, mean_odds
 from taxel_models.loop.inference.forms import WhitenedForm, prepared
-from taxel_models.loop.inference.whitening import Bins, Whitening
+from taxel_models.loop.inference.whitening import Whitening
 from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
 
 CALIBRATIONS_S: Final = (0.5, 1.0)
@@ -143,9 +143,7 @@ class ContactOffsets:
     Args:
         observations: the recordings; only the numbers of their contacts are used.
         blocks: the fit part and the evaluation part.
-        bins: of the fit part.
-        whitening: of these bins.
-        row_weights: (n, 21) how much each row counts.
+        whitening: of the fit part's bins.
         strengths: prior sizes over the channel's residual.
 
     Attributes:
@@ -156,14 +154,11 @@ class ContactOffsets:
         self,
         observations: Observations,
         blocks: Blocks,
-        bins: Bins,
         whitening: Whitening,
-        row_weights: Floats,
         strengths: tuple[float, ...],
     ) -> None:
         self._observations, self._blocks = observations, blocks
-        self._bins, self._whitening = bins, whitening
-        self._row_weights, self._strengths = row_weights, strengths
+        self._bins, self._whitening, self._strengths = whitening.bins, whitening, strengths
         self.count = len(np.unique(observations.contact[blocks.fit]))
 
     def weighed(
@@ -176,8 +171,9 @@ class ContactOffsets:
             noise: (21,) mean square of the whitened residual.
             usual: (21,) log odds that the model's own residual gives them.
         """
+        counted = self._whitening.row_weights(len(left))
         found = {
-            seconds: calibrated(self._observations, self._blocks, left, self._row_weights, seconds)
+            seconds: calibrated(self._observations, self._blocks, left, counted, seconds)
             for seconds in CALIBRATIONS_S
         }
         last = found[CALIBRATIONS_S[-1]]

@@ -76,11 +76,6 @@ class CorrelatedChannels:
         self._whitening = Whitening(bins, shape, self._whiten(residual), constants, rounding)
         self._ones = Design(self._whitening.ones, bins.fold)
 
-    @property
-    def folds(self) -> int:
-        """That effects are tested on."""
-        return int(self.bins.fold.max()) + 1
-
     def knows(self, effect: str) -> bool:
         """Whether the model's own residual tells how much of an effect is usual."""
         return effect in self._known.structure

@@ -66,7 +66,7 @@ class FewChannelsSearch:
         self._beside, self._effect = beside, effect
         self._kinds = channels.signals(effect, observations, remaining)
         # Half of it is asked of each channel beside the others, as of a named effect.
-        self._least_t = channels.constants.least_t(channels.folds)
+        self._least_t = channels.constants.least_t(channels.bins.folds)
 
     def best(self, most_channels: int = MOST_CHANNELS) -> Score | None:
         """The likeliest change; None without one, and where more channels than these change."""

@@ -16,11 +16,7 @@ from taxel_models.loop.effects.effect import Effect, Remaining
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.inference.all_channels import AllChannels
 from taxel_models.loop.inference.constants import Constants
-from taxel_models.loop.inference.contact_offset import (
-    SCATTER_UNKNOWN,
-    ContactOffset,
-    ContactOffsets,
-)
+from taxel_models.loop.inference.contact_offset import SCATTER_UNKNOWN, ContactOffset, ContactOffsets
 from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
 from taxel_models.loop.inference.evidence import Bases, HeldOut, Weighed, held_out, posterior_weights, weigh
 from taxel_models.loop.inference.few_channels_form import FewChannelsForm
@@ -83,9 +79,7 @@ class Scoring:
         self._beyond: Floats | float = 0.0
         """(n, 21) how far the named effects lead beyond the limits of counts where a channel is at one."""
         self.bins = Bins.of(blocks, constants.bin_s)
-        shape = NoiseShape.usual()
-        if reference is not None:
-            shape = NoiseShape.kept(reference)
+        shape = NoiseShape.usual() if reference is None else NoiseShape.kept(reference)
         self.whitening = Whitening(self.bins, shape, observations.residual, constants)
         self._usual = Usual(reference, self.bins.fold, self.whitening.scale)
         if not self._usual.knows(ContactOffset.name):
@@ -94,11 +88,8 @@ class Scoring:
         if reference is not None and reference.correlated is not None:
             known = reference.correlated
             self._correlated = CorrelatedChannels(observations.residual, self.bins, known, constants)
-        row_weights = self.whitening.row_weights(len(observations))
-        self._mean_row_weights = row_weights.mean(axis=1)
-        self._contacts = ContactOffsets(
-            observations, blocks, self.bins, self.whitening, row_weights, constants.strengths
-        )
+        self._mean_row_weights = self.whitening.row_weights(len(observations)).mean(axis=1)
+        self._contacts = ContactOffsets(observations, blocks, self.whitening, constants.strengths)
         self._ones = Design(self.whitening.ones, self.bins.fold)
         self._prediction_noise = self._noise_of_prediction()
         errors = self.whitening.coloured(self.base([]).target.values[:, :, 0])
@@ -309,7 +300,7 @@ class Scoring:
         own = Taken(score, score.form, np.empty((0, 0)), np.empty((0, 0)))
         added = np.zeros_like(predicted)
         order = self.bins.order
-        fold = np.repeat(self.bins.fold, np.diff(self.bins.starts, append=len(order)))
+        fold = np.repeat(self.bins.fold, self.bins.sizes)
         for number, weights in enumerate(self.fold_weights(own, taken)):
             rows = order[fold == number]
             added[rows] = score.form.candidate.basis.times(weights)[rows]
@@ -340,15 +331,11 @@ class Scoring:
 
     def weights(self, taken: Taken, others: Sequence[Taken]) -> Floats:
         """(21, k) weights of a named effect beside others, by the fit part."""
-        return np.asarray(self._weights(taken, others, np.ones((1, self._folds), np.bool_))[0])
+        return np.asarray(self._weights(taken, others, np.ones((1, self.bins.folds), np.bool_))[0])
 
     def fold_weights(self, taken: Taken, others: Sequence[Taken]) -> Floats:
         """(folds, 21, k) the same by all of the fit part but one fold."""
-        return self._weights(taken, others, ~np.eye(self._folds, dtype=np.bool_))
-
-    @property
-    def _folds(self) -> int:
-        return int(self.bins.fold.max()) + 1
+        return self._weights(taken, others, ~np.eye(self.bins.folds, dtype=np.bool_))
 
     def _weights(self, taken: Taken, others: Sequence[Taken], kept: NDArray[np.bool_]) -> Floats:
         """(choices, 21, k) by the folds that are kept in each choice (choices, folds)."""

@@ -7,6 +7,7 @@ one.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, Self
 
 import numpy as np
@@ -137,11 +138,20 @@ class Bins:
         """From one bin to the next."""
         return self.rows_each * TICK_S
 
+    @property
+    def folds(self) -> int:
+        """That effects are tested on."""
+        return int(self.fold.max()) + 1
+
+    @cached_property
+    def sizes(self) -> NDArray[np.int64]:
+        """(bins,) rows of each bin."""
+        return np.diff(self.starts, append=len(self.order))
+
     def means(self, values: Floats) -> Floats:
         """(c, bins, k) means of values (c, n, k) over the rows of each bin."""
-        counts = np.diff(self.starts, append=len(self.order))
         sums = np.add.reduceat(values[:, self.order], self.starts, axis=1)
-        return np.asarray(sums / counts[None, :, None])
+        return np.asarray(sums / self.sizes[None, :, None])
 
     def fast(self, means: Floats, window_s: float) -> Floats:
         """(c, bins, k) of means (c, bins, k), what is left of them less their average over a window."""
@@ -204,9 +214,8 @@ class Whitening:
 
     def row_weights(self, rows: int) -> Floats:
         """(n, 21) how much each row counts; 1 outside the fit part."""
-        counts = np.diff(self.bins.starts, append=len(self.bins.order))
         weights = np.ones((rows, len(CHANNELS)))
-        weights[self.bins.order] = np.repeat(self._counts.T**2, counts, axis=0)
+        weights[self.bins.order] = np.repeat(self._counts.T**2, self.bins.sizes, axis=0)
         return weights
 
     @property
