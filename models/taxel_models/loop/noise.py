@@ -54,19 +54,15 @@ class NoiseFloor:
     def report(self, energy: NDArray[np.float64], output_std: NDArray[np.float64]) -> dict[str, Any]:
         """The error that remains if everything but noise is explained, for `report.json`."""
         mae = self.differences * np.sqrt(2 / np.pi)
+        resting = [None] * len(CHANNELS) if self.resting is None else self.resting.tolist()
         return {
             "method": "second differences of the residual; the noise is taken as normal",
             "mae": float(mae.mean()),
             "norm_mae": float((mae / output_std).mean()),
             "share_of_residual_energy": float(self.share(energy).mean()),
             "per_channel": {
-                name: {"sd": float(sd), "sd_resting": None if self.resting is None else float(resting)}
-                for name, sd, resting in zip(
-                    CHANNELS,
-                    self.differences,
-                    self.differences if self.resting is None else self.resting,
-                    strict=True,
-                )
+                name: {"sd": sd, "sd_resting": at_rest}
+                for name, sd, at_rest in zip(CHANNELS, self.differences.tolist(), resting, strict=True)
             },
         }
 

@@ -8,7 +8,7 @@ chosen on held-out folds. A channel has it only if its error falls there.
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Self
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -281,7 +281,7 @@ class _Fit:
         z = np.column_stack([data.inputs[name] for group in groups for name in group])
         features = np.cos(z @ projection + phases)
         sums = {fold: _Sums.of(data, features, data.fold == fold) for fold in np.unique(data.fold).tolist()}
-        whole = _Sums(*(sum(parts) for parts in zip(*(part.parts for part in sums.values()), strict=True)))
+        whole = _Sums._make(sum(parts) for parts in zip(*sums.values(), strict=True))
         predicted = np.empty((len(RIDGES), *data.target.shape))
         for fold, held in sums.items():
             rows = data.fold == fold
@@ -319,8 +319,7 @@ class _Fit:
         )
 
 
-@dataclass(frozen=True)
-class _Sums:
+class _Sums(NamedTuple):
     """What ridge regressions need of some rows: of f features, targets, and how much each row counts."""
 
     counted: Floats
@@ -328,11 +327,6 @@ class _Sums:
     target: Floats
     gram: Floats
     cross: Floats
-
-    @property
-    def parts(self) -> tuple[Floats, ...]:
-        """All of them."""
-        return (self.counted, self.features, self.target, self.gram, self.cross)
 
     @classmethod
     def of(cls, data: _Data, features: Floats, rows: NDArray[np.bool_]) -> Self:
@@ -348,7 +342,7 @@ class _Sums:
 
     def less(self, other: "_Sums") -> "_Sums":
         """Of the rows that are not among those of the other."""
-        return _Sums(*(mine - its for mine, its in zip(self.parts, other.parts, strict=True)))
+        return _Sums(*(mine - its for mine, its in zip(self, other, strict=True)))
 
     def ridges(self) -> tuple[Floats, Floats]:
         """Weights (ridges, f, 21) and constants (ridges, 21); the constants are not shrunk."""

@@ -354,6 +354,7 @@ class JointSelection:
         self, scores: Sequence[Score], alone: Sequence[Score], named: Sequence[Named]
     ) -> tuple[Rejected, ...]:
         first = {score.name: float(score.worth.mean()) for score in alone}
+        names = {each.name for each in named}
         confounded = {name for each in named for name in each.confounded_with}
         found = [
             Rejected(name, "", 0.0, 0.0, 0.0, 1.0, reason)
@@ -362,7 +363,7 @@ class JointSelection:
         # Costly effects that failed by themselves were not weighed again.
         last = {score.name: score for score in (*alone, *scores)}
         for score in last.values():
-            if score.name in {each.name for each in named}:
+            if score.name in names:
                 continue
             if score.name in confounded:
                 reason = "cannot be told apart from an effect that was named and is likelier"
@@ -375,13 +376,11 @@ class JointSelection:
                 reason = "its weights differ more than its cause allows"
             else:
                 reason = "too little to matter"
-            worth = float(score.worth.mean())
-            form = score.form.candidate.form
             found.append(
                 Rejected(
                     name=score.name,
-                    form=form,
-                    share=worth,
+                    form=score.form.candidate.form,
+                    share=float(score.worth.mean()),
                     alone=first.get(score.name, 0.0),
                     log_evidence=score.log_evidence,
                     p_value=score.p_value,

@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from taxel.held_out_residual import HeldOutResidual
 from taxel_models.loop.attribution import Attribution
@@ -66,11 +65,7 @@ def halved(blocks: Blocks, count: int, seed: int) -> list[Blocks]:
     while len(found) < count:
         order = generator.permutation(fit)
         for some in np.array_split(order, 2):
-            found.append(Blocks(blocks.of_row, _folds(blocks, some)))
+            fold = np.full(len(blocks), -1)
+            fold[some] = np.unique(blocks.fold[some], return_inverse=True)[1]
+            found.append(Blocks(blocks.of_row, fold))
     return found[:count]
-
-
-def _folds(blocks: Blocks, some: NDArray[np.int64]) -> NDArray[np.int64]:
-    fold = np.full(len(blocks), -1)
-    fold[some] = np.unique(blocks.fold[some], return_inverse=True)[1]
-    return fold
