@@ -56,37 +56,32 @@ class FewChannelsForm(WhitenedForm):
 class ChannelForms:
     """Forms of an effect, each of any channels by themselves.
 
-    Args:
+    Attributes:
         candidates: the forms, with regressors for every channel.
+
+    Args:
         root: (21, 21) what whitens the channels.
         whitening: of the whitened channels' bins.
     """
 
     def __init__(self, candidates: Sequence[Candidate], root: Floats, whitening: Whitening) -> None:
-        self._candidates, self._root, self._whitening = candidates, root, whitening
+        self.candidates, self._root, self._whitening = candidates, root, whitening
         self._means = [whitening.bins.of_basis(candidate.basis) for candidate in candidates]
         self._images: dict[tuple[int, int], tuple[Floats, Floats]] = {}
-
-    def __bool__(self) -> bool:
-        return bool(self._candidates)
 
     @property
     def options(self) -> list[tuple[int, int]]:
         """The electrodes, each with the places of its forms whose regressors move it."""
         electrodes = range(len(CHANNELS))[ELECTRODE_COLUMNS]
-        places = range(len(self._candidates))
+        places = range(len(self.candidates))
         return [(one, place) for one in electrodes for place in places if self._image(place, one)[1].all()]
-
-    def candidate(self, place: int) -> Candidate:
-        """The form at a place, of any channel."""
-        return self._candidates[place]
 
     def beside(self, chosen: dict[int, int], places: Sequence[int]) -> list[int]:
         """The places whose forms one candidate can hold together with the chosen ones.
 
         What a form with a single regressor has stands first in all others.
         """
-        sizes = [candidate.basis.size for candidate in self._candidates]
+        sizes = [candidate.basis.size for candidate in self.candidates]
         larger = {place for place in chosen.values() if sizes[place] > 1}
         return [place for place in places if not larger or place in larger or sizes[place] == 1]
 
@@ -112,8 +107,8 @@ class ChannelForms:
         """The same as a form; the largest of the chosen ones holds them all."""
         sizes = {channel: self._image(place, channel)[1] for channel, place in chosen.items()}
         places = [(channel, column) for channel, own in sizes.items() for column in range(len(own))]
-        candidate = self._candidates[
-            max(chosen.values(), key=lambda place: self._candidates[place].basis.size)
+        candidate = self.candidates[
+            max(chosen.values(), key=lambda place: self.candidates[place].basis.size)
         ]
         names = ", ".join(CHANNELS[channel] for channel in sorted(chosen))
         included = np.isin(np.arange(len(CHANNELS)), list(chosen))

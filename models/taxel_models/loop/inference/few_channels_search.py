@@ -171,7 +171,7 @@ class FewChannelsSearch:
         if (np.abs(weights) > self._effect.most_weight).any():
             return False
         return not is_added(
-            predicted.candidate(place),
+            predicted.candidates[place],
             channel,
             self._observations.measured,
             self._remaining.residual,

@@ -281,11 +281,8 @@ class Scoring:
             if found.form is score.form:
                 break
             score = found
-        return self._by_rows(score, taken)
-
-    def _by_rows(self, score: Score, taken: Sequence[Taken]) -> Score:
-        best, left = score.form.candidate, self.residual(taken)
-        candidate = score.effect.by_rows(self.observations, best, left, self._blocks.fit)
+        best = score.form.candidate
+        candidate = score.effect.by_rows(self.observations, best, self.residual(taken), fit)
         if candidate is best:
             return score
         return replace(score, form=prepared_as_it_is(candidate, self.whitening))

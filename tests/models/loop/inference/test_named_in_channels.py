@@ -92,7 +92,7 @@ def test_where_no_named_effect_is_nothing_is_taken_out(
 
 def test_a_regressor_that_is_there_twice_is_taken_out_once(observations: Observations) -> None:
     ground = Ground(observations, 0)
-    effect: Any = ground.effects.candidate(0)
+    effect: Any = ground.effects.candidates[0]
     twice = ChannelForms([effect, effect], np.eye(len(CHANNELS)), ground.effects._whitening)
     every = np.ones(len(CHANNELS), bool)
     once = NamedInChannels([every], twice, ground.target, ground.bases)
