@@ -242,8 +242,18 @@ def gather(
     if not sum(map(len, built)):
         raise RecordingError("the recordings hold no whole window: expected segments of at least 0.3 s")
     rows = tuple(windows.rows for windows in built)
+    columns = [
+        {
+            name: values
+            for name, values in {**recording.auxiliary, **recording.covariates}.items()
+            if name not in withheld
+        }
+        for recording in ticks
+    ]
+    samples = tuple(recording.samples for recording in ticks)
     extras = [
-        _extras(manifest, recording, kept, withheld) for recording, kept in zip(ticks, rows, strict=True)
+        extra_columns(own, manifest.window.extras, given)[kept]
+        for own, given, kept in zip(samples, columns, rows, strict=True)
     ]
     windows = np.concatenate(
         [
@@ -252,10 +262,7 @@ def gather(
         ]
     )
     predicted, base = _predictions(model, windows)
-    samples = tuple(recording.samples for recording in ticks)
-    names = set.intersection(*({*recording.auxiliary, *recording.covariates} for recording in ticks))
-    names -= {"pac1", *withheld}
-    columns = [{**recording.auxiliary, **recording.covariates} for recording in ticks]
+    names = set.intersection(*map(set, columns)) - {"pac1"}
 
     def joined(per_tick: Iterable[NDArray[Any]]) -> NDArray[Any]:
         """The kept rows of what each recording has at each of its ticks, one recording after another."""
@@ -282,14 +289,6 @@ def _predictions(model: Model, windows: NDArray[np.float32]) -> tuple[Floats, Fl
     """The model's predictions, and those without its effects, (n, 21) counts each."""
     predicted = predict_all(model.predict, windows)
     return predicted, predict_all(model.predict_base, windows) if model.manifest.effects else predicted
-
-
-def _extras(
-    manifest: Manifest, recording: Recording, rows: NDArray[np.int64], withheld: tuple[str, ...]
-) -> Floats:
-    columns = {**recording.auxiliary, **recording.covariates}
-    given = {name: values for name, values in columns.items() if name not in withheld}
-    return extra_columns(recording.samples, manifest.window.extras, given)[rows]
 
 
 def _segments(recordings: Sequence[Recording], rows: tuple[NDArray[np.int64], ...]) -> NDArray[np.int64]:
