@@ -53,7 +53,8 @@ class Crosstalk(Effect):
             self.name,
             "one source a channel",
             Own(observations.signal[:, sources, None].astype(np.float32)),
-            fitting=Fitting(choices=len(CHANNELS) - 1),
+            # Each channel's source is chosen by all the blocks that test it.
+            fitting=Fitting(choices=len(CHANNELS) - 1, compared=len(CHANNELS) - 1),
             weight_names=("leak",),
             weight_units=("relative",),
             online=online,
