@@ -1,6 +1,6 @@
 """The pipeline of the loop: from a model and recordings to findings and a correction."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +28,7 @@ from taxel_models.loop.findings import (
 )
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.kinds import new_kinds, of_its_kinds
-from taxel_models.loop.inference.scoring import silent
+from taxel_models.loop.inference.scoring import Progress, silent
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.inference.stability import on_halves
 from taxel_models.loop.intervals import parameters
@@ -114,7 +114,7 @@ def run_loop(
     model: Model,
     recordings: Sequence[Recording],
     settings: LoopSettings,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress = silent,
     reference: HeldOutResidual | None = None,
 ) -> LoopResult:
     """Names effects, and measures the corrected model on blocks that nothing was fitted to.
@@ -127,8 +127,7 @@ def run_loop(
         RecordingError: the recordings are too short to hold anything out, lack a column, or have tared
             counts where the model has raw ones, or the other way round.
     """
-    if progress is not None:
-        progress("predicting")
+    progress("predicting")
     observations = gather(model, recordings, withheld=settings.withheld)
     manifest = model.manifest
     check_scale(
@@ -153,15 +152,14 @@ def run_loop(
     new = new_kinds(observations)
     constants = _constants(settings, new)
     attribution = JointSelection(
-        observations, blocks, effects, reference=reference, constants=constants, progress=progress or silent
+        observations, blocks, effects, reference=reference, constants=constants, progress=progress
     ).run()
     figures = {named.name: parameters(named) for named in attribution.named}
     added = NewEffects.of(attribution, figures)
     after = corrected(observations, attribution, added)
     unnamed = None
     if settings.residual_model:
-        if progress is not None:
-            progress("what no effect explains")
+        progress("what no effect explains")
         unexplained = observations.measured - after
         unnamed = residual_model(
             observations, attribution, blocks, unexplained, exclude=settings.exclude, seed=settings.seed
@@ -195,7 +193,7 @@ def run_loop(
             seed=settings.seed,
             reference=reference,
             constants=constants,
-            progress=progress or (lambda _: None),
+            progress=progress,
         )
         findings = findings.model_copy(update={"stability": stability})
     return LoopResult(

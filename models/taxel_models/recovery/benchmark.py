@@ -1,6 +1,6 @@
 """The recovery benchmark: injects causes; the loop must find them without knowing which they are."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Final, Self
@@ -43,14 +43,14 @@ class RecoveryBenchmark:
     constants: Constants = DECLARED
     _references: dict[str, HeldOutResidual | None] = field(default_factory=dict, repr=False)
 
-    def play(self, number: int, note: Callable[[str], None] | None = None) -> Round:
+    def play(self, number: int) -> Round:
         """One round."""
         random = np.random.default_rng([self.seed, number])
         # More threads could change the last digits of a sum.
         with threadpool_limits(1):
             clean = self.ground.clean(number)
             reference = self._reference(clean)
-            played = run_round(clean, self.draw, number, random, note, reference, self.constants)
+            played = run_round(clean, self.draw, number, random, reference, self.constants)
         return played.model_copy(update={"ground": self.ground_name, "injector": self.draw.injector})
 
     def with_constants(self, constants: Constants) -> Self:
@@ -77,7 +77,6 @@ def run_round(
     draw: Draw,
     number: int,
     random: np.random.Generator,
-    note: Callable[[str], None] | None = None,
     reference: HeldOutResidual | None = None,
     constants: Constants = DECLARED,
 ) -> Round:
@@ -85,7 +84,7 @@ def run_round(
     counts, ticks = predicted(clean.model, clean.recording)
     measured = clean.recording.channels[ticks]
     injected = inject_drawn(clean, measured - counts, draw, random)
-    naming = name_causes(clean.model, injected.recording, number, reference, note, constants)
+    naming = name_causes(clean.model, injected.recording, number, reference, constants)
     rows = naming.evaluation
     output_std = clean.model.manifest.normalisation.output_std
     errors = ErrorMetrics.of(measured[rows], counts[rows], output_std)

@@ -1,6 +1,6 @@
 """What the benchmark asks the loop: one function. Whatever replaces the inference is called here."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -54,7 +54,6 @@ def name_causes(
     recording: Recording,
     seed: int,
     reference: HeldOutResidual | None = None,
-    note: Callable[[str], None] | None = None,
     constants: Constants = DECLARED,
 ) -> Naming:
     """The loop's answer for one recording.
@@ -62,11 +61,10 @@ def name_causes(
     Args:
         seed: of its random draws.
         reference: the model's own held-out residual; None where its manifest knows that, or nobody does.
-        note: is told what the loop looks at.
         constants: of the inference.
     """
     settings = LoopSettings(seed=seed, least_share=constants.least_share, constants=constants)
-    result = run_loop(model, [recording], settings, note, reference)
+    result = run_loop(model, [recording], settings, reference=reference)
     findings = result.findings
     return Naming(
         names=tuple(effect.name for effect in findings.effects),

@@ -7,7 +7,6 @@ from itertools import product
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 from typing_extensions import override
 
 from taxel.windows.history import TICK_S
@@ -15,6 +14,7 @@ from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.effects.rigid_motion import MOTION_KINDS, Misfit, Motion, fit_motion, rows_of
 from taxel_models.loop.observations import Observations
+from taxel_models.loop.running_mean import mean_within
 from taxel_models.loop.spectral_lines import segments
 from taxel_models.model import predict_all
 
@@ -123,10 +123,8 @@ def _whole_and_slow(
     observations: Observations, motion: Motion, change: Floats
 ) -> Iterator[tuple[str, Floats]]:
     """A change (n, 21): all of it, and less what comes and goes within a second of a segment."""
-    slow = np.empty_like(change)
-    for part in segments(observations.segment):
-        uniform_filter1d(change[part], SLOW_ROWS, axis=0, mode="nearest", output=slow[part])
     yield motion.kind.name, change
+    slow = mean_within(change, SLOW_ROWS, segments(observations.segment))
     yield f"{motion.kind.name}, seen in slow changes", slow
 
 

@@ -6,13 +6,13 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 from typing_extensions import override
 
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.observations import Observations
+from taxel_models.loop.running_mean import mean_within
 from taxel_models.loop.spectral_lines import segments
 
 TICKS: Final = (*range(-5, 0), 0.5, 1, 1.5, *range(2, 16))
@@ -93,12 +93,7 @@ def _around(ticks: float) -> tuple[int, int]:
 
 def _smoothed(observations: Observations) -> Floats:
     """(n, 21) the predictions' mean over 0.1 s, within each segment."""
-    smooth = np.empty_like(observations.predicted)
-    for part in segments(observations.segment):
-        uniform_filter1d(
-            observations.predicted[part], SMOOTHED_ROWS, axis=0, mode="nearest", output=smooth[part]
-        )
-    return smooth
+    return mean_within(observations.predicted, SMOOTHED_ROWS, segments(observations.segment))
 
 
 def _online(ticks: int, weights: Floats) -> Online:

@@ -17,7 +17,7 @@ from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.effects.registry import effect_named
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.score import Taken
-from taxel_models.loop.inference.scoring import Scoring
+from taxel_models.loop.inference.scoring import Scoring, silent
 from taxel_models.loop.observations import Observations
 
 
@@ -111,7 +111,7 @@ def fitted_in_place(
     for other in attribution.named:
         if other is not named and not other.candidate.moves:
             observations = replace(observations, measured=observations.measured - other.contribution)
-    scoring = Scoring(observations, blocks, [effect_named(name)], reference, constants, lambda _: None)
+    scoring = Scoring(observations, blocks, [effect_named(name)], reference, constants, silent)
     score = next((score for score in scoring.scores([]) if score.name == name), None)
     if score is None:
         return None

@@ -1,7 +1,7 @@
 """Proposals: for two causes that cannot be told apart, the shortest protocol that most likely does it."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Final
 
@@ -11,6 +11,7 @@ from taxel.windows.history import TOUCH_N
 from taxel_models.loop.attribution import Named
 from taxel_models.loop.effects.temperature import TDC
 from taxel_models.loop.findings import NextRecording
+from taxel_models.loop.inference.scoring import Progress, silent
 from taxel_models.loop.next_recording.fitted import Fitted, fitted_in_place
 from taxel_models.loop.next_recording.rehearsal import SIMULATED, Stage, rehearse
 from taxel_models.loop.observations import Observations
@@ -34,7 +35,7 @@ _MOST_KINDS: Final = 12
 """Values of a column that a protocol takes in turn."""
 
 
-def propose(result: LoopResult, *, progress: Callable[[str], None] | None = None) -> LoopResult:
+def propose(result: LoopResult, *, progress: Progress = silent) -> LoopResult:
     """The result with what to record next in its findings.
 
     Args:
@@ -50,8 +51,7 @@ def propose(result: LoopResult, *, progress: Callable[[str], None] | None = None
     )
     proposals: list[NextRecording] = []
     for named, name in list(_pairs(attribution.named))[:MOST_PAIRS]:
-        if progress is not None:
-            progress(f"what would tell {named.name} from {name}")
+        progress(f"what would tell {named.name} from {name}")
         other = fitted_in_place(
             result.observations, result.blocks, attribution, named, name, stage.reference, stage.constants
         )
