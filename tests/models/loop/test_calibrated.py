@@ -48,7 +48,7 @@ def test_an_offset_that_stays_is_not_said_to_fade(smooth: Any, make: Make) -> No
     (effect,), (named,) = result.findings.effects, result.attribution.named
     assert effect.form == "of each contact, from a calibration"
     assert effect.explained > 0.9
-    assert Fitted.of(named).needs_calibration
+    assert not Fitted.of(named).foretells
 
 
 def test_one_that_fades_is_served_with_its_age(smooth: Any, make: Make) -> None:
