@@ -19,6 +19,7 @@ import zenoh
 from typing_extensions import override
 from zenoh.handlers import Callback, Handler
 
+from taxel.zenoh_process import SIGNAL_CHECK_S
 from taxel_bench.server_process import ADDRESS, free_port, start_command
 from taxel_server.core.core import Core
 from taxel_server.engine import Engine
@@ -125,7 +126,9 @@ def serve(repository: Path, endpoint: str) -> list[Refused]:
     transport.start()
     core.ready = True
     print(json.dumps({"listen": endpoint}), flush=True)
-    stop.wait()
+    # The system may give the signal to a thread of zenoh's. Python handles it here, once this one wakes.
+    while not stop.wait(SIGNAL_CHECK_S):
+        pass
     transport.withdraw()
     core.drain()
     transport.close()
