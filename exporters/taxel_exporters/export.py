@@ -14,8 +14,8 @@ from taxel_exporters.parity import check_parity
 from taxel_exporters.publish import free_version, publish
 from taxel_exporters.rounding import check_rounding
 from taxel_exporters.weights import Weights
-from taxel_models.loop.inference.scoring import Progress, silent
 from taxel_models.loop.reference.held_out import held_out_residual
+from taxel_models.loop.status import StatusCallback, silent
 from taxel_models.training import trained as trained_models
 from taxel_models.training.dataset import Examples, concatenate, examples
 from taxel_models.training.trained import TrainedModel
@@ -30,7 +30,7 @@ def export(
     model_format: str | None = None,
     weights: Weights = Weights.FLOAT32,
     description: str | None = None,
-    progress: Progress = silent,
+    progress: StatusCallback = silent,
 ) -> Manifest:
     """Export the trained model in `folder` as `<repository>/<name>/<version>`.
 

@@ -28,7 +28,6 @@ from taxel_models.loop.findings import (
 )
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.kinds import new_kinds, of_its_kinds
-from taxel_models.loop.inference.scoring import Progress, silent
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.inference.stability import on_halves
 from taxel_models.loop.intervals import parameters
@@ -38,6 +37,7 @@ from taxel_models.loop.residual_correlation import autocorrelations, cross_corre
 from taxel_models.loop.residual_diagnostics import diagnose_residual
 from taxel_models.loop.residual_model import residual_model
 from taxel_models.loop.resting import check_scale
+from taxel_models.loop.status import StatusCallback, silent
 from taxel_models.model import Model
 from taxel_models.recordings import Recording
 
@@ -114,7 +114,7 @@ def run_loop(
     model: Model,
     recordings: Sequence[Recording],
     settings: LoopSettings,
-    progress: Progress = silent,
+    progress: StatusCallback = silent,
     reference: HeldOutResidual | None = None,
 ) -> LoopResult:
     """Names effects, and measures the corrected model on blocks that nothing was fitted to.

@@ -31,13 +31,7 @@ from taxel_models.loop.inference.weighing import Weighing
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.inference.worth import held_out_error
 from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
-
-Progress = Callable[[str], None]
-
-
-def silent(_: str) -> None:
-    """Progress that nobody is told."""
-
+from taxel_models.loop.status import StatusCallback
 
 REFITS: Final = 3
 """Rounds in which weights, or a form's parameters, are found again."""
@@ -67,7 +61,7 @@ class Scoring:
         effects: Sequence[Effect],
         reference: HeldOutResidual | None,
         constants: Constants,
-        progress: Progress,
+        progress: StatusCallback,
     ) -> None:
         self.observations = observations
         self._blocks, self.constants = blocks, constants

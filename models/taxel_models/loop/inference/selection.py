@@ -23,8 +23,9 @@ from taxel_models.loop.inference.forms import prepared_as_it_is
 from taxel_models.loop.inference.parameter_correlation import parameter_correlation
 from taxel_models.loop.inference.proof import simplest, stands
 from taxel_models.loop.inference.score import Score, Taken, t_over_folds
-from taxel_models.loop.inference.scoring import REFITS, Progress, Scoring, silent
+from taxel_models.loop.inference.scoring import REFITS, Scoring
 from taxel_models.loop.observations import Observations
+from taxel_models.loop.status import StatusCallback, silent
 
 
 class JointSelection:
@@ -47,7 +48,7 @@ class JointSelection:
         *,
         reference: HeldOutResidual | None = None,
         constants: Constants = DECLARED,
-        progress: Progress = silent,
+        progress: StatusCallback = silent,
     ) -> None:
         self._first, self._blocks, self._constants = observations, blocks, constants
         self._progress = progress

@@ -11,9 +11,9 @@ from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect
 from taxel_models.loop.findings import Stability
 from taxel_models.loop.inference.constants import Constants
-from taxel_models.loop.inference.scoring import Progress
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.observations import Observations
+from taxel_models.loop.status import StatusCallback
 
 
 def on_halves(
@@ -26,7 +26,7 @@ def on_halves(
     seed: int,
     reference: HeldOutResidual | None,
     constants: Constants,
-    progress: Progress,
+    progress: StatusCallback,
 ) -> Stability:
     """Name effects anew on each half, and count.
 

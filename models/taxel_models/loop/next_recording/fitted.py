@@ -17,8 +17,9 @@ from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.effects.registry import effect_named
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.score import Taken
-from taxel_models.loop.inference.scoring import Scoring, silent
+from taxel_models.loop.inference.scoring import Scoring
 from taxel_models.loop.observations import Observations
+from taxel_models.loop.status import silent
 
 
 @dataclass(frozen=True)

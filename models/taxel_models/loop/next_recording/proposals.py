@@ -11,11 +11,11 @@ from taxel.windows.history import TOUCH_N
 from taxel_models.loop.attribution import Named
 from taxel_models.loop.effects.temperature import TDC
 from taxel_models.loop.findings import NextRecording
-from taxel_models.loop.inference.scoring import Progress, silent
 from taxel_models.loop.next_recording.fitted import Fitted, fitted_in_place
 from taxel_models.loop.next_recording.rehearsal import SIMULATED, Stage, rehearse
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.pipeline import LoopResult
+from taxel_models.loop.status import StatusCallback, silent
 from taxel_models.recordings.kinds import are_kinds
 from taxel_models.twin.protocol import RecordingProtocol
 from taxel_models.twin.protocol_menu import in_turn, menu
@@ -35,7 +35,7 @@ _MOST_KINDS: Final = 12
 """Values of a column that a protocol takes in turn."""
 
 
-def propose(result: LoopResult, *, progress: Progress = silent) -> LoopResult:
+def propose(result: LoopResult, *, progress: StatusCallback = silent) -> LoopResult:
     """The result with what to record next in its findings.
 
     Args:

@@ -14,7 +14,6 @@ from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
 from taxel_models.loop.inference.evidence import Bases, weigh
 from taxel_models.loop.inference.few_channels_search import FewChannelsSearch
-from taxel_models.loop.inference.scoring import Progress, silent
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.reference.gain_limit import gain_limit
@@ -26,10 +25,11 @@ from taxel_models.loop.reference.precision import (
     precision_of,
     without_itself,
 )
+from taxel_models.loop.status import StatusCallback, silent
 
 
 def correlated_residual(
-    observations: Observations, blocks: Blocks, constants: Constants, progress: Progress
+    observations: Observations, blocks: Blocks, constants: Constants, progress: StatusCallback
 ) -> CorrelatedResidual | None:
     """Of the recordings that training held out; None where there are too few parts to test it.
 
@@ -81,7 +81,7 @@ def _structure_of(
     blocks: Blocks,
     row_weights: Floats,
     confidence: float,
-    progress: Progress,
+    progress: StatusCallback,
 ) -> dict[str, OwnStructure]:
     remaining = Remaining(observations.residual, blocks.fit, row_weights)
     beside = channels.beside_named(remaining.residual, [])

@@ -13,7 +13,6 @@ from taxel_models.loop.effects.interference import own_waves
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.contact_offset import ContactOffset
 from taxel_models.loop.inference.kinds import kind_columns, trained_kinds
-from taxel_models.loop.inference.scoring import Progress, silent
 from taxel_models.loop.inference.whitening import NoiseShape
 from taxel_models.loop.observations import FEWEST_CONTACTS, Observations, gather
 from taxel_models.loop.reference.correlated import correlated_residual
@@ -21,6 +20,7 @@ from taxel_models.loop.reference.gain_limit import times_for_few
 from taxel_models.loop.reference.one_kind import residual_of_one_kind
 from taxel_models.loop.reference.own_structure import KEPT, OPEN, own_residual
 from taxel_models.loop.reference.stand_ins import without_their_kind
+from taxel_models.loop.status import StatusCallback, silent
 from taxel_models.model import Model
 from taxel_models.recordings import Recording
 
@@ -32,7 +32,7 @@ def held_out_residual(
     model: Model,
     recordings: Sequence[Recording],
     constants: Constants = DECLARED,
-    progress: Progress = silent,
+    progress: StatusCallback = silent,
 ) -> HeldOutResidual | None:
     """Of a model and the recordings that its training held out; None where they are too short.
 
@@ -76,7 +76,7 @@ def _by_kind(
     columns: Sequence[str],
     correlated: CorrelatedResidual | None,
     constants: Constants,
-    progress: Progress,
+    progress: StatusCallback,
 ) -> HeldOutResidual:
     """Of all rows together, and of one kind of each column that names enough of them."""
     found = own_residual(observations, constants, progress)

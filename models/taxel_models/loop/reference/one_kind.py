@@ -15,12 +15,12 @@ from taxel_models.loop.effects.interference import own_waves
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.kinds import figures, herfindahl, kind_name, of_figures
-from taxel_models.loop.inference.scoring import Progress, silent
 from taxel_models.loop.inference.whitening import NoiseShape
 from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
 from taxel_models.loop.reference.correlated import correlated_structure
 from taxel_models.loop.reference.gain_limit import times_for_few
 from taxel_models.loop.reference.own_structure import KEPT, MEAN, own_residual
+from taxel_models.loop.status import StatusCallback, silent
 
 FEWEST_ROWS: Final = 500
 """5 s, to tell how large the error on a kind is."""
@@ -107,7 +107,7 @@ def residual_of_one_kind(
     shape: NoiseShape,
     correlated: CorrelatedResidual | None,
     constants: Constants,
-    progress: Progress,
+    progress: StatusCallback,
 ) -> KindResidual | None:
     """Of a recording of one value of a column; None where fewer than three values have enough rows.
 

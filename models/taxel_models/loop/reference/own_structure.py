@@ -17,10 +17,11 @@ from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.evidence import held_out, weigh
 from taxel_models.loop.inference.products import Products
 from taxel_models.loop.inference.score import Score, t_of_folds
-from taxel_models.loop.inference.scoring import Progress, Scoring
+from taxel_models.loop.inference.scoring import Scoring
 from taxel_models.loop.inference.whitening import Bins, NoiseShape
 from taxel_models.loop.observations import Observations
 from taxel_models.loop.reference.gain_limit import gain_limit
+from taxel_models.loop.status import StatusCallback
 
 LIKELY: Final = 0.5
 """Forms with this share of the log evidence of an effect's likeliest one count, too."""
@@ -117,7 +118,7 @@ def own_gain(scoring: Scoring, score: Score, confidence: float = OPEN) -> Floats
 def own_residual(
     observations: Observations,
     constants: Constants,
-    progress: Progress,
+    progress: StatusCallback,
     confidence: float = OPEN,
     shape: NoiseShape | None = None,
 ) -> HeldOutResidual:

@@ -17,10 +17,11 @@ from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.inference.evidence import HeldOut
 from taxel_models.loop.inference.score import Score
-from taxel_models.loop.inference.scoring import Scoring, silent
+from taxel_models.loop.inference.scoring import Scoring
 from taxel_models.loop.inference.usual import Usual
 from taxel_models.loop.observations import Observations, gather
 from taxel_models.loop.reference.held_out import held_out_residual
+from taxel_models.loop.status import silent
 from taxel_models.recordings import Recording
 
 Make = Callable[..., Recording]

@@ -20,12 +20,13 @@ from taxel_models.loop.effects.covariate import Covariate
 from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.inference.kinds import all_forms, of_its_kinds
-from taxel_models.loop.inference.scoring import Scoring, silent
+from taxel_models.loop.inference.scoring import Scoring
 from taxel_models.loop.observations import Observations, gather
 from taxel_models.loop.pipeline import LoopSettings, run_loop
 from taxel_models.loop.reference.held_out import KEPT, held_out_residual
 from taxel_models.loop.reference.stand_ins import without_their_kind
 from taxel_models.loop.report.wording import opening
+from taxel_models.loop.status import silent
 from taxel_models.model import Model
 from taxel_models.recordings import Recording
 

@@ -11,9 +11,10 @@ from taxel_models.loop.attribution import Attribution
 from taxel_models.loop.blocks import Blocks, cut
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED
-from taxel_models.loop.inference.scoring import Scoring, silent
+from taxel_models.loop.inference.scoring import Scoring
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.observations import gather
+from taxel_models.loop.status import silent
 from taxel_models.recordings import Recording
 
 from .tared import Tared, with_counts

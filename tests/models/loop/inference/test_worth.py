@@ -14,10 +14,11 @@ from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.inference.evidence import Weighed, posterior_weights, weigh
 from taxel_models.loop.inference.products import Base, Design, Products
-from taxel_models.loop.inference.scoring import Scoring, silent
+from taxel_models.loop.inference.scoring import Scoring
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.inference.worth import held_out_error
 from taxel_models.loop.observations import Observations, gather
+from taxel_models.loop.status import silent
 from taxel_models.recordings import Recording
 
 EVERY = Weighed(1.0, 0.5, np.ones(21), np.ones(21))
