@@ -5,12 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from taxel.corrections import Parameter
 from taxel.held_out_residual import HeldOutResidual
 from taxel_models.evaluation.metrics import ErrorMetrics
-from taxel_models.loop.attribution import Attribution, Named
+from taxel_models.loop.attribution import Attribution
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import FOLDS, Blocks, cut
 from taxel_models.loop.channel_history import ReadingChange, SensitivityChange, changed_channels
@@ -19,11 +18,10 @@ from taxel_models.loop.correction import NewEffects, corrected, served_windows
 from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.registry import candidates
+from taxel_models.loop.evaluation_part import found_effects, paired_test
 from taxel_models.loop.findings import (
     Findings,
-    FoundEffect,
     NewKinds,
-    PairedTest,
     RejectedEffect,
 )
 from taxel_models.loop.inference.constants import DECLARED, Constants
@@ -300,7 +298,7 @@ def _findings(
             "reference_rows": 0 if reference is None else reference.rows,
         },
         noise_floor=noise.report(energy, output_std),
-        effects=_found(observations, attribution, figures, new, rows),
+        effects=found_effects(observations, attribution, figures, new, rows),
         rejected=tuple(
             RejectedEffect(
                 name=rejected.name,
@@ -315,77 +313,9 @@ def _findings(
         ),
         before=ErrorMetrics.of(measured, observations.predicted[rows], output_std).report(),
         after=ErrorMetrics.of(measured, after[rows], output_std).report(),
-        test=_paired(observations, blocks, after, output_std),
+        test=paired_test(observations, blocks, after, output_std),
         unexplained=diagnose_residual(observations, left, noise, rows),
         autocorrelation=autocorrelations(observations, observations.residual, left, rows),
         cross_correlation=cross_correlations(observations, blocks, observations.residual, left),
         parameter_correlation=attribution.correlation,
-    )
-
-
-def _found(
-    observations: Observations,
-    attribution: Attribution,
-    figures: Mapping[str, list[Parameter]],
-    new: NewEffects,
-    rows: NDArray[np.bool_],
-) -> tuple[FoundEffect, ...]:
-    """Named effects in their order, with what each adds to those before it on the evaluation part."""
-    measured, counts = observations.measured[rows], observations.predicted[rows]
-    left = measured - counts
-    first = np.maximum((left**2).mean(axis=0), 1e-9)
-    served = {effect.name: effect for effect in new.effects}
-    found = []
-    for named in attribution.named:
-        counts = counts + named.contribution[rows]
-        left_after = measured - counts + observations.limits.beyond(measured, counts)
-        explained = float((((left**2).mean(axis=0) - (left_after**2).mean(axis=0)) / first).mean())
-        left = left_after
-        applied = served.get(named.name)
-        needs = (
-            [] if applied is None else [extra.name for extra in new.extras if extra.name in applied.takes]
-        )
-        found.append(_found_effect(named, explained, figures[named.name], needs, applied is not None))
-    return tuple(found)
-
-
-def _found_effect(
-    named: Named, explained: float, figures: Sequence[Parameter], needs: Sequence[str], served: bool
-) -> FoundEffect:
-    return FoundEffect(
-        name=named.name,
-        form=named.candidate.form,
-        equation=named.equation,
-        channels=named.channels,
-        explained=explained,
-        conditional=named.conditional,
-        p_value=named.p_value,
-        t_test=named.p_value,
-        log_evidence=named.log_evidence,
-        parameters=tuple(figures),
-        confounded_with=named.confounded_with,
-        needs=tuple(needs),
-        served=served,
-    )
-
-
-def _paired(observations: Observations, blocks: Blocks, after: Floats, output_std: Floats) -> PairedTest:
-    rows = blocks.evaluation
-    fall = np.abs(observations.residual) - np.abs(observations.measured - after)
-    by_row = (fall / output_std).mean(axis=1)
-    numbers = np.unique(blocks.of_row[rows])
-    falls = np.array([by_row[blocks.of_row == number].mean() for number in numbers])
-    if not falls.std() > 0:
-        # If the error of all blocks falls by the same amount, the test is not defined.
-        mean = float(falls.mean())
-        return PairedTest(blocks=len(falls), difference=mean, low=mean, high=mean, t=0.0, p_value=0.5)
-    interval = stats.ttest_1samp(falls, 0.0).confidence_interval(0.95)
-    test = stats.ttest_1samp(falls, 0.0, alternative="greater")
-    return PairedTest(
-        blocks=len(falls),
-        difference=float(falls.mean()),
-        low=float(interval.low),
-        high=float(interval.high),
-        t=float(test.statistic),
-        p_value=float(test.pvalue),
     )
