@@ -26,11 +26,12 @@ def parameters(named: Named) -> list[Parameter]:
     quantile = float(stats.t.ppf(0.975, len(folds) - 1))
     centres = folds.mean(axis=0)
     half_widths = np.hypot(np.sqrt((len(folds) - 1) * folds.var(axis=0)) * quantile, named.unknown)
-    units = candidate.weight_units * (1 if len(candidate.weight_units) > 1 else len(candidate.weight_names))
-    for place, (name, unit) in enumerate(zip(candidate.weight_names, units, strict=True)):
-        columns = [2] if candidate.fitting.pooled else np.flatnonzero(named.changed).tolist()
-        for column in columns:
-            channel = "" if candidate.fitting.pooled else CHANNELS[column]
+    names = candidate.weight_names
+    units = np.broadcast_to(candidate.weight_units, len(names)).tolist()
+    # Electrodes have a weight that all channels share; the pressures may not.
+    columns = {"": 2} if candidate.fitting.pooled else {one: CHANNELS.index(one) for one in named.channels}
+    for place, (name, unit) in enumerate(zip(names, units, strict=True)):
+        for channel, column in columns.items():
             value = named.weights[column, place]
             centre, half_width = centres[column, place], half_widths[column, place]
             label = f"{name} {channel}".strip()

@@ -342,7 +342,7 @@ class _Sums(NamedTuple):
 
     def less(self, other: "_Sums") -> "_Sums":
         """Of the rows that are not among those of the other."""
-        return _Sums(*(mine - its for mine, its in zip(self, other, strict=True)))
+        return _Sums._make(mine - its for mine, its in zip(self, other, strict=True))
 
     def ridges(self) -> tuple[Floats, Floats]:
         """Weights (ridges, f, 21) and constants (ridges, 21); the constants are not shrunk."""

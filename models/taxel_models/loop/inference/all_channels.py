@@ -6,7 +6,7 @@ from functools import cache
 
 from taxel.channels import CHANNELS
 from taxel_models.loop.effects.effect import Candidate, Effect
-from taxel_models.loop.inference.correlated_channels import CorrelatedChannels
+from taxel_models.loop.inference.correlated_channels import CorrelatedChannels, OfMany
 from taxel_models.loop.inference.evidence import Bases
 from taxel_models.loop.inference.few_channels_search import MOST_CHANNELS, FewChannelsSearch
 from taxel_models.loop.inference.proof import stands
@@ -73,7 +73,7 @@ class AllChannels:
             return True
         if effect.is_constant and score.worth.mean() < self._constants.least_share:
             # One channel's mean scatters from finger to finger: it must be large even beside a constant.
-            return self._correlated.of_many(effect.label, self._forms(effect), self._bases)[0] > 0
+            return self._correlated.of_many(effect.label, self._forms(effect), self._bases).log_evidence > 0
         changes_few = score.weighed.changes.sum() <= MOST_CHANNELS
         changes_few |= score.worth.mean() < self._constants.least_share
         # What few channels show must show beside all others. By itself it repeats already.
@@ -81,14 +81,14 @@ class AllChannels:
         if changes_few and few is None and self._search(effect).best(most_channels=len(CHANNELS)) is None:
             return False
         least = self._rival(effect) if effect.follows == "measured" else 0.0
-        return self._found(effect)[0] > least
+        return self._found(effect).log_evidence > least
 
-    def _found(self, effect: Effect, but: str | None = None) -> tuple[float, float]:
-        """What `of_many` shows of an effect of many channels, in forms that do not contain another one."""
+    def _found(self, effect: Effect, but: str | None = None) -> OfMany:
+        """What shows of an effect of many channels, in forms that do not contain another one."""
         contained = any(form.contains == but for form in self._forms(effect))
         return self._weighed(effect, but if contained else None)
 
-    def _weigh(self, effect: Effect, but: str | None) -> tuple[float, float]:
+    def _weigh(self, effect: Effect, but: str | None) -> OfMany:
         forms = [form for form in self._forms(effect) if but is None or form.contains != but]
         bases = self._bases.of_constant if effect.is_constant else self._bases
         return self._correlated.of_many(effect.label, forms, bases)
@@ -107,4 +107,4 @@ class AllChannels:
         )
         rivals = [one for one in others if one.label in self._rivals and not one.is_costly]
         found = (self._found(one, effect.name) for one in rivals)
-        return max((log_evidence for log_evidence, own in found if own >= gain), default=0.0)
+        return max((one.log_evidence for one in found if one.gain >= gain), default=0.0)

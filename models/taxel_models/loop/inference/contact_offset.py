@@ -159,6 +159,7 @@ class ContactOffsets:
     ) -> None:
         self._observations, self._blocks = observations, blocks
         self._bins, self._whitening, self._strengths = whitening.bins, whitening, strengths
+        self._row_weights = whitening.row_weights(len(observations))
         self.count = len(np.unique(observations.contact[blocks.fit]))
 
     def weighed(
@@ -171,9 +172,8 @@ class ContactOffsets:
             noise: (21,) mean square of the whitened residual.
             usual: (21,) log odds that the model's own residual gives them.
         """
-        counted = self._whitening.row_weights(len(left))
         found = {
-            seconds: calibrated(self._observations, self._blocks, left, counted, seconds)
+            seconds: calibrated(self._observations, self._blocks, left, self._row_weights, seconds)
             for seconds in CALIBRATIONS_S
         }
         last = found[CALIBRATIONS_S[-1]]

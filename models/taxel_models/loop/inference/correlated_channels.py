@@ -43,6 +43,19 @@ class Signals(NamedTuple):
     predicted: ChannelForms
 
 
+class OfMany(NamedTuple):
+    """What all channels together show of an effect that changes many.
+
+    Attributes:
+        log_evidence: of its likeliest form, 0 at least.
+        gain: fall of the squared error over the known noise on folds that nothing was fitted to, less what
+            the model's own residual has of it.
+    """
+
+    log_evidence: float = 0.0
+    gain: float = 0.0
+
+
 class CorrelatedChannels:
     """Channels that are fitted together, on the fit part: their forms, and what these are weighed beside.
 
@@ -131,15 +144,14 @@ class CorrelatedChannels:
         gain = found.gain.sum(axis=1)[:, None] * form.included / form.included.sum()
         return weighed, HeldOut(gain, found.before, np.ones(len(CHANNELS)), found.squared_change)
 
-    def of_many(self, label: str, forms: Sequence[Candidate], bases: Bases) -> tuple[float, float]:
-        """The log evidence and the gain of the likeliest form of an effect that changes many channels.
+    def of_many(self, label: str, forms: Sequence[Candidate], bases: Bases) -> OfMany:
+        """The likeliest form of an effect that changes many channels.
 
-        The gain is the fall of the squared error over the known noise on folds that nothing was fitted to,
-        less what the model's own residual has of it. Both are 0 where no form is likely, and where that
-        residual does not tell how much of the effect is usual.
+        Nothing shows where no form is likely, and where the model's own residual does not tell how much of
+        the effect is usual.
         """
         if not self.knows(label):
-            return 0.0, 0.0
+            return OfMany()
         known, odds = self._known.structure[label], self.usual_odds(label)
         reached, best = 0.0, None
         for candidate, (products, fitting) in zip(forms, self.products_of_many(forms, bases), strict=True):
@@ -148,12 +160,12 @@ class CorrelatedChannels:
             if weighed.log_evidence > reached:
                 reached, best = weighed.log_evidence, (products, fitting, weighed, usual)
         if best is None:
-            return 0.0, 0.0
+            return OfMany()
         products, fitting, weighed, usual = best
         found = held_out(products, fitting, weighed)
         # Odds are half of what goes of the squared error over the noise, but for the prior.
         gain = (found.gain * found.noise / bases.beside.counted_noise).sum() - 2.0 * usual.sum()
-        return reached, float(gain)
+        return OfMany(reached, float(gain))
 
     def products_of_many(
         self, forms: Sequence[Candidate], bases: Bases

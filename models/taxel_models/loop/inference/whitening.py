@@ -150,8 +150,7 @@ class Bins:
 
     def means(self, values: Floats) -> Floats:
         """(c, bins, k) means of values (c, n, k) over the rows of each bin."""
-        sums = np.add.reduceat(values[:, self.order], self.starts, axis=1)
-        return np.asarray(sums / self.sizes[None, :, None])
+        return self._means_in_order(values[:, self.order])
 
     def fast(self, means: Floats, window_s: float) -> Floats:
         """(c, bins, k) of means (c, bins, k), what is left of them less their average over a window."""
@@ -160,9 +159,11 @@ class Bins:
 
     def of_basis(self, basis: Basis) -> Floats:
         """(1 or 21, bins, k) means of a basis."""
-        counts = np.diff(self.starts, append=len(self.order))
-        sums = np.add.reduceat(basis.at(self.order), self.starts, axis=1)
-        return np.asarray(sums / counts[None, :, None])
+        return self._means_in_order(basis.at(self.order))
+
+    def _means_in_order(self, values: Floats) -> Floats:
+        """(c, bins, k) of values (c, rows, k) at the rows in `order`."""
+        return np.asarray(np.add.reduceat(values, self.starts, axis=1) / self.sizes[None, :, None])
 
 
 class Whitening:

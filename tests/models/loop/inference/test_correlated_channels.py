@@ -402,8 +402,8 @@ def test_an_effect_of_many_channels_tells_what_it_removes_of_held_out_blocks(
     observations = gather(smooth, [replace(recording, channels=np.rint(recording.channels + added))])
     channels, _, remaining, beside, _ = searched(observations, reference.correlated)
     forms = list(Drift().forms(observations, remaining))
-    log_evidence, gain = channels.of_many("drift", forms, beside.bases(()))
-    assert (gain > log_evidence > 0) if rises else gain <= 0
+    found = channels.of_many("drift", forms, beside.bases(()))
+    assert (found.gain > found.log_evidence > 0) if rises else found.gain <= 0
 
 
 def test_an_effect_of_many_channels_that_is_likelier_goes_first(
