@@ -144,7 +144,7 @@ def own_residual(
     effects = candidates(observations)
     scoring = Scoring(observations, blocks, effects, found, constants, progress)
     structure = structure_of(scoring, confidence)
-    if Offset.name in structure:
+    if Offset.name in structure and confidence > MEAN:
         own = structure[Offset.name]
         gain = np.array(own.gain) + scoring.whitened_constant(_unknown_mean(observations, blocks))
         structure[Offset.name] = own.model_copy(update={"gain": tuple(gain.tolist())})

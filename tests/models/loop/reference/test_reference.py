@@ -24,7 +24,7 @@ from taxel_models.loop.observations import gather
 from taxel_models.loop.pipeline import LoopSettings, run_loop
 from taxel_models.loop.reference.gain_limit import times_for_few
 from taxel_models.loop.reference.held_out import KEPT, held_out_residual
-from taxel_models.loop.reference.own_structure import ONE_ERROR, OPEN, own_gain
+from taxel_models.loop.reference.own_structure import MEAN, ONE_ERROR, OPEN, own_gain, own_residual
 from taxel_models.loop.report.wording import anyway, no_reference
 from taxel_models.recordings import Recording
 from taxel_models.recovery.injection import Injection
@@ -285,6 +285,27 @@ def test_the_fewer_contacts_are_known_the_more_is_usual(
     (score,) = (score for score in scoring.scores([]) if score.name == "offset:contact")
     own = np.maximum(own_gain(scoring, score), 0.0) / len(scoring.bins)
     np.testing.assert_allclose(scattered.structure["offset:contact"].gain, times_for_few(29, OPEN) * own)
+
+
+def test_what_few_contacts_leave_open_of_their_mean_counts_in_a_limit_alone(
+    smooth: Any, make: Make
+) -> None:
+    """A mean over kinds has it already: the means of their few contacts scatter by as much."""
+    observations = gather(smooth, [apart(make).rows(np.arange(9_000) < 300 * 8)])
+    known = {
+        confidence: own_residual(observations, DECLARED, lambda _: None, confidence)
+        for confidence in (MEAN, OPEN)
+    }
+    scoring = scoring_of(smooth, apart(make), [Offset()], known[MEAN])
+    unit = scoring.whitened_constant(np.ones(21))
+    size = {one: np.sqrt(own.structure["offset"].gain / unit) for one, own in known.items()}
+    mean = np.abs(observations.residual.mean(axis=0))
+    assert np.median(size[MEAN]) == pytest.approx(np.median(mean), rel=0.3)
+    by_contact = np.array(
+        [observations.residual[observations.contact == one].mean(axis=0) for one in range(8)]
+    )
+    left_open = stats.t.ppf(0.975, 7) * by_contact.std(axis=0, ddof=1) / np.sqrt(8)
+    assert (size[OPEN] > left_open).all()
 
 
 def test_a_calibration_that_makes_it_worse_leaves_open_how_much_is_usual(
