@@ -103,7 +103,7 @@ def loop(
     from taxel_models.loop.report.table import findings_table
     from taxel_models.recordings import read_recording
 
-    check_folder_place(output, replacing=REPORT if overwrite else None)
+    check_folder_place(output, replacing=REPORT, overwrite=overwrite)
     if temperature not in ("measured", "mean"):
         raise SettingsError(f"--temperature {temperature}: expected measured or mean")
     for effect in exclude or ():

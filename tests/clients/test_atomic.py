@@ -41,6 +41,26 @@ def test_a_file_in_no_folder_is_refused(tmp_path: Path) -> None:
         pass
 
 
+def test_what_is_read_is_not_overwritten(tmp_path: Path) -> None:
+    recording = tmp_path / "recording.csv"
+    recording.write_text("mine")
+    (tmp_path / "link.csv").symlink_to(recording)
+    for place in (recording, tmp_path / "link.csv"):
+        with pytest.raises(SettingsError, match="is what is read: expected another place"):
+            check_file_place(place, reads=recording)
+    with pytest.raises(SettingsError, match="is what is read"):
+        check_file_place(recording, reads=tmp_path)
+    check_file_place(tmp_path / "other.csv", reads=recording)
+    assert recording.read_text() == "mine"
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="a folder that takes no file")
+def test_a_place_that_takes_no_file_is_refused_before_any_work() -> None:
+    for check, place in ((check_file_place, Path("/proc/out")), (check_folder_place, Path("/proc/out"))):
+        with pytest.raises(SettingsError, match="/proc/out: nothing can be written in /proc: "):
+            check(place)
+
+
 def test_text_and_json_are_written_whole(tmp_path: Path) -> None:
     path = tmp_path / "out.json"
     write_json(path, {"a": [1, 2.5]})
@@ -65,8 +85,10 @@ def test_a_folder_is_only_replaced_when_asked_and_then_whole(tmp_path: Path) -> 
     path = tmp_path / "out"
     path.mkdir()
     (path / "old").write_text("1")
-    with pytest.raises(SettingsError, match="exists already"):
+    with pytest.raises(SettingsError, match=r"exists already: choose another place$"):
         check_folder_place(path)
+    with pytest.raises(SettingsError, match=r"exists already: choose another place, or pass --overwrite$"):
+        check_folder_place(path, replacing="old", overwrite=False)
     with whole_folder(path, replacing="old") as temporary:
         (temporary / "new").write_text("2")
     assert [child.name for child in path.iterdir()] == ["new"]

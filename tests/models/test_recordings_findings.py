@@ -84,6 +84,10 @@ def without_lower_bits(recording: Recording) -> Recording:
     return replace(recording, channels=recording.channels // 4 * 4)
 
 
+def without_touch(recording: Recording) -> Recording:
+    return with_samples(recording, force=0.01 * recording.samples.force)
+
+
 def in_volts(recording: Recording) -> Recording:
     return replace(recording, channels=recording.channels - 3000.0)
 
@@ -109,6 +113,7 @@ def test_a_twins_recording_looks_right(recording: Recording) -> None:
             (with_a_still_channel, "still channels"),
             (in_volts, "counts"),
             (without_lower_bits, "coarse counts"),
+            (without_touch, "no touch"),
         ]
     ),
 )
@@ -166,6 +171,10 @@ def test_reading_warns_and_is_strict_if_asked(tmp_path: Path) -> None:
     with pytest.warns(InputWarning, match=r"mm: .* look like millimetres"):
         recording = read_recording(path)
     assert len(recording) == len(TWINS[0])
+    write_ruppel(in_milliseconds(in_millimetres(TWINS[0])), path)
+    with pytest.raises(RecordingError, match=r"look like milliseconds.*; .*look like millimetres"):
+        read_recording(path, strict=True)
+    write_ruppel(in_millimetres(TWINS[0]), path)
     # A path may be text.
     with pytest.raises(RecordingError, match=r"mm: .* look like millimetres"):
         read_recording(str(path), strict=True)

@@ -156,6 +156,12 @@ def _line(line: int, change: Callable[[str], str]) -> Callable[[str], str]:
 E5 = "field.tactiles0.electrodes4"
 DAMAGES: dict[str, tuple[Callable[[str], str], str]] = {
     "missing column": (lambda text: text.replace(E5, "e5"), rf"1: no column '{E5}'; expected %time"),
+    "a comment first": (lambda text: f"# by hand\n{text}", "1: begins '# by hand': expected the names of"),
+    "semicolons": (
+        lambda text: text.replace(",", ";"),
+        "1: begins '%time;.*': expected commas between the columns",
+    ),
+    "no header at all": (_line(1, lambda _: "1,2,3"), "1: begins '1,2,3': expected a header with"),
     "text in a number": (
         _set(3, E5, "abc"),
         rf"3: column '{E5}': 'abc' is not a number; expected a finite number",

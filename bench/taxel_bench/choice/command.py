@@ -37,8 +37,7 @@ def choice(
     from taxel_models.recordings import read_recording
     from taxel_models.shipped import shipped_repository
 
-    replacing = FIGURES if overwrite else None
-    check_folder_place(output, replacing=replacing)
+    check_folder_place(output, replacing=FIGURES, overwrite=overwrite)
     with shown("reading"):
         recording = unseen_twin(seed) if data is None else read_recording(data)
     with shown("comparing"):
@@ -49,7 +48,7 @@ def choice(
         "repetitions": repetitions,
         "models": [asdict(model) for model in compared],
     }
-    write_files(output, figures, compared, replacing)
+    write_files(output, figures, compared, overwrite=overwrite)
     if as_json:
         print_json(figures)
     else:

@@ -12,10 +12,10 @@ FIGURES: Final = "choice.json"
 
 
 def write_files(
-    folder: Path, figures: Mapping[str, Any], compared: Sequence[ComparedModel], replacing: str | None
+    folder: Path, figures: Mapping[str, Any], compared: Sequence[ComparedModel], *, overwrite: bool
 ) -> None:
     """Write choice.json, choice.md and choice.png; the folder appears whole or not at all."""
-    with whole_folder(folder, replacing=replacing) as place:
+    with whole_folder(folder, replacing=FIGURES, overwrite=overwrite) as place:
         (place / FIGURES).write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
         (place / "choice.md").write_text(markdown(compared), encoding="utf-8")
         _draw(compared, place / "choice.png")

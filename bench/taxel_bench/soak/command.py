@@ -40,8 +40,7 @@ def soak(
     from taxel_bench.soak.plot import draw_soak
     from taxel_models.shipped import shipped_repository
 
-    replacing = RESULT if overwrite else None
-    check_folder_place(output, replacing=replacing)
+    check_folder_place(output, replacing=RESULT, overwrite=overwrite)
     # Told to stop, it still stops its server and clients.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     machine = describe_machine()
@@ -64,7 +63,7 @@ def soak(
         "bars": [bar.as_dict() for bar in bars],
         **as_dict(run),
     }
-    with whole_folder(output, replacing=replacing) as folder:
+    with whole_folder(output, replacing=RESULT, overwrite=overwrite) as folder:
         (folder / RESULT).write_text(json.dumps(told, indent=1, allow_nan=False) + "\n", encoding="utf-8")
         draw_soak(run, folder / "soak.png")
     if as_json:

@@ -45,8 +45,7 @@ def table(
         raise SettingsError(f"--models {models}: expected some of {', '.join(_MODELS)}, commas between")
     combinations = parse_numbers("--inputs", inputs, COMBINATIONS, "1 to 8")
     batches = sorted({1, *parse_batches(batch)})
-    replacing = TABLE if overwrite else None
-    check_folder_place(output, replacing=replacing)
+    check_folder_place(output, replacing=TABLE, overwrite=overwrite)
     effort = Effort(repetitions, seconds, seed)
     machine, results = describe_machine(), []
     cells = [(model, combination) for model in chosen for combination in combinations]
@@ -55,7 +54,7 @@ def table(
             bar.say(f"{model}, inputs {combination}")
             sizes = batches if combination == combinations[0] else [1]
             results += measure_cell(model, combination, sizes, effort, shifted(bar.reach, done))
-    with whole_folder(output, replacing=replacing) as folder:
+    with whole_folder(output, replacing=TABLE, overwrite=overwrite) as folder:
         write_files(folder, machine, results)
     if as_json:
         print_json({"machine": machine, "results": results})

@@ -51,31 +51,45 @@ def write_json(path: Path, content: object) -> None:
     write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
-def check_file_place(path: Path) -> None:
+def check_file_place(path: Path, *, reads: Path | None = None) -> None:
     """Check before any work that a file can be written here.
 
+    Args:
+        reads: a file or folder that is read, and must not be overwritten.
+
     Raises:
-        SettingsError: its folder does not exist, or it is a folder itself.
+        SettingsError: its folder does not exist or takes no file, it is a folder itself, or what is read.
     """
     if path.is_dir():
         raise SettingsError(f"{path} is a folder: expected the name of a file to write")
     if not path.parent.is_dir():
         raise SettingsError(f"{path}: the folder {path.parent} does not exist")
+    if reads is not None and path.exists() and (path.samefile(reads) or reads in path.parents):
+        raise SettingsError(f"{path} is what is read: expected another place to write to")
+    _check_takes_files(path, path.parent)
+
+
+def _check_takes_files(path: Path, folder: Path) -> None:
+    try:
+        tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=folder).cleanup()
+    except OSError as error:
+        raise SettingsError(f"{path}: nothing can be written in {folder}: {error.strerror}") from None
 
 
 @contextmanager
-def whole_folder(path: Path, *, replacing: str | None = None) -> Iterator[Path]:
+def whole_folder(path: Path, *, replacing: str | None = None, overwrite: bool = True) -> Iterator[Path]:
     """Yield a temporary folder to fill; it becomes `path` if the block succeeds.
 
     Args:
         path: where the folder will be; missing parents are made.
         replacing: a folder that holds a file of this name may be replaced.
+        overwrite: as in `check_folder_place`.
 
     Raises:
         SettingsError: something else is already at `path`.
     """
     path = path.resolve()
-    check_folder_place(path, replacing=replacing)
+    check_folder_place(path, replacing=replacing, overwrite=overwrite)
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent))
     try:
@@ -100,20 +114,29 @@ def _replace(path: Path, new: Path) -> None:
     shutil.rmtree(old)
 
 
-def check_folder_place(path: Path, *, replacing: str | None = None) -> None:
+def check_folder_place(path: Path, *, replacing: str | None = None, overwrite: bool = True) -> None:
     """Check before any work that a folder can be written here.
 
+    Args:
+        replacing: a folder that holds a file of this name may be replaced.
+        overwrite: whether it may be, as the user says by `--overwrite`.
+
     Raises:
-        SettingsError: something else is at `path`, or a file is where one of its folders should be.
+        SettingsError: something else is at `path`, a file is where one of its folders should be, or
+            nothing can be written there.
     """
-    above = next((parent for parent in path.parents if parent.exists()), path)
+    path = path.absolute()
+    above = next(parent for parent in path.parents if parent.exists())
     if above.is_file():
         raise SettingsError(f"{path}: {above} is a file: expected a folder")
+    _check_takes_files(path, above)
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         return
     if not path.is_dir():
         raise SettingsError(f"{path} is a file: expected the name of a folder to write")
     if replacing is None:
+        raise SettingsError(f"{path} exists already: choose another place")
+    if not overwrite:
         raise SettingsError(f"{path} exists already: choose another place, or pass --overwrite")
     if not (path / replacing).is_file():
         raise SettingsError(f"{path} holds no {replacing}: it is not ours to replace; choose another place")

@@ -154,7 +154,7 @@ def _sign_findings(
         if trained.pressing >= 0.5
         else "press on the skin: expected the opposite sign, as in training"
     )
-    return [Finding("wrong sign", f"the forces of {len(places):,} touches {wrong}")]
+    return [Finding("wrong sign", f"the forces of {len(places):,} samples in touch {wrong}")]
 
 
 def extra_findings(trained: TrainedContacts, name: str, values: NDArray[Any]) -> list[Finding]:

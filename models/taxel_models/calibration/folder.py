@@ -31,7 +31,7 @@ def write_calibration(
     Raises:
         SettingsError: the folder exists and may not be overwritten, or is not a calibration.
     """
-    with whole_folder(folder, replacing=RECORD if overwrite else None) as place:
+    with whole_folder(folder, replacing=RECORD, overwrite=overwrite) as place:
         text = json.dumps(calibration.report(), indent=1, allow_nan=False) + "\n"
         (place / RECORD).write_text(text, encoding="utf-8")
         draw_contacts(calibration, Sensor.biotac_2p(), place / "contacts.png")

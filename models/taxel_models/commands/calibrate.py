@@ -51,7 +51,7 @@ def calibrate(
     from taxel_models.recordings.reading import read_unchecked
 
     output = output.resolve()
-    check_folder_place(output, replacing=RECORD if overwrite else None)
+    check_folder_place(output, replacing=RECORD, overwrite=overwrite)
     limits = Limits(touch, light)
     with shown("reading") as tell:
         read = [read_unchecked(path) for path in recordings]

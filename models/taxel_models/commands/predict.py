@@ -14,10 +14,11 @@ from taxel.channels import CHANNELS
 from taxel.commands.cli import ERR, OUT, Json, print_json
 from taxel.commands.models import Connect, Repository, open_source
 from taxel.dependencies import require
-from taxel.errors import SettingsError
+from taxel.errors import RecordingError, SettingsError
 from taxel.predictor import Predictor
 from taxel.trained_contacts import TrainedContacts
 from taxel.windows import Samples, build_windows
+from taxel.windows.history import TICK_S
 from taxel_models.model import ROWS_A_REQUEST
 
 
@@ -54,7 +55,7 @@ def predict(
     from taxel_models.evaluation import FIGURES
     from taxel_models.evaluation.predictions import write_predictions
 
-    check_file_place(output)
+    check_file_place(output, reads=recording)
     if report is not None:
         require("--report", "plot", "jinja2", "matplotlib")
         check_folder_place(report, replacing=FIGURES)
@@ -68,6 +69,12 @@ def predict(
         if report is not None and channels is None:
             raise SettingsError(f"--report: {recording} has no measured channels to compare with")
         windows = build_windows(samples, predictor.window, predictor.manifest.window.extras, given)
+        if not len(windows):
+            ticks = predictor.window.look_back + predictor.window.look_ahead + 1
+            raise RecordingError(
+                f"{recording} holds no whole window: expected segments of at least {ticks} ticks, "
+                f"{ticks * TICK_S:.2g} s"
+            )
         if scheduler is None:
             parts = _predict_here(predictor, windows.values, timeout)
         else:
@@ -75,7 +82,7 @@ def predict(
         predicted = _watched(parts, len(windows))
     time_ns = samples.time_ns[windows.rows]
     write_predictions(time_ns, predicted, output)
-    if channels is None or not len(windows):
+    if channels is None:
         if as_json:
             print_json({"rows": len(windows)})
     else:

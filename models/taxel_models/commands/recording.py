@@ -9,6 +9,7 @@ from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
 
+from taxel.atomic import check_file_place
 from taxel.commands.cli import ERR, OUT, Json, print_json
 from taxel.dependencies import require
 from taxel.errors import SettingsError
@@ -60,6 +61,8 @@ def recording(
         require("--plot", "plot", "matplotlib")
     if finger not in (None, *SHADOW_FINGERS):
         raise SettingsError(f"--finger {finger}: expected one of {', '.join(SHADOW_FINGERS)}")
+    if output is not None and output.suffix:
+        check_file_place(output, reads=path)
     read = _read(path, finger)
     if strict:
         check_recording(read, strict=True)

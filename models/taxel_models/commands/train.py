@@ -70,7 +70,7 @@ def train(
     from taxel_models.training.trained import RECORD, save
 
     output = output.resolve()
-    check_folder_place(output, replacing=RECORD if overwrite else None)
+    check_folder_place(output, replacing=RECORD, overwrite=overwrite)
     family(model)  # An unknown family or a library that is not installed is told before a long reading.
     found = read_hyperparameters(hyperparameters, model, inputs) if hyperparameters else {}
     output.parent.mkdir(parents=True, exist_ok=True)

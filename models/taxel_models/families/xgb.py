@@ -70,7 +70,8 @@ class XgbModel(FittedModel):
     @override
     def save(self, folder: Path) -> None:
         for channel, booster in zip(CHANNELS, self.boosters, strict=True):
-            booster.save_model(folder / f"{channel}.json")
+            # Its own `save_model` raises an error of its own where the disk is full.
+            (folder / f"{channel}.json").write_bytes(booster.save_raw("json"))
 
 
 class _Watch(xgboost.callback.TrainingCallback):  # type: ignore[misc]

@@ -18,6 +18,9 @@ FIRST_ROW: Final = 2
 _TIME_LENGTH: Final = 24
 """Room for a time's text. A longer text is too long for an int64."""
 
+_SHOWN: Final = 60
+"""Letters of a header that is none."""
+
 _NUMBER: Final = re.compile(
     r"[ \t]*[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)[ \t]*", re.ASCII | re.IGNORECASE
 )
@@ -132,8 +135,11 @@ def _decode(path: Path, data: bytes) -> str:
 def _columns(path: Path, header: str, required: Sequence[str]) -> list[str]:
     if not header.strip():
         raise _fault(path, 1, f"empty; expected a header with the columns {', '.join(required)}")
-    names = [name.strip() for name in header.split(",")]
+    # Some programs write names in quotes.
+    names = [name.strip().removeprefix('"').removesuffix('"') for name in header.split(",")]
     missing = [name for name in required if name not in names]
+    if len(missing) == len(required):
+        raise _fault(path, 1, f"begins {header.strip()[:_SHOWN]!r}: {_expected(header, required)}")
     if missing:
         raise _fault(path, 1, f"no column {', '.join(map(repr, missing))}; expected {', '.join(required)}")
     repeated = sorted({name for name in names if names.count(name) > 1})
@@ -142,6 +148,14 @@ def _columns(path: Path, header: str, required: Sequence[str]) -> list[str]:
     if "" in names:
         raise _fault(path, 1, f"column {names.index('') + 1} has no name; expected one for each column")
     return names
+
+
+def _expected(header: str, required: Sequence[str]) -> str:
+    if header.lstrip().startswith("#"):
+        return "expected the names of the columns in the first line, and no comment"
+    if ";" in header or "\t" in header:
+        return "expected commas between the columns, and points in numbers"
+    return f"expected a header with the columns {', '.join(required)}"
 
 
 def _parse(

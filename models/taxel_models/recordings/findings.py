@@ -9,7 +9,7 @@ from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel.errors import RecordingError
 from taxel.input_checks import Finding, contact_findings, rate_findings, warn
 from taxel.skin import Fingertip
-from taxel.trained_contacts import Range, TrainedContacts
+from taxel.trained_contacts import TOUCHED_N, Range, TrainedContacts
 from taxel_models.recordings.glitches import jumps
 from taxel_models.recordings.recording import Recording
 
@@ -65,6 +65,12 @@ def recording_findings(recording: Recording, trained: TrainedContacts | None = N
     samples = recording.samples
     found = _time_findings(recording, known)
     found += contact_findings(known, samples.position, samples.force)
+    largest = float(np.linalg.norm(samples.force, axis=1).max())
+    if len(recording) >= _LEAST_ROWS and largest < TOUCHED_N:
+        text = (
+            f"no force is above {largest:.3g} N: expected touches of {TOUCHED_N:g} N and more, in newtons"
+        )
+        found.append(Finding("no touch", text))
     return [*found, *_channel_findings(recording)]
 
 
@@ -76,9 +82,10 @@ def check_recording(
     Raises:
         RecordingError: something looks wrong, and `strict` says that it is an error.
     """
-    for _, text in recording_findings(recording, trained) if len(recording) else ():
-        if strict:
-            raise RecordingError(f"{recording.name}: {text}")
+    texts = [text for _, text in recording_findings(recording, trained)] if len(recording) else []
+    if strict and texts:
+        raise RecordingError(f"{recording.name}: {'; '.join(texts)}")
+    for text in texts:
         warn(f"{recording.name}: {text}")
 
 

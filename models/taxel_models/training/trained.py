@@ -148,7 +148,7 @@ def save(
     Raises:
         SettingsError: the folder exists and may not be overwritten, or is not a trained model.
     """
-    with whole_folder(folder, replacing=RECORD if overwrite else None) as place:
+    with whole_folder(folder, replacing=RECORD, overwrite=overwrite) as place:
         (place / "weights").mkdir()
         model.fitted.save(place / "weights")
         for name, recordings in ((HELD_OUT, held_out.test), (REFERENCE, held_out.reference)):

@@ -167,7 +167,7 @@ def test_messages_give_the_channels_of_the_models_own_stream(predictor: Predicto
 
 
 WRONG = [
-    (PLACE, (0.0, 0.0, -1.0), "finger ff, xgb/1: the forces of .* touches pull at the skin"),
+    (PLACE, (0.0, 0.0, -1.0), "finger ff, xgb/1: the forces of .* samples in touch pull at the skin"),
     (PLACE, (0.0, 0.0, 101.97), "finger ff, xgb/1: forces up to 102 look like grams: expected newtons"),
     ((0.0, 0.0, -7.0), FORCE, "touched places look like millimetres, as 7: expected metres"),
     ((0.0, 0.0, -0.0115), FORCE, "touched places are off the skin, one of them 4.5 mm outside it"),

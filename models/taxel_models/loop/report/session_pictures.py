@@ -90,7 +90,7 @@ def draw_session(result: LoopResult) -> Drawing:
     ticks = np.unique(np.linspace(0, len(rows) - 1, 9).astype(int))
     panels[-1].set_xticks(ticks, [f"{observations.time_s[rows[tick][0]]:.0f}" for tick in ticks])
     panels[-1].set_xlabel("the block's time in its recording, s")
-    figure.colorbar(drawn, ax=list(panels), label="root mean square of the residual / SD of the channel")
+    figure.colorbar(drawn, ax=list(panels), label="RMS of the residual / SD")
     return figure, (
         "The size of each channel's residual over the session, block by block, with those that were fitted "
         "to. A channel that fails or ages is a row that turns dark; a disturbed moment is a dark column. A "
