@@ -19,11 +19,7 @@ from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.evaluation_part import found_effects, paired_test
-from taxel_models.loop.findings import (
-    Findings,
-    NewKinds,
-    RejectedEffect,
-)
+from taxel_models.loop.findings import Findings, FoundResidualModel, NewKinds, RejectedEffect
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.kinds import new_kinds, of_its_kinds
 from taxel_models.loop.inference.selection import JointSelection
@@ -108,6 +104,50 @@ class LoopResult:
         return replace(self, findings=self.findings.model_copy(update={"exported": version}))
 
 
+@dataclass(frozen=True)
+class _Given:
+    """What effects are looked for in.
+
+    Attributes:
+        recordings: that were compared with the model.
+        observations: their rows.
+        blocks: the fit part and the evaluation part.
+        settings: of the loop.
+        own: the model's own held-out residual; None if it is not known.
+        reference: the same for the kinds of these recordings, as far as it is taken into account.
+        new_kinds: (n,) rows of kinds that the model was not trained on, of each column that has some.
+    """
+
+    recordings: Sequence[Recording]
+    observations: Observations
+    blocks: Blocks
+    settings: LoopSettings
+    own: HeldOutResidual | None
+    reference: HeldOutResidual | None
+    new_kinds: Mapping[str, NDArray[np.bool_]]
+
+
+@dataclass(frozen=True)
+class _Corrected:
+    """What was named, and the model that has it.
+
+    Attributes:
+        attribution: the named effects.
+        figures: of each named effect, its parameters.
+        new: the effects of the corrected model.
+        after: (n, 21) its predictions, counts.
+        left: (n, 21) what neither it explains nor an effect that is only reported, counts.
+        residual_model: what predicts a part of what no effect explains; None without one.
+    """
+
+    attribution: Attribution
+    figures: Mapping[str, list[Parameter]]
+    new: NewEffects
+    after: Floats
+    left: Floats
+    residual_model: FoundResidualModel | None
+
+
 def run_loop(
     model: Model,
     recordings: Sequence[Recording],
@@ -126,61 +166,19 @@ def run_loop(
             counts where the model has raw ones, or the other way round.
     """
     progress("predicting")
-    observations = gather(model, recordings, withheld=settings.withheld)
-    manifest = model.manifest
-    check_scale(
-        manifest.label,
-        observations.pressed,
-        observations.base,
-        observations.measured,
-    )
-    if settings.calibration_s:
-        observations = observations.calibrated(settings.calibration_s)
+    observations = _observed(model, recordings, settings)
     blocks = cut(observations, seed=settings.seed, held_out=settings.held_out, group=settings.hold_out_by)
-    runs_along = confounding(observations)
-    effects = [effect for effect in candidates(observations) if effect.label not in settings.exclude]
-    reference = reference or model.manifest.held_out_residual
-    narrow = _one_kind(observations, reference)
-    if reference is not None:
-        reference = of_its_kinds(reference, observations, settings.constants)
-        if not settings.reference:
-            reference = reference.model_copy(
-                update={"structure": {}, "sensitivity_change": None, "correlated": None, "waves": ()}
-            )
-    new = new_kinds(observations)
+    own = reference or model.manifest.held_out_residual
+    known, new = _taken_into_account(own, observations, settings), new_kinds(observations)
+    given = _Given(recordings, observations, blocks, settings, own, known, new)
     constants = _constants(settings, new)
+    effects = [effect for effect in candidates(observations) if effect.label not in settings.exclude]
     attribution = JointSelection(
-        observations, blocks, effects, reference=reference, constants=constants, progress=progress
+        observations, blocks, effects, reference=known, constants=constants, progress=progress
     ).run()
-    figures = {named.name: parameters(named) for named in attribution.named}
-    added = NewEffects.of(attribution, figures)
-    after = corrected(observations, attribution, added)
-    unnamed = None
-    if settings.residual_model:
-        progress("what no effect explains")
-        unexplained = observations.measured - after
-        unnamed = residual_model(
-            observations, attribution, blocks, unexplained, exclude=settings.exclude, seed=settings.seed
-        )
-    told = None
-    if unnamed is not None:
-        before, added = after, unnamed.added_to(added)
-        after = corrected(observations, attribution, added)
-        told = unnamed.found(observations, blocks, before, after)
-    left = _left(observations, attribution, added, after)
-    findings = _findings(
-        observations, recordings, blocks, settings, attribution, figures, added, after, left, reference
-    )
-    changes = _changes(observations, blocks, attribution, reference, new)
-    findings = findings.model_copy(
-        update={
-            "changes": tuple(change.sentence() for change in changes),
-            "confounding": runs_along,
-            "one_kind": narrow,
-            "new_kinds": _told(new, observations),
-            "residual_model": told,
-        }
-    )
+    found = _corrected(given, attribution, progress)
+    changes = _changes(given, attribution)
+    findings = _findings(given, found, changes)
     if settings.stability:
         stability = on_halves(
             observations,
@@ -189,14 +187,74 @@ def run_loop(
             attribution,
             settings.stability,
             seed=settings.seed,
-            reference=reference,
+            reference=known,
             constants=constants,
             progress=progress,
         )
         findings = findings.model_copy(update={"stability": stability})
     return LoopResult(
-        findings, observations, blocks, attribution, added, after, left, constants, reference, changes
+        findings,
+        observations,
+        blocks,
+        attribution,
+        found.new,
+        found.after,
+        found.left,
+        constants,
+        known,
+        changes,
     )
+
+
+def _observed(model: Model, recordings: Sequence[Recording], settings: LoopSettings) -> Observations:
+    observations = gather(model, recordings, withheld=settings.withheld)
+    check_scale(model.manifest.label, observations.pressed, observations.base, observations.measured)
+    return observations.calibrated(settings.calibration_s) if settings.calibration_s else observations
+
+
+def _taken_into_account(
+    own: HeldOutResidual | None, observations: Observations, settings: LoopSettings
+) -> HeldOutResidual | None:
+    """A model's own held-out residual, as far as it is subtracted; its spectrum counts in any case."""
+    if own is None:
+        return None
+    own = of_its_kinds(own, observations, settings.constants)
+    if settings.reference:
+        return own
+    return own.model_copy(
+        update={"structure": {}, "sensitivity_change": None, "correlated": None, "waves": ()}
+    )
+
+
+def _constants(settings: LoopSettings, new: Mapping[str, NDArray[np.bool_]]) -> Constants:
+    declared = replace(settings.constants, least_share=settings.least_share)
+    shares = [float(rows.mean()) for rows in new.values()]
+    return declared.with_new_kinds(max(shares)) if shares and settings.reference else declared
+
+
+def _corrected(given: _Given, attribution: Attribution, progress: StatusCallback) -> _Corrected:
+    observations, settings = given.observations, given.settings
+    figures = {named.name: parameters(named) for named in attribution.named}
+    new = NewEffects.of(attribution, figures)
+    after = corrected(observations, attribution, new)
+    told = None
+    if settings.residual_model:
+        progress("what no effect explains")
+        unexplained = observations.measured - after
+        unnamed = residual_model(
+            observations,
+            attribution,
+            given.blocks,
+            unexplained,
+            exclude=settings.exclude,
+            seed=settings.seed,
+        )
+        if unnamed is not None:
+            before, new = after, unnamed.added_to(new)
+            after = corrected(observations, attribution, new)
+            told = unnamed.found(observations, given.blocks, before, after)
+    left = _left(observations, attribution, new, after)
+    return _Corrected(attribution, figures, new, after, left, told)
 
 
 def _left(observations: Observations, attribution: Attribution, new: NewEffects, after: Floats) -> Floats:
@@ -208,65 +266,47 @@ def _left(observations: Observations, attribution: Attribution, new: NewEffects,
     return left
 
 
-def _changes(
-    observations: Observations,
-    blocks: Blocks,
-    attribution: Attribution,
-    reference: HeldOutResidual | None,
-    new: Mapping[str, NDArray[np.bool_]],
-) -> tuple[SensitivityChange | ReadingChange, ...]:
+def _changes(given: _Given, attribution: Attribution) -> tuple[SensitivityChange | ReadingChange, ...]:
     """Of single channels, beside what named effects other than their own explain."""
     others = [
         named.contribution for named in attribution.named if named.name not in (Gain.name, Fault.name)
     ]
-    explained = np.sum(others, axis=0) if others else np.zeros_like(observations.residual)
-    known = ~np.any(list(new.values()), axis=0) if new else None
-    return changed_channels(observations, blocks, explained, reference, known)
+    explained = np.sum(others, axis=0) if others else np.zeros_like(given.observations.residual)
+    known = ~np.any(list(given.new_kinds.values()), axis=0) if given.new_kinds else None
+    return changed_channels(given.observations, given.blocks, explained, given.reference, known)
 
 
-def _one_kind(observations: Observations, reference: HeldOutResidual | None) -> tuple[str, ...]:
+def _one_kind(given: _Given) -> tuple[str, ...]:
     """Columns of which the model's error is known for several values together, and these have one."""
-    if reference is None:
+    own = given.own
+    if own is None:
         return ()
     return tuple(
         name
-        for name, values in observations.covariates.items()
-        if f"covariate:{name}" in reference.structure
-        and name not in reference.one_kind
+        for name, values in given.observations.covariates.items()
+        if f"covariate:{name}" in own.structure
+        and name not in own.one_kind
         and values.min() == values.max()
     )
 
 
-def _constants(settings: LoopSettings, new: Mapping[str, NDArray[np.bool_]]) -> Constants:
-    declared = replace(settings.constants, least_share=settings.least_share)
-    shares = [float(rows.mean()) for rows in new.values()]
-    return declared.with_new_kinds(max(shares)) if shares and settings.reference else declared
-
-
-def _told(new: Mapping[str, NDArray[np.bool_]], observations: Observations) -> tuple[NewKinds, ...]:
-    """Which kinds are new, by the rows (n,) of each column that has some."""
+def _told(given: _Given) -> tuple[NewKinds, ...]:
+    """Which kinds are new, with their share."""
     return tuple(
         NewKinds(
             column=column,
-            values=tuple(np.unique(observations.covariates[column][rows]).tolist()),
+            values=tuple(np.unique(given.observations.covariates[column][rows]).tolist()),
             share=float(rows.mean()),
         )
-        for column, rows in new.items()
+        for column, rows in given.new_kinds.items()
     )
 
 
 def _findings(
-    observations: Observations,
-    recordings: Sequence[Recording],
-    blocks: Blocks,
-    settings: LoopSettings,
-    attribution: Attribution,
-    figures: Mapping[str, list[Parameter]],
-    new: NewEffects,
-    after: Floats,
-    left: Floats,
-    reference: HeldOutResidual | None,
+    given: _Given, found: _Corrected, changes: Sequence[SensitivityChange | ReadingChange]
 ) -> Findings:
+    observations, blocks, settings = given.observations, given.blocks, given.settings
+    attribution = found.attribution
     manifest = observations.manifest
     rows, output_std = blocks.evaluation, np.array(manifest.normalisation.output_std)
     noise = NoiseFloor.of(observations, attribution.waves)
@@ -281,7 +321,7 @@ def _findings(
                 "rows": len(source),
                 "sha256": source.fingerprint,
             }
-            for source in recordings
+            for source in given.recordings
         ),
         split={
             "unit": settings.hold_out_by or "blocks",
@@ -295,10 +335,10 @@ def _findings(
             "calibration_s": settings.calibration_s,
             "least_share": settings.least_share,
             "reference": settings.reference,
-            "reference_rows": 0 if reference is None else reference.rows,
+            "reference_rows": 0 if given.reference is None else given.reference.rows,
         },
         noise_floor=noise.report(energy, output_std),
-        effects=found_effects(observations, attribution, figures, new, rows),
+        effects=found_effects(observations, attribution, found.figures, found.new, rows),
         rejected=tuple(
             RejectedEffect(
                 name=rejected.name,
@@ -312,10 +352,15 @@ def _findings(
             for rejected in attribution.rejected
         ),
         before=ErrorMetrics.of(measured, observations.predicted[rows], output_std).report(),
-        after=ErrorMetrics.of(measured, after[rows], output_std).report(),
-        test=paired_test(observations, blocks, after, output_std),
-        unexplained=diagnose_residual(observations, left, noise, rows),
-        autocorrelation=autocorrelations(observations, observations.residual, left, rows),
-        cross_correlation=cross_correlations(observations, blocks, observations.residual, left),
+        after=ErrorMetrics.of(measured, found.after[rows], output_std).report(),
+        test=paired_test(observations, blocks, found.after, output_std),
+        unexplained=diagnose_residual(observations, found.left, noise, rows),
+        changes=tuple(change.sentence() for change in changes),
+        one_kind=_one_kind(given),
+        new_kinds=_told(given),
+        residual_model=found.residual_model,
+        confounding=confounding(observations),
+        autocorrelation=autocorrelations(observations, observations.residual, found.left, rows),
+        cross_correlation=cross_correlations(observations, blocks, observations.residual, found.left),
         parameter_correlation=attribution.correlation,
     )
