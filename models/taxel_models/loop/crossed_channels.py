@@ -12,9 +12,6 @@ from taxel_models.loop.basis import Floats
 STRETCHES: Final = 10
 """Parts of the recording. In each, a channel's constant is its own, and tells nothing of which it is."""
 
-CROSSED: Final = "crossed"
-"""How the form of such a fault begins."""
-
 MUCH: Final = 0.7
 """Channels are crossed if the others' predictions leave at most this share of the squares: where they leave
 more, the channels are alike, or something else is wrong."""

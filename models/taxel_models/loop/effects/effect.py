@@ -225,6 +225,12 @@ class Effect(ABC):
         del observations, best, fit
         return ()
 
+    @classmethod
+    def why_only_reported(cls, form: str) -> str:
+        """Why no model is served with a form that changes nothing online, and what to do about it."""
+        del form
+        return "what it depends on is not known while serving"
+
     def by_rows(
         self, observations: Observations, best: Candidate, residual: Floats, fit: NDArray[np.bool_]
     ) -> Candidate:

@@ -10,7 +10,7 @@ from typing_extensions import override
 from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel.corrections import Fault as FaultTerm
 from taxel_models.loop.basis import Floats, Own
-from taxel_models.loop.crossed_channels import CROSSED, crossed_channels
+from taxel_models.loop.crossed_channels import crossed_channels
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.loose_contacts import loose_contacts
 from taxel_models.loop.observations import Observations
@@ -21,14 +21,17 @@ from taxel_models.loop.stuck_at import JUMP, Kind, StuckChannel, stuck_channels
 CLIPPED: Final = 0.01
 """A channel at a limit of the counts for less than this share of the rows is only clipped."""
 
-FEWEST_TIMES: Final = 3
-"""A channel that keeps a value less often, and in less than 1 % of the rows, is not intermittent."""
-
 LEADS_BEYOND: Final = 0.5
 """Likewise where what its other rows show leads beyond the limit in this share of the rows at it."""
 
+FEWEST_TIMES: Final = 3
+"""A channel that keeps a value less often, and in less than 1 % of the rows, is not intermittent."""
+
 FEW_CROSSED: Final = 5
 """A finger that is turned by half a turn exchanges many channels: more are weighed as other effects are."""
+
+_CROSSED: Final = "crossed"
+"""How the form of crossed channels begins."""
 
 BEYOND_END: Final = 0.01
 """With less than this share of the rows beyond a level, it is an end of what a channel shows."""
@@ -165,6 +168,13 @@ class Fault(Effect):
         if repeated.any():
             yield self._repeating(repeated, observations)
 
+    @override
+    @classmethod
+    def why_only_reported(cls, form: str) -> str:
+        if form.startswith(_CROSSED):
+            return "put the channels in their order where they are read, or in the recording"
+        return super().why_only_reported(form)
+
     def _crossed(self, holds: NDArray[np.int64], observations: Observations) -> Candidate:
         """It is only reported: what is wrong is the order of the channels, which belongs in no model."""
         change = observations.predicted[:, holds] - observations.predicted
@@ -175,7 +185,7 @@ class Fault(Effect):
         ]
         return Candidate(
             self.name,
-            f"{CROSSED}: {', '.join(pairs)}",
+            f"{_CROSSED}: {', '.join(pairs)}",
             Own(change[:, :, None].astype(np.float32)),
             fitting=Fitting(fixed=True, beforehand=len(pairs)),
             certain=len(pairs) <= FEW_CROSSED,

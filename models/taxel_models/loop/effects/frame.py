@@ -69,6 +69,11 @@ class FrameEffect(Effect):
                 )
         yield from self._slipped(observations, remaining, 0.0 if found is None else found.explained)
 
+    @override
+    @classmethod
+    def why_only_reported(cls, form: str) -> str:
+        return "it came about while this was recorded; set right how the finger is mounted"
+
     def _slipped(
         self, observations: Observations, remaining: Remaining, explained: float
     ) -> Iterable[Candidate]:

@@ -45,6 +45,11 @@ class Lag(Effect):
             yield self._late(ticks, smooth if short else observations.predicted, observations)
 
     @override
+    @classmethod
+    def why_only_reported(cls, form: str) -> str:
+        return "windows move by whole ticks of 10 ms; set the clocks right"
+
+    @override
     def by_rows(
         self, observations: Observations, best: Candidate, residual: Floats, fit: NDArray[np.bool_]
     ) -> Candidate:

@@ -67,3 +67,9 @@ def effect_named(name: str) -> Effect:
         if effect.name == name:
             return effect()
     raise SettingsError(f"no effect {name!r}: expected one of {', '.join(NAMES)}, or covariate:COLUMN")
+
+
+def why_only_reported(name: str, form: str) -> str:
+    """Why no model is served with a form of a named effect, and what to do about it."""
+    kinds = (effect for effect in EFFECTS if effect.name == name)
+    return next(kinds, Effect).why_only_reported(form)

@@ -6,9 +6,7 @@ from typing import Final
 from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, Parameter
 from taxel.windows import ExtraFeature
 from taxel_models.loop.attribution import AS_USUAL
-from taxel_models.loop.crossed_channels import CROSSED
-from taxel_models.loop.effects.frame import FrameEffect
-from taxel_models.loop.effects.lag import Lag
+from taxel_models.loop.effects.registry import why_only_reported
 from taxel_models.loop.findings import Findings, FoundEffect, PairedTest
 
 SIGNIFICANT: Final = 0.05
@@ -20,12 +18,6 @@ RUNS_ALONG: Final = 0.5
 _MOST_KEY_PARAMETERS: Final = 3
 _MOST_NEEDS: Final = 3
 _MOST_PAIRS: Final = 4
-
-_ONLY_REPORTED: Final = {
-    FrameEffect.name: "it came about while this was recorded; set right how the finger is mounted",
-    Lag.name: "windows move by whole ticks of 10 ms; set the clocks right",
-}
-"""Why no model is given an effect, and what to do."""
 
 _HARMFUL: Final = 0.05
 """An effect that adds a larger share to the residual's energy on held-out blocks is told."""
@@ -94,7 +86,7 @@ def needs(effect: FoundEffect, extras: Iterable[ExtraFeature]) -> str:
         extras: what the corrected model takes beside its window.
     """
     if not effect.served:
-        return f"is only reported: {_why_only_reported(effect)}"
+        return f"is only reported: {why_only_reported(effect.name, effect.form)}"
     taken = [extra for extra in extras if extra.name in effect.needs]
     past = [extra.name for extra in taken if extra.history is not None]
     calibrated = any(extra in CALIBRATION_EXTRAS for extra in taken)
@@ -111,12 +103,6 @@ def needs(effect: FoundEffect, extras: Iterable[ExtraFeature]) -> str:
     if given:
         parts.append(f"{_shortened(given)}, which the caller gives")
     return f"needs {'; and '.join(parts)}" if parts else "needs nothing beside the window"
-
-
-def _why_only_reported(effect: FoundEffect) -> str:
-    if effect.form.startswith(CROSSED):
-        return "put the channels in their order where they are read, or in the recording"
-    return _ONLY_REPORTED.get(effect.name, "what it depends on is not known while serving")
 
 
 def _shortened(words: Sequence[str]) -> str:
