@@ -52,7 +52,6 @@ def _found_effect(
         explained=explained,
         conditional=named.conditional,
         p_value=named.p_value,
-        t_test=named.p_value,
         log_evidence=named.log_evidence,
         parameters=tuple(figures),
         confounded_with=named.confounded_with,

@@ -2,6 +2,8 @@
 
 from typing import Any, Final
 
+from pydantic import Field
+
 from taxel.corrections import Parameter
 from taxel.schema import Schema
 from taxel_models.twin.protocol import RecordingProtocol
@@ -22,7 +24,7 @@ class FoundEffect(Schema):
         conditional: share of the fit part's that comes back when it alone is taken out again.
         p_value: one-sided p of the corrected resampled t-test over the held-out folds, beside a constant of
             each channel.
-        t_test: the same.
+        t_test: the same, as readers of earlier reports know it.
         log_evidence: natural logarithm of the odds with the effect to those without it, over all its forms,
             less what the model's own held-out residual gives it.
         parameters: what was fitted.
@@ -39,7 +41,7 @@ class FoundEffect(Schema):
     explained: float
     conditional: float
     p_value: float
-    t_test: float
+    t_test: float = Field(default_factory=lambda found: found["p_value"])
     log_evidence: float = 0.0
     parameters: tuple[Parameter, ...]
     confounded_with: tuple[str, ...]

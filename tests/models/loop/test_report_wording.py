@@ -52,7 +52,6 @@ def effect(
         explained=0.25,
         conditional=0.2,
         p_value=0.005,
-        t_test=0.0004,
         parameters=(
             Parameter(name="slope e1", value=1.5, unit="counts/s", low=1.0, high=2.0),
             Parameter(name="slope e2", value=-9.0, unit="counts/s", low=-10.0, high=-8.0),
