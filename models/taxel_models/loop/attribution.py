@@ -13,7 +13,7 @@ from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.effects.interference import Interference
 from taxel_models.loop.effects.offset import Offset
-from taxel_models.loop.findings import ParameterCorrelation
+from taxel_models.loop.findings import ParameterCorrelation, RejectedEffect
 from taxel_models.loop.observations import Observations
 
 AS_USUAL: Final = "does not repeat beyond what the model's own held-out residual has of it"
@@ -34,8 +34,7 @@ class Named:
         contribution: (n, 21) what that part adds to the prediction, counts.
         log_evidence: logarithm of the odds with it to those without it, when it was named.
         included: (21,) probability that each channel has it.
-        t: over held-out folds, when it was named.
-        p_value: one-sided, of that t.
+        p_value: one-sided, of the t over held-out folds, when it was named.
         confounded_with: effects that could replace it.
         conditional: the share of the fit part's energy that is lost without it.
         unknown: (21, k) how far the model's own error leaves each weight open, half of a 95 % interval.
@@ -49,7 +48,6 @@ class Named:
     contribution: Floats
     log_evidence: float
     included: Floats
-    t: float
     p_value: float
     confounded_with: tuple[str, ...] = ()
     conditional: float = 0.0
@@ -95,26 +93,6 @@ def in_order(named: Sequence[Named]) -> tuple[Named, ...]:
 
 
 @dataclass(frozen=True)
-class Rejected:
-    """The likeliest form of an effect that was not named in the end.
-
-    Attributes:
-        share: of what was left at the end that it explains on held-out folds.
-        alone: of the first residual that it explained by itself.
-        log_evidence: logarithm of the odds with it to those without it, at the end.
-        p_value: one-sided, of the t over held-out folds, at the end.
-    """
-
-    name: str
-    form: str
-    share: float
-    alone: float
-    log_evidence: float
-    p_value: float
-    reason: str
-
-
-@dataclass(frozen=True)
 class Attribution:
     """What was found.
 
@@ -128,7 +106,7 @@ class Attribution:
 
     observations: Observations
     named: tuple[Named, ...]
-    rejected: tuple[Rejected, ...]
+    rejected: tuple[RejectedEffect, ...]
     residual: Floats
     correlation: ParameterCorrelation | None = None
 

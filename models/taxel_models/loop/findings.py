@@ -53,6 +53,7 @@ class RejectedEffect(Schema):
     """A candidate that was not named.
 
     Attributes:
+        form: the likeliest; empty where the recordings cannot show it.
         alone: share of the first residual's energy that its likeliest form explains by itself on held-out
             folds, less what it explains of the model's own held-out residual.
         left: likewise, when all others were named.

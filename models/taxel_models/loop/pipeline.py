@@ -19,7 +19,7 @@ from taxel_models.loop.effects.fault import Fault
 from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.evaluation_part import found_effects, paired_test
-from taxel_models.loop.findings import Findings, FoundResidualModel, NewKinds, RejectedEffect
+from taxel_models.loop.findings import Findings, FoundResidualModel, NewKinds
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.kinds import new_kinds, of_its_kinds
 from taxel_models.loop.inference.selection import JointSelection
@@ -339,18 +339,7 @@ def _findings(
         },
         noise_floor=noise.report(energy, output_std),
         effects=found_effects(observations, attribution, found.figures, found.new, rows),
-        rejected=tuple(
-            RejectedEffect(
-                name=rejected.name,
-                form=rejected.form,
-                alone=rejected.alone,
-                left=rejected.share,
-                p_value=rejected.p_value,
-                log_evidence=rejected.log_evidence,
-                reason=rejected.reason,
-            )
-            for rejected in attribution.rejected
-        ),
+        rejected=attribution.rejected,
         before=ErrorMetrics.of(measured, observations.predicted[rows], output_std).report(),
         after=ErrorMetrics.of(measured, found.after[rows], output_std).report(),
         test=paired_test(observations, blocks, found.after, output_std),

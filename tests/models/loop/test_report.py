@@ -336,6 +336,5 @@ def _bare(result: LoopResult, candidate: Candidate) -> Named:
         contribution=np.zeros_like(result.observations.residual),
         log_evidence=1.0,
         included=np.ones(len(CHANNELS)),
-        t=3.0,
         p_value=0.01,
     )

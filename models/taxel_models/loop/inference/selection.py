@@ -14,10 +14,11 @@ from threadpoolctl import threadpool_limits
 
 from taxel.channels import CHANNELS
 from taxel.held_out_residual import HeldOutResidual
-from taxel_models.loop.attribution import AS_USUAL, Attribution, Named, Rejected, in_order
+from taxel_models.loop.attribution import AS_USUAL, Attribution, Named, in_order
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.effects.effect import Effect
+from taxel_models.loop.findings import RejectedEffect
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.forms import prepared_as_it_is
 from taxel_models.loop.inference.parameter_correlation import parameter_correlation
@@ -345,7 +346,6 @@ class JointSelection:
             contribution=taken.contribution,
             log_evidence=taken.score.log_evidence,
             included=taken.weighed.included,
-            t=taken.score.t,
             p_value=taken.score.p_value,
             confounded_with=either,
             conditional=float((lost / first).mean()),
@@ -353,12 +353,12 @@ class JointSelection:
 
     def _rejected(
         self, scores: Sequence[Score], alone: Sequence[Score], named: Sequence[Named]
-    ) -> tuple[Rejected, ...]:
+    ) -> tuple[RejectedEffect, ...]:
         first = {score.name: float(score.worth.mean()) for score in alone}
         names = {each.name for each in named}
         confounded = {name for each in named for name in each.confounded_with}
         found = [
-            Rejected(name, "", 0.0, 0.0, 0.0, 1.0, reason)
+            RejectedEffect(name=name, form="", alone=0.0, left=0.0, p_value=1.0, reason=reason)
             for name, reason in self._scoring.out_of_scope.items()
         ]
         # Costly effects that failed by themselves were not weighed again.
@@ -378,10 +378,10 @@ class JointSelection:
             else:
                 reason = "too little to matter"
             found.append(
-                Rejected(
+                RejectedEffect(
                     name=score.name,
                     form=score.form.candidate.form,
-                    share=float(score.worth.mean()),
+                    left=float(score.worth.mean()),
                     alone=first.get(score.name, 0.0),
                     log_evidence=score.log_evidence,
                     p_value=score.p_value,
