@@ -1,11 +1,12 @@
 """A score: what one effect explains, and how sure that is."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final, Self
 
 import numpy as np
 from scipy import stats
 
+from taxel.channels import CHANNELS
 from taxel_models.evaluation.standard_error import corrected_standard_error
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Effect
@@ -106,12 +107,14 @@ class Taken:
         form: that is fitted: the score's, for the present predictions.
         weights: (21, k), beside the other named effects.
         contribution: (n, 21) what it adds, counts.
+        served_share: (21,) of what its weights give, the part that single rows are best served with.
     """
 
     score: Score
     form: WhitenedForm
     weights: Floats
     contribution: Floats
+    served_share: Floats = field(default_factory=lambda: np.ones(len(CHANNELS)))
 
     @property
     def name(self) -> str:
@@ -132,6 +135,12 @@ class Taken:
     def without_prior(self) -> Self:
         """The same with weights that are not shrunk: by least squares."""
         return replace(self, score=replace(self.score, weighed=replace(self.weighed, strength=UNSHRUNK)))
+
+    @property
+    def stays(self) -> bool:
+        """Whether it is named for good: it moves inputs, is certain, or no model can predict it."""
+        candidate = self.form.candidate
+        return candidate.moves or candidate.certain or not self.effect.is_predictable
 
     @property
     def is_regressor(self) -> bool:

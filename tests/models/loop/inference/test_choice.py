@@ -8,6 +8,7 @@ import pytest
 
 from taxel_models.loop.attribution import in_order
 from taxel_models.loop.effects.effect import Fitting
+from taxel_models.loop.inference.choice import casts_doubt, choose
 from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.inference.selection import JointSelection
 
@@ -20,10 +21,8 @@ def test_what_the_model_gets_wrong_anyway_and_what_takes_nothing_off_are_no_doub
     t: float, with_usual: float, worth: float, doubt: bool
 ) -> None:
     def score(evidence: float, t: float, with_usual: float, worth: float) -> Any:
-        form = SimpleNamespace(candidate=SimpleNamespace(form="a form", fitting=Fitting()))
         return SimpleNamespace(
-            name="an effect",
-            form=form,
+            form=SimpleNamespace(candidate=SimpleNamespace(fitting=Fitting())),
             freedom=21,
             folds=8,
             log_evidence=evidence,
@@ -32,19 +31,17 @@ def test_what_the_model_gets_wrong_anyway_and_what_takes_nothing_off_are_no_doub
             worth=np.full(21, worth),
         )
 
-    selection: Any = SimpleNamespace(_constants=DECLARED, _tried=set())
     best, likelier = score(100.0, 6.0, 8.0, 0.2), score(200.0, t, with_usual, worth)
-    assert JointSelection._casts_doubt(selection, likelier, best) is doubt
+    assert casts_doubt(likelier, best, DECLARED) is doubt
 
 
 @pytest.mark.parametrize("has_constant", [True, False])
 def test_a_constant_is_named_where_the_likeliest_effect_is_in_doubt(has_constant: bool) -> None:
     def score(name: str, evidence: float, repeats: bool) -> Any:
-        form = SimpleNamespace(candidate=SimpleNamespace(form="a form", certain=False, fitting=Fitting()))
+        form = SimpleNamespace(candidate=SimpleNamespace(certain=False, fitting=Fitting()))
         effect = SimpleNamespace(is_constant=name == "offset")
         t = 6.0 if repeats else 2.0
         return SimpleNamespace(
-            name=name,
             form=form,
             effect=effect,
             freedom=21,
@@ -59,11 +56,8 @@ def test_a_constant_is_named_where_the_likeliest_effect_is_in_doubt(has_constant
         score("saturation", 200.0, True),
         score("offset", 100.0, True),
     )
-    selection: Any = SimpleNamespace(_constants=DECLARED, _tried=set())
-    selection.proves_itself = lambda one, own: one.t_with_usual >= DECLARED.least_t(one.folds)
-    selection._casts_doubt = lambda other, best: JointSelection._casts_doubt(selection, other, best)
-    scores = [gain, saturation, offset] if has_constant else [gain, saturation]
-    assert JointSelection.choose(selection, scores) is (offset if has_constant else None)
+    able = [saturation, offset] if has_constant else [saturation]
+    assert choose(able, [gain, *able], DECLARED) is (offset if has_constant else None)
 
 
 def test_a_likelier_constant_is_named_before_changes_of_a_few_channels() -> None:
@@ -71,27 +65,22 @@ def test_a_likelier_constant_is_named_before_changes_of_a_few_channels() -> None
 
     def score(name: str, evidence: float, freedom: int, gain: float) -> Any:
         fitting = Fitting(few_channels=name == "gain")
-        form = SimpleNamespace(candidate=SimpleNamespace(form="a form", certain=False, fitting=fitting))
+        form = SimpleNamespace(candidate=SimpleNamespace(certain=False, fitting=fitting))
         effect = SimpleNamespace(is_constant=name == "offset", is_predictable=True)
         return SimpleNamespace(
-            name=name,
             form=form,
             effect=effect,
             freedom=freedom,
             log_evidence=evidence,
             needs_constant=name == "gain",
-            t_with_usual=6.0,
             total_gain=gain,
             evidence_within=lambda figures: evidence if freedom <= figures else -np.inf,
         )
 
     offset, gain = score("offset", 300.0, 21, 500.0), score("gain", 200.0, 1, 900.0)
-    selection: Any = SimpleNamespace(_constants=DECLARED, _tried=set())
-    selection.proves_itself = lambda *_: True
-    selection._casts_doubt = lambda *_: False
-    assert JointSelection.choose(selection, [offset, gain]) is offset
+    assert choose([offset, gain], [], DECLARED) is offset
     likelier = score("gain", 700.0, 1, 900.0)
-    assert JointSelection.choose(selection, [likelier, offset]) is likelier
+    assert choose([likelier, offset], [], DECLARED) is likelier
 
 
 def test_a_fault_comes_before_what_explains_less() -> None:

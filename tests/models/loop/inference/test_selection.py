@@ -1,5 +1,6 @@
 """Which effects are named in small recordings with known causes."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,6 +14,8 @@ from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.inference.forms import prepared
+from taxel_models.loop.inference.outcome import Outcome
+from taxel_models.loop.inference.score import Taken
 from taxel_models.loop.inference.selection import JointSelection
 from taxel_models.loop.inference.whitening import Bins, NoiseShape, Whitening
 from taxel_models.loop.observations import Observations, gather
@@ -138,17 +141,15 @@ def test_what_single_rows_show_nothing_of_is_not_named(
     for effect in ("offset", "gain"):
         inject(injection, effect, 1.0)
     assert {"offset", "gain"} <= set(names(attributed(smooth, injection.recording)))
-    fit_to_rows = JointSelection._fit_to_rows
+    fitted_to_rows = Outcome.fitted_to_rows
 
-    def of_no_gain(selection: JointSelection) -> list[np.ndarray]:
-        shares = fit_to_rows(selection)
-        selection._taken = [
+    def of_no_gain(outcome: Outcome, taken: Sequence[Taken]) -> list[Taken]:
+        return [
             replace(one, contribution=0.0 * one.contribution) if one.name == "gain" else one
-            for one in selection._taken
+            for one in fitted_to_rows(outcome, taken)
         ]
-        return shares
 
-    monkeypatch.setattr(JointSelection, "_fit_to_rows", of_no_gain)
+    monkeypatch.setattr(Outcome, "fitted_to_rows", of_no_gain)
     found = names(attributed(smooth, injection.recording))
     assert "offset" in found
     assert "gain" not in found
