@@ -210,7 +210,6 @@ class FewChannelsSearch:
             gain=gain,
             worth=gain.sum(axis=0) / error,
             usual=usual,
-            most_gain=float(gain.sum()),
             forms=((form.freedom, log_evidence),),
         )
         return score, conditional

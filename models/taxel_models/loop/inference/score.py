@@ -26,13 +26,13 @@ class Score:
         form: its likeliest.
         weighed: that form, in the likelier of the two bases.
         log_evidence: of all its forms together.
-        needs_constant: whether its likeliest form stands beside a constant of each channel.
-        log_evidence_alone: of that form without one.
         gain: (folds, 21) fall of the held-out squared error, over the noise, beside a constant of each
             channel.
         worth: (21,) share of each channel's held-out squared error that goes.
         usual: (folds, 21) what was subtracted from the gain, since the model's own residual has it.
-        most_gain: gain in all of its likeliest form before a simpler one was preferred.
+        needs_constant: whether its form stands beside a constant of each channel.
+        log_evidence_alone: of that form without one.
+        likeliest_gain: gain in all of its likeliest form, where a simpler one was preferred; else None.
         forms: how many figures each form fits, and its log evidence.
     """
 
@@ -40,12 +40,12 @@ class Score:
     form: WhitenedForm
     weighed: Weighed
     log_evidence: float
-    needs_constant: bool
     gain: Floats
     worth: Floats
     usual: Floats
-    most_gain: float
+    needs_constant: bool = False
     log_evidence_alone: float = -np.inf
+    likeliest_gain: float | None = None
     forms: tuple[tuple[int, float], ...] = ()
 
     def evidence_within(self, freedom: int) -> float:
@@ -71,6 +71,11 @@ class Score:
     def total_gain(self) -> float:
         """Over the folds and the channels that change."""
         return float(self.gain[:, self.weighed.changes].sum())
+
+    @property
+    def most_gain(self) -> float:
+        """The same of its likeliest form, whether a simpler one was preferred or not."""
+        return self.total_gain if self.likeliest_gain is None else self.likeliest_gain
 
     @property
     def t(self) -> float:

@@ -23,6 +23,7 @@ class Option(NamedTuple):
     """One form of an effect, with or without a constant of each channel beside it.
 
     Attributes:
+        log_evidence: in the likelier of the two cases.
         alone: log evidence without the constant.
     """
 
@@ -31,7 +32,11 @@ class Option(NamedTuple):
     products: Products
     weighed: Weighed
     alone: float
-    needs_constant: bool
+
+    @property
+    def needs_constant(self) -> bool:
+        """Whether it is likelier beside the constant."""
+        return self.log_evidence > self.alone
 
 
 class Weighing:
@@ -87,7 +92,7 @@ class Weighing:
             )
 
         best = tested(max(weighed, key=lambda option: option.log_evidence))
-        most_gain = best.total_gain
+        likeliest = best
         most = most_of_simpler(best, self._constants)
         while simpler := [option for option in weighed if option.form.freedom <= most]:
             simple = tested(max(simpler, key=lambda option: option.log_evidence))
@@ -100,7 +105,8 @@ class Weighing:
                 elif proven != (True, False) and not named:
                     best = simplest(best, [simple], self._constants)
         sizes = tuple((option.form.freedom, option.log_evidence) for option in weighed)
-        return replace(best, log_evidence=total, most_gain=most_gain, forms=sizes)
+        gain = None if best is likeliest else likeliest.total_gain
+        return replace(best, log_evidence=total, likeliest_gain=gain, forms=sizes)
 
     def _weighed(
         self, effect: Effect, forms: Sequence[WhitenedForm], bases: Bases
@@ -114,11 +120,11 @@ class Weighing:
             products = Products.of(bases.beside, form.design)
             plain = weigh(replace(products, base=bases.plain), fitting, self._constants, usual)
             alone = plain.log_evidence
-            options = [Option(alone, form, products, plain, alone, needs_constant=False)]
+            options = [Option(alone, form, products, plain, alone)]
             if not effect.is_constant:
                 second = weigh(products, fitting, self._constants, usual)
                 value = second.log_evidence + bases.constant
-                options.append(Option(value, form, products, second, alone, needs_constant=True))
+                options.append(Option(value, form, products, second, alone))
             logs.append(mean_odds([option.log_evidence for option in options]))
             weighed.append(max(options, key=lambda option: option.log_evidence))
         return about_mean_or_not(weighed), mean_odds(logs)
@@ -151,8 +157,7 @@ class Weighing:
         news = np.clip(own / np.where(whole > 0, whole, np.inf), -1.0, 1.0)
         worth = np.where(fall > 0, fall * news, fall)
         usual = usual * np.ones_like(gain)
-        score = Score(effect, form, weighed, log_evidence, False, gain, worth, usual, most_gain=0.0)
-        return replace(score, most_gain=score.total_gain)
+        return Score(effect, form, weighed, log_evidence, gain, worth, usual)
 
 
 def about_mean_or_not(weighed: Sequence[Option]) -> list[Option]:

@@ -9,10 +9,10 @@ from taxel_models.loop.effects.effect import ABOUT_MEAN
 from taxel_models.loop.inference.weighing import Option, about_mean_or_not
 
 
-def option(form: str, alone: float, log_evidence: float, *, needs_constant: bool = True) -> Option:
+def option(form: str, alone: float, log_evidence: float) -> Option:
     candidate = SimpleNamespace(form=form, form_itself=form.removesuffix(ABOUT_MEAN))
     some: Any = SimpleNamespace(candidate=candidate)
-    return Option(log_evidence, some, some, some, alone, needs_constant)
+    return Option(log_evidence, some, some, some, alone)
 
 
 @pytest.mark.parametrize(("alone", "kept"), [(30.0, "line"), (50.0, f"line{ABOUT_MEAN}")])
@@ -22,5 +22,5 @@ def test_beside_a_constant_the_variant_is_kept_that_is_likelier_without_it(alone
 
 
 def test_without_a_constant_both_are_kept() -> None:
-    both = [option("line", 40.0, 40.0, needs_constant=False), option(f"line{ABOUT_MEAN}", 30.0, 95.0)]
+    both = [option("line", 40.0, 40.0), option(f"line{ABOUT_MEAN}", 30.0, 95.0)]
     assert about_mean_or_not(both) == both
