@@ -136,5 +136,6 @@ def test_contacts_off_the_skin_are_told(point: list[float], text: str) -> None:
 
 @pytest.mark.filterwarnings("error")
 def test_contacts_near_the_skin_and_none_are_right() -> None:
-    contacts([[0.0, 0.0, -0.0065], [-0.004, 0.0, -0.0075]], [[0.0, 0.0, 1.0]] * 2, strict=True)
-    contacts(np.empty((0, 3)), np.empty((0, 3)), strict=True)
+    near = contacts([[0.0, 0.0, -0.0065], [-0.004, 0.0, -0.0075]], [[0.0, 0.0, 1.0]] * 2, strict=True)
+    np.testing.assert_allclose(near.force, [[0.0, 0.0, 2.0]])
+    assert not contacts(np.empty((0, 3)), np.empty((0, 3)), strict=True).touched.any()

@@ -118,7 +118,7 @@ class ByHand:
             self.given.append(channels)
 
 
-def same(world: World, by_hand: ByHand) -> None:
+def assert_same(world: World, by_hand: ByHand) -> None:
     assert len(world.given) == len(by_hand.given) > 1
     for one, channels in zip(world.given, by_hand.given, strict=True):
         np.testing.assert_allclose(one.channels, channels, rtol=0, atol=1e-3)
@@ -143,7 +143,7 @@ def test_pressing_a_pad_pushes_into_the_finger_whichever_body_gazebo_tells(
     for step in range(61):
         world.step(touching if step >= 10 else None)
     by_hand = pressed(predictor, 60)
-    same(world, by_hand)
+    assert_same(world, by_hand)
     # And a pull would have given other channels.
     other = pressed(predictor, 60, -PRESS)
     assert np.abs(other.given[-1] - by_hand.given[-1]).max() > 1.0
@@ -169,7 +169,7 @@ def test_the_stamp_is_that_of_the_step_with_the_contacts(world: World, predictor
         world.step()
     for _ in range(44):
         by_hand.step()
-    same(world, by_hand)
+    assert_same(world, by_hand)
     stamps = np.array([one.stamp_ns for one in world.given])
     assert stamps[0] == 5_000_000_000 + STEP_NS
     np.testing.assert_array_equal(np.diff(stamps), [10 * STEP_NS] * 4)
@@ -188,7 +188,7 @@ def test_steps_that_do_not_divide_ten_milliseconds_are_all_taken(
         world.step(contacts((PAD_PLACE, force)), after_ns=step_ns)
         by_hand.step((PAD_PLACE, force), dt=step_ns / 1e9 if step else None)
     world.step(after_ns=step_ns)
-    same(world, by_hand)
+    assert_same(world, by_hand)
 
 
 def test_a_sensor_that_falls_silent_touches_nothing(world: World, predictor: Predictor) -> None:
@@ -198,7 +198,7 @@ def test_a_sensor_that_falls_silent_touches_nothing(world: World, predictor: Pre
         world.step(contacts((PAD_PLACE, PRESS)) if on else None)
         by_hand.step((PAD_PLACE, PRESS) if on else None)
     world.step()
-    same(world, by_hand)
+    assert_same(world, by_hand)
 
 
 def test_contacts_that_belong_together_are_one(world: World, predictor: Predictor) -> None:
@@ -209,7 +209,7 @@ def test_contacts_that_belong_together_are_one(world: World, predictor: Predicto
         world.step(touching)
         by_hand.step(((PAD_PLACE + beside) / 2, PRESS))
     world.step()
-    same(world, by_hand)
+    assert_same(world, by_hand)
 
 
 def test_a_paused_world_steps_no_finger(world: World, predictor: Predictor) -> None:
@@ -220,7 +220,7 @@ def test_a_paused_world_steps_no_finger(world: World, predictor: Predictor) -> N
     by_hand = ByHand(predictor)
     for _ in range(20):
         by_hand.step((PAD_PLACE, PRESS))
-    same(world, by_hand)
+    assert_same(world, by_hand)
 
 
 def test_a_world_that_began_again_begins_the_fingers_again(world: World, predictor: Predictor) -> None:
@@ -233,7 +233,7 @@ def test_a_world_that_began_again_begins_the_fingers_again(world: World, predict
     by_hand = ByHand(predictor)
     for _ in range(30):
         by_hand.step()
-    same(world, by_hand)
+    assert_same(world, by_hand)
 
 
 def test_each_finger_has_contacts_and_a_pose_of_its_own(gz: Json, predictor: Predictor) -> None:
@@ -246,7 +246,7 @@ def test_each_finger_has_contacts_and_a_pose_of_its_own(gz: Json, predictor: Pre
         world.step(contacts((PAD_PLACE, PRESS)), finger=1)
         by_hand.step((PAD_PLACE, PRESS), finger=1)
     world.step()
-    same(world, by_hand)
+    assert_same(world, by_hand)
     assert np.abs(np.diff(world.given[-1].channels, axis=0)).max() > 1.0
 
 
@@ -271,7 +271,7 @@ def test_poses_may_be_of_a_pose_publisher_or_of_models_in_models(
         world.step(contacts((PAD_PLACE, PRESS)))
         by_hand.step((PAD_PLACE, PRESS))
     world.step()
-    same(world, by_hand)
+    assert_same(world, by_hand)
 
 
 def test_a_pose_that_changes_is_followed(world: World, predictor: Predictor) -> None:
@@ -284,7 +284,7 @@ def test_a_pose_that_changes_is_followed(world: World, predictor: Predictor) -> 
         # Poses of a step come after its clock.
         world.poses(moved, TIP)
     world.step()
-    same(world, by_hand)
+    assert_same(world, by_hand)
 
 
 def test_a_finger_without_a_pose_is_told_by_name(gz: Json, predictor: Predictor) -> None:
@@ -312,7 +312,7 @@ def test_contacts_before_the_first_poses_are_waited_with(gz: Json, predictor: Pr
     for _ in range(30):
         world.step(contacts((PAD_PLACE, PRESS)))
         by_hand.step((PAD_PLACE, PRESS))
-    same(world, by_hand)
+    assert_same(world, by_hand)
     assert world.bridge.refused == 0
 
 
@@ -364,7 +364,7 @@ def test_a_strict_bridge_takes_what_is_right(gz: Json, predictor: Predictor) -> 
         world.step(contacts((PAD_PLACE, PRESS)))
         by_hand.step((PAD_PLACE, PRESS))
     world.step()
-    same(world, by_hand)
+    assert_same(world, by_hand)
 
 
 def test_a_strict_bridge_refuses_a_world_that_steps_too_slowly(predictor: Predictor) -> None:
@@ -394,7 +394,7 @@ def test_contacts_that_cannot_be_used_are_left_out_alone(gz: Json, predictor: Pr
 
     with pytest.warns(InputWarning) as told:
         steps()
-    same(world, by_hand)
+    assert_same(world, by_hand)
     assert world.bridge.refused == 4
     reasons = {str(one.message).partition("/contact: ")[2].partition(":")[0] for one in told}
     assert reasons == {"bytes that are no gz.msgs.Contacts", "contacts without a wrench at each position"}

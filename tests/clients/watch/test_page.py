@@ -312,3 +312,4 @@ def test_a_lost_server_is_told_and_found_again(opened: Callable[..., Page]) -> N
     page.wait_for_selector("#note:text('does not answer')")
     page.evaluate("() => window.page.stream.real()")
     page.wait_for_selector("#status dd:text-is('playing')")
+    assert page.locator("#note").is_hidden()
