@@ -16,7 +16,7 @@ _PERIOD_S: Final = 1.0
 """Between two drawings: what they leave in the caches is met by too few calls to reach a p99."""
 
 
-class Bar:
+class QuietBar:
     """A bar on the terminal; made by `progress_bar`."""
 
     def __init__(self, progress: Progress, task: TaskID) -> None:
@@ -37,10 +37,10 @@ class Bar:
 
 
 @contextmanager
-def progress_bar(what: str, total: float) -> Iterator[Bar]:
+def progress_bar(what: str, total: float) -> Iterator[QuietBar]:
     """A bar on stderr until the block ends; nothing where that is no terminal."""
     with Progress(console=ERR, transient=True, auto_refresh=False, disable=not ERR.is_terminal) as progress:
-        yield Bar(progress, progress.add_task(what, total=total))
+        yield QuietBar(progress, progress.add_task(what, total=total))
 
 
 def ignore(done: float) -> None:

@@ -30,7 +30,7 @@ from taxel_models.loop.report.contents import Told, contents
 from taxel_models.loop.report.document import Picture, Table
 from taxel_models.loop.report.drivers import axis_of
 from taxel_models.loop.report.effect_pictures import draw_effect
-from taxel_models.loop.report.error_pictures import bars
+from taxel_models.loop.report.error_pictures import parts_of
 from taxel_models.loop.report.partial import Partial
 from taxel_models.loop.report.rendering import markdown
 from taxel_models.loop.report.report import REPORT, write_report
@@ -237,7 +237,7 @@ def test_the_nearest_candidates_were_tried(result: LoopResult) -> None:
 
 
 def test_waterfall_accounts_for_all_energy(result: LoopResult) -> None:
-    whole, *parts = bars(result.findings)
+    whole, *parts = parts_of(result.findings)
     assert whole.stop - whole.start == 1.0
     assert sum(part.stop - part.start for part in parts) == pytest.approx(1.0)
     assert parts[-1].label == "noise"

@@ -43,7 +43,7 @@ def shown(
     yield tell
 
 
-class Bar:
+class ProgressBar:
     """How far a command is; made by `bar`.
 
     Args:
@@ -65,7 +65,7 @@ class Bar:
 
 
 @contextmanager
-def bar(doing: str, console: Console = ERR, *, every_s: float = BETWEEN_LINES_S) -> Iterator[Bar]:
+def bar(doing: str, console: Console = ERR, *, every_s: float = BETWEEN_LINES_S) -> Iterator[ProgressBar]:
     """Shows how much is done while the context lasts: a bar on a terminal, else lines.
 
     Args:
@@ -78,7 +78,7 @@ def bar(doing: str, console: Console = ERR, *, every_s: float = BETWEEN_LINES_S)
             def write(now_doing: str, share: float, note: str) -> None:
                 tell(f"{now_doing}: {note or f'{share:.0%}'}" if share or note else now_doing)
 
-            yield Bar(doing, write)
+            yield ProgressBar(doing, write)
         return
     words = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[note]}")
     with Progress(*words, TimeElapsedColumn(), TimeRemainingColumn(), console=console) as progress:
@@ -89,4 +89,4 @@ def bar(doing: str, console: Console = ERR, *, every_s: float = BETWEEN_LINES_S)
                 progress.reset(task)
             progress.update(task, description=now_doing, completed=share, note=told)
 
-        yield Bar(doing, draw)
+        yield ProgressBar(doing, draw)

@@ -40,7 +40,7 @@ def draw_channels(findings: Findings, noise: tuple[float, ...]) -> Drawing:
 
 def draw_waterfall(findings: Findings) -> Drawing:
     """From the first residual's energy down to what is unexplained and what is noise."""
-    drawn = bars(findings)
+    drawn = parts_of(findings)
     figure = Figure(figsize=(9, 1.1 + 0.45 * len(drawn)), layout="constrained")
     axes = figure.subplots()
     for place, bar in enumerate(drawn):
@@ -58,8 +58,8 @@ def draw_waterfall(findings: Findings) -> Drawing:
     return figure, caption
 
 
-class Bar(NamedTuple):
-    """A bar of the waterfall, as shares of the residual's energy."""
+class Part(NamedTuple):
+    """A part of the residual's energy, as a bar of the waterfall."""
 
     label: str
     start: float
@@ -68,15 +68,15 @@ class Bar(NamedTuple):
     text: str
 
 
-def bars(findings: Findings) -> list[Bar]:
+def parts_of(findings: Findings) -> list[Part]:
     """From the whole residual downwards; the last two make up what is left."""
-    found, level = [Bar("residual before", 0.0, 1.0, BEFORE, "100 %")], 1.0
+    found, level = [Part("residual before", 0.0, 1.0, BEFORE, "100 %")], 1.0
     for effect in findings.effects:
         label = effect.name if effect.served else f"{effect.name}\n(only reported)"
         sign = "\N{MINUS SIGN}" if effect.explained >= 0 else "+"
         text = f"{sign}{percent(abs(effect.explained))}"
-        found.append(Bar(label, level - effect.explained, level, AFTER, text))
+        found.append(Part(label, level - effect.explained, level, AFTER, text))
         level -= effect.explained
     noise = min(findings.noise_floor["share_of_residual_energy"], level)
-    found.append(Bar("unexplained structure", noise, level, STRUCTURE, percent(level - noise)))
-    return [*found, Bar("noise", 0.0, noise, NOISE, percent(noise))]
+    found.append(Part("unexplained structure", noise, level, STRUCTURE, percent(level - noise)))
+    return [*found, Part("noise", 0.0, noise, NOISE, percent(noise))]
