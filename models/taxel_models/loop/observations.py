@@ -27,6 +27,12 @@ AIR_TICKS: Final = 10
 """Air between two touches, 0.1 s."""
 
 
+def runs(numbers: NDArray[np.int64]) -> list[slice]:
+    """The rows of each run of equal numbers (n,), such as those of segments, in order."""
+    starts = np.flatnonzero(np.diff(numbers, prepend=-1)).tolist()
+    return [slice(start, stop) for start, stop in pairwise([*starts, len(numbers)])]
+
+
 @dataclass(frozen=True)
 class TakenCalibration:
     """A calibration at the start of each row's segment, as a user's sensor would give it.
@@ -143,12 +149,11 @@ class Observations:
         Raises:
             RecordingError: no segment is longer than that.
         """
-        starts = np.flatnonzero(np.diff(self.segment, prepend=-1))
-        since = self.time_s - np.repeat(self.time_s[starts], np.diff(starts, append=len(self)))
+        since, offsets = np.empty_like(self.time_s), np.empty_like(self.residual)
+        for part in runs(self.segment):
+            since[part] = self.time_s[part] - self.time_s[part.start]
+            offsets[part] = self.residual[part][since[part] < seconds].mean(axis=0)
         early = since < seconds
-        offsets = np.zeros_like(self.residual)
-        for start, stop in zip(starts, [*starts[1:], len(self)], strict=True):
-            offsets[start:stop] = self.residual[start:stop][early[start:stop]].mean(axis=0)
         if early.all():
             raise RecordingError(f"no segment is longer than the {seconds:g} s of its calibration")
         return replace(self, calibration=TakenCalibration(offsets, since - seconds)).kept(~early)

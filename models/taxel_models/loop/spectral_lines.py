@@ -9,6 +9,7 @@ from scipy import signal, stats
 
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats
+from taxel_models.loop.observations import runs
 
 PIECE_ROWS: Final = 256
 """Of the spectrum: 2.56 s, so that lines are 0.4 Hz apart."""
@@ -134,7 +135,7 @@ def sharpest(
     Returns:
         None where the best frequency is at an end.
     """
-    parts = segments(segment)
+    parts = runs(segment)
     longest = max(part.stop - part.start for part in parts)
     count = int(min(20_000, max(33, np.ceil((high - low) * 16 * longest * TICK_S))))
     power = np.zeros(count)
@@ -147,9 +148,3 @@ def sharpest(
         power += (np.abs(found) ** 2).sum(axis=1) / kept.sum()
     best = int(np.argmax(power))
     return None if best in (0, count - 1) else float(np.linspace(low, high, count)[best])
-
-
-def segments(segment: NDArray[np.int64]) -> list[slice]:
-    """The rows of each segment, in order."""
-    starts = np.flatnonzero(np.diff(segment, prepend=-1))
-    return [slice(int(a), int(b)) for a, b in zip(starts, [*starts[1:], len(segment)], strict=True)]

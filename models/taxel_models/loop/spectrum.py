@@ -6,17 +6,12 @@ from scipy import signal
 
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats
-from taxel_models.loop.observations import Observations
+from taxel_models.loop.observations import Observations, runs
 
 
 def stretches(observations: Observations, rows: NDArray[np.bool_]) -> list[slice]:
     """Runs of the wanted rows inside segments, in order."""
-    starts = np.flatnonzero(np.diff(observations.segment * 2 + rows, prepend=-1))
-    return [
-        slice(int(start), int(stop))
-        for start, stop in zip(starts, [*starts[1:], len(rows)], strict=True)
-        if rows[start]
-    ]
+    return [run for run in runs(observations.segment * 2 + rows) if rows[run.start]]
 
 
 def power_density(residual: Floats, wanted: list[slice], piece: int) -> tuple[Floats, Floats]:

@@ -11,10 +11,14 @@ from taxel.channels import CHANNELS
 from taxel.corrections import AppliedEffect, Correction, Frame, Weighted
 from taxel.errors import RecordingError
 from taxel.windows import Relaxation, history_columns
-from taxel_models.loop.observations import Observations, gather
+from taxel_models.loop.observations import Observations, gather, runs
 from taxel_models.loop.resting import are_raw, resting
 from taxel_models.model import predict_all
 from taxel_models.recordings import Recording
+
+
+def test_runs_are_of_equal_numbers_that_follow_each_other() -> None:
+    assert runs(np.array([0, 0, 2, 2, 2, 0])) == [slice(0, 2), slice(2, 5), slice(5, 6)]
 
 
 def test_rows_are_aligned(observations: Observations, recording: Recording, smooth: Any) -> None:

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 import pytest
 
-from taxel_models.loop.spectral_lines import coherence, find_lines, segments, sharpest
+from taxel_models.loop.spectral_lines import coherence, find_lines, sharpest
 
 TICK: Final = 0.01
 
@@ -36,7 +36,6 @@ def test_the_sharpest_wave_is_between_the_ends() -> None:
     wave = np.sin(2 * np.pi * 4.37 * time)[:, None]
     assert sharpest(wave, segment, rows, 4.0, 4.8) == pytest.approx(4.37, abs=0.005)
     assert sharpest(wave, segment, rows, 4.4, 4.8) is None
-    assert segments(segment) == [slice(0, 800), slice(800, 1600), slice(1600, 2400)]
 
 
 def test_waves_with_one_phase_between_them_are_coherent() -> None:

@@ -13,9 +13,8 @@ from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.crossed_channels import crossed_channels
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.loose_contacts import loose_contacts
-from taxel_models.loop.observations import Observations
+from taxel_models.loop.observations import Observations, runs
 from taxel_models.loop.repeated_frames import held, repeated_frames
-from taxel_models.loop.spectral_lines import segments
 from taxel_models.loop.stuck_at import JUMP, Kind, StuckChannel, stuck_channels
 
 CLIPPED: Final = 0.01
@@ -91,7 +90,7 @@ def _leads_there(
     ]
     nearest = np.where(apart[0] <= apart[1], before, after)
     there = predicted[rows] + residual[nearest]
-    scatter = [float(residual[part][free[part]].std()) for part in segments(segment) if free[part].any()]
+    scatter = [float(residual[part][free[part]].std()) for part in runs(segment) if free[part].any()]
     most = float(np.median(scatter))
     within = there - most <= 0 if stuck.value == 0 else there + most >= COUNTS_MAX
     return bool(within.mean() >= LEADS_BEYOND)

@@ -13,9 +13,8 @@ from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.effects.rigid_motion import MOTION_KINDS, Misfit, Motion, fit_motion, rows_of
-from taxel_models.loop.observations import Observations
+from taxel_models.loop.observations import Observations, runs
 from taxel_models.loop.running_mean import mean_within
-from taxel_models.loop.spectral_lines import segments
 from taxel_models.model import predict_all
 
 SLOW_ROWS: Final = 101
@@ -129,7 +128,7 @@ def _whole_and_slow(
 ) -> Iterator[tuple[str, Floats]]:
     """A change (n, 21): all of it, and less what comes and goes within a second of a segment."""
     yield motion.kind.name, change
-    slow = mean_within(change, SLOW_ROWS, segments(observations.segment))
+    slow = mean_within(change, SLOW_ROWS, runs(observations.segment))
     yield f"{motion.kind.name}, seen in slow changes", slow
 
 

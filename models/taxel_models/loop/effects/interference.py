@@ -13,14 +13,13 @@ from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.blocks import GUARD_ROWS
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Remaining
-from taxel_models.loop.observations import Observations
+from taxel_models.loop.observations import Observations, runs
 from taxel_models.loop.spectral_lines import (
     LOBE,
     PIECE_ROWS,
     LineTest,
     coherence,
     find_lines,
-    segments,
     sharpest,
 )
 from taxel_models.loop.spectrum import stretches
@@ -117,7 +116,7 @@ class Interference(Effect):
     ) -> Candidate:
         rows = remaining.fit.copy()
         # A segment of the evaluation part alone has a phase of its own, too.
-        for part in segments(observations.segment):
+        for part in runs(observations.segment):
             if rows[part].sum() < _FEWEST_ROWS:
                 rows[part] = True
         wave = fitted_wave(observations, remaining.residual, rows, frequency, orders) * channels
@@ -168,7 +167,7 @@ def fitted_wave(
         orders: of the harmonics; 1 is the frequency itself.
     """
     wave = np.zeros_like(values)
-    for part in segments(observations.segment):
+    for part in runs(observations.segment):
         used = rows[part]
         if used.sum() < _FEWEST_ROWS:
             continue

@@ -11,9 +11,8 @@ from typing_extensions import override
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
-from taxel_models.loop.observations import Observations
+from taxel_models.loop.observations import Observations, runs
 from taxel_models.loop.running_mean import mean_within
-from taxel_models.loop.spectral_lines import segments
 
 TICKS: Final = (*range(-5, 0), 0.5, 1, 1.5, *range(2, 16))
 """Delays that are tried. A window moves by whole ticks, so others are named and not served."""
@@ -98,7 +97,7 @@ def _around(ticks: float) -> tuple[int, int]:
 
 def _smoothed(observations: Observations) -> Floats:
     """(n, 21) the predictions' mean over 0.1 s, within each segment."""
-    return mean_within(observations.predicted, SMOOTHED_ROWS, segments(observations.segment))
+    return mean_within(observations.predicted, SMOOTHED_ROWS, runs(observations.segment))
 
 
 def _online(ticks: int, weights: Floats) -> Online:

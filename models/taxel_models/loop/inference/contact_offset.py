@@ -20,7 +20,7 @@ from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Remaini
 from taxel_models.loop.inference.evidence import HeldOut, Weighed, mean_odds
 from taxel_models.loop.inference.forms import WhitenedForm, prepared
 from taxel_models.loop.inference.whitening import Whitening
-from taxel_models.loop.observations import FEWEST_CONTACTS, Observations
+from taxel_models.loop.observations import FEWEST_CONTACTS, Observations, runs
 
 CALIBRATIONS_S: Final = (0.5, 1.0)
 
@@ -62,16 +62,15 @@ def calibrated(
         blocks: rows of the evaluation part get offsets, too, but are not counted.
         counted: (n, 21) how much each row counts.
     """
-    starts = np.flatnonzero(np.diff(observations.contact, prepend=-1))
     folds = int(blocks.fold.max()) + 1
     own, cross, before = np.zeros((3, folds, len(CHANNELS)))
     offsets = np.zeros_like(left)
     fold_of_row = np.where(blocks.of_row >= 0, blocks.fold[blocks.of_row], -1)
     early = max(1, round(seconds / TICK_S))
-    for start, stop in zip(starts, [*starts[1:], len(left)], strict=True):
-        offset = left[start : min(start + early, stop)].mean(axis=0)
-        offsets[start:stop] = offset
-        later = np.arange(start + early, stop)
+    for contact in runs(observations.contact):
+        offset = left[contact][:early].mean(axis=0)
+        offsets[contact] = offset
+        later = np.arange(contact.start + early, contact.stop)
         for fold in np.unique(fold_of_row[later]):
             if fold >= 0:
                 rows = later[fold_of_row[later] == fold]

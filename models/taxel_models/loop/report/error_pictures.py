@@ -16,7 +16,6 @@ def draw_channels(findings: Findings, noise: tuple[float, ...]) -> Drawing:
 
     Args:
         noise: (21,) normalised MAE of each channel's noise.
-
     """
     figure = Figure(figsize=(10, 3.8), layout="constrained")
     axes = figure.subplots()

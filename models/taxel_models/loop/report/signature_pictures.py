@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from taxel.channels import CHANNELS
 from taxel_models.loop.inference.contact_offset import CALIBRATIONS_S, calibrated
+from taxel_models.loop.observations import runs
 from taxel_models.loop.pipeline import LoopResult
 from taxel_models.loop.report.drawing import AFTER, BEFORE, NOISE, Drawing
 from taxel_models.loop.report.partial import Partial
@@ -53,10 +54,9 @@ def draw_contact_offset(result: LoopResult, partial: Partial) -> Drawing:
     observations, blocks = result.observations, result.blocks
     left = result.attribution.residual + partial.named.contribution
     scale = np.array(observations.manifest.normalisation.output_std)
-    starts = np.flatnonzero(np.diff(observations.contact, prepend=-1))
-    parts = list(zip(starts, [*starts[1:], len(left)], strict=True))
-    means = np.array([left[start:stop].mean(axis=0) for start, stop in parts]) / scale
-    within = np.array([left[start:stop].std(axis=0) for start, stop in parts]) / scale
+    contacts = runs(observations.contact)
+    means = np.array([left[contact].mean(axis=0) for contact in contacts]) / scale
+    within = np.array([left[contact].std(axis=0) for contact in contacts]) / scale
     figure = Figure(figsize=(11, 6.4), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
     places = np.arange(len(CHANNELS))
