@@ -123,7 +123,9 @@ def loop(
     name, _, version = model.partition("/")
     with taxel.load(repository) as source, shown("reading") as tell:
         predictor = source.predictor(name, version or None)
-        recordings = [read_recording(path) for path in data]
+        training = predictor.manifest.training
+        trained = training.contacts if training else None
+        recordings = [read_recording(path, trained=trained) for path in data]
         result = run_loop(
             predictor,
             recordings,

@@ -264,6 +264,7 @@ class Findings(Schema):
         effects: the likeliest first; a fault behind those that explain more.
         before: errors of the model on the evaluation part, as `taxel predict` reports them.
         after: errors of the corrected model there, by the forms that are served.
+        looks_wrong: in the recordings, as `taxel recording` tells it; none in an earlier version.
         changes: a sentence for each channel whose sensitivity, or else whose reading, changed.
         one_kind: columns with one value here, of which the model's own held-out residual had several.
         new_kinds: what the model was not trained on, as far as its manifest tells.
@@ -289,6 +290,7 @@ class Findings(Schema):
     after: dict[str, Any]
     test: PairedTest
     unexplained: Unexplained
+    looks_wrong: tuple[str, ...] = ()
     changes: tuple[str, ...] = ()
     one_kind: tuple[str, ...] = ()
     new_kinds: tuple[NewKinds, ...] = ()

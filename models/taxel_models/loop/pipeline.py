@@ -34,6 +34,7 @@ from taxel_models.loop.resting import check_scale
 from taxel_models.loop.status import StatusCallback, silent
 from taxel_models.model import Model
 from taxel_models.recordings import Recording
+from taxel_models.recordings.findings import recording_findings
 
 
 @dataclass(frozen=True)
@@ -290,6 +291,17 @@ def _one_kind(given: _Given) -> tuple[str, ...]:
     )
 
 
+def _looks_wrong(given: _Given) -> tuple[str, ...]:
+    """What looks wrong in the recordings, beside the contacts that the model was trained on."""
+    training = given.observations.manifest.training
+    trained = training.contacts if training else None
+    return tuple(
+        f"{source.name}: {text}"
+        for source in given.recordings
+        for _, text in recording_findings(source, trained)
+    )
+
+
 def _told(given: _Given) -> tuple[NewKinds, ...]:
     """Which kinds are new, with their share."""
     return tuple(
@@ -344,6 +356,7 @@ def _findings(
         after=ErrorMetrics.of(measured, found.after[rows], output_std).report(),
         test=paired_test(observations, blocks, found.after, output_std),
         unexplained=diagnose_residual(observations, found.left, noise, rows),
+        looks_wrong=_looks_wrong(given),
         changes=tuple(change.sentence() for change in changes),
         one_kind=_one_kind(given),
         new_kinds=_told(given),

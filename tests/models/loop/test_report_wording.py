@@ -18,6 +18,8 @@ from taxel_models.loop.findings import (
     RunsAlong,
     Unexplained,
 )
+from taxel_models.loop.report.contents import SECTIONS, Told
+from taxel_models.loop.report.document import Note
 from taxel_models.loop.report.table import findings_table
 from taxel_models.loop.report.wording import (
     chance,
@@ -184,6 +186,14 @@ def test_a_fall_that_may_be_chance_is_called_so() -> None:
     unsure = findings(effect("drift"), p_value=0.2)
     assert paired(unsure.test).endswith("which may be chance")
     assert "not worth it" in opening(unsure, [])
+    assert "50 % less, which may be chance (" in headline(unsure)
+    assert "chance" not in headline(findings(effect("drift")))
+
+
+def test_what_looks_wrong_in_the_recordings_is_told_first() -> None:
+    strange = findings(effect("drift")).model_copy(update={"looks_wrong": ("lab: forces look like grams",)})
+    note = next(block for block in SECTIONS[0](Told(strange, [], {})) if isinstance(block, Note))
+    assert note.lines == ("What looks wrong in the recordings: lab: forces look like grams.",)
 
 
 def test_nothing_that_can_be_served_is_nothing_to_add() -> None:
@@ -200,7 +210,13 @@ def test_what_raises_the_error_on_held_out_blocks_is_told() -> None:
     assert told.endswith("--exclude drift.")
     assert told in opening(findings(worse), [])
     little = effect("drift").model_copy(update={"explained": -0.01})
-    assert raising_effects(findings(little)) == []
+    (told,) = raising_effects(findings(little))
+    assert told.startswith("drift takes nothing off the squared error on held-out blocks")
+    reported = effect("frame", served=False).model_copy(update={"explained": -0.57})
+    (told,) = raising_effects(findings(reported))
+    assert told.endswith("by 57 %: something else may stand behind it. Do not act on it.")
+    assert needs(reported, []) == "is only reported"
+    assert "mounted" in needs(effect("frame", served=False), [])
 
 
 def test_noise_is_called_noise() -> None:

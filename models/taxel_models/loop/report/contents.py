@@ -27,12 +27,14 @@ from taxel_models.loop.report.wording import (
     interval,
     key_parameters,
     listed,
+    looks_wrong,
     minutes,
     needs,
     no_reference,
     number,
     opening,
     percent,
+    raising_effects,
 )
 
 _MOST_OPEN: Final = 6
@@ -74,7 +76,12 @@ def contents(told: Told) -> Document:
 def _first_screen(told: Told) -> list[Block]:
     """One sentence, what to heed and the channels that changed, one picture, one table."""
     findings = told.findings
-    lines = (*no_reference(findings), *findings.changes)
+    lines = (
+        *looks_wrong(findings),
+        *no_reference(findings),
+        *raising_effects(findings),
+        *findings.changes,
+    )
     changed: list[Block] = [Note(lines)] if lines else []
     table = _effects_table(findings) if findings.effects else _nearest_table(findings)
     return [Paragraph(headline(findings)), *changed, *told.picture("waterfall"), *table]

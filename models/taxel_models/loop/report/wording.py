@@ -86,7 +86,9 @@ def needs(effect: FoundEffect, extras: Iterable[ExtraFeature]) -> str:
         extras: what the corrected model takes beside its window.
     """
     if not effect.served:
-        return f"is only reported: {why_only_reported(effect.name, effect.form)}"
+        # Nobody should set right what held-out blocks speak against.
+        doubtful = effect.explained < -_HARMFUL
+        return f"is only reported{'' if doubtful else f': {why_only_reported(effect.name, effect.form)}'}"
     taken = [extra for extra in extras if extra.name in effect.needs]
     past = [extra.name for extra in taken if extra.history is not None]
     calibrated = any(extra in CALIBRATION_EXTRAS for extra in taken)
@@ -126,6 +128,8 @@ def headline(findings: Findings) -> str:
     if not added:
         return f"{is_off} ({noise}){found}."
     change = f"{percent(abs(1.0 - after / before))} {'less' if after <= before else 'more'}"
+    if findings.test.high >= 0 and findings.test.p_value > SIGNIFICANT:
+        change += ", which may be chance"
     return f"{is_off}; with {listed(added)} added it is off by {after:.3f}, {change} ({noise}){found}."
 
 
@@ -258,14 +262,30 @@ def _named(findings: Findings, extras: Sequence[ExtraFeature]) -> list[str]:
 
 
 def raising_effects(findings: Findings) -> list[str]:
-    """A sentence for each named effect that raises the error where nothing was fitted to."""
-    return [
-        f"{effect.name} raises the squared error on held-out blocks, by {percent(-effect.explained)}: the "
-        "blocks that it was fitted to do not show how it goes on there. Record more, or leave it out: "
-        f"--exclude {effect.name}."
-        for effect in findings.effects
-        if effect.served and effect.explained < -_HARMFUL
-    ]
+    """A sentence for each named effect that takes nothing off the error where nothing was fitted to."""
+    sentences = []
+    for effect in findings.effects:
+        raises = (
+            f"{effect.name} raises the squared error on held-out blocks, by {percent(-effect.explained)}"
+        )
+        if effect.explained < -_HARMFUL and effect.served:
+            sentences.append(
+                f"{raises}: the blocks that it was fitted to do not show how it goes on there. Record "
+                f"more, or leave it out: --exclude {effect.name}."
+            )
+        elif effect.explained < -_HARMFUL:
+            sentences.append(f"{raises}: something else may stand behind it. Do not act on it.")
+        elif effect.explained <= 0.0:
+            sentences.append(
+                f"{effect.name} takes nothing off the squared error on held-out blocks, beside what stands "
+                "above it."
+            )
+    return sentences
+
+
+def looks_wrong(findings: Findings) -> list[str]:
+    """A sentence for each thing that looks wrong in the recordings."""
+    return [f"What looks wrong in the recordings: {text}." for text in findings.looks_wrong]
 
 
 def confounded(findings: Findings) -> list[str]:
