@@ -238,6 +238,18 @@ class Scoring:
         total = weighed.log_evidence
         return self._weighing.scored(ContactOffset(), form, weighed, total, tested, tested.shares)
 
+    def raises_single_rows(self, form: WhitenedForm, taken: Sequence[Taken]) -> bool:
+        """Whether the squared error of single rows rises by a form of which nothing is fitted.
+
+        Evidence and folds judge means of several rows, and blocks by how disturbed they are. A part of a
+        tick's delay may speak there for a whole tick, which is too much for single rows.
+        """
+        fit = self._blocks.fit
+        left = self.residual(taken)[fit]
+        change = form.candidate.basis.times(np.ones((len(CHANNELS), form.size)))[fit]
+        falls = ((2.0 * left - change) * change).sum(axis=0) / np.maximum((left**2).sum(axis=0), 1e-9)
+        return bool(falls.mean() <= 0.0)
+
     def contradicts(self, score: Score, taken: Sequence[Taken]) -> bool:
         """Whether electrodes' weights differ more than their common cause allows."""
         alike = score.form.candidate.alike

@@ -17,6 +17,7 @@ from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.effect import Effect
 from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.hysteresis import Hysteresis
+from taxel_models.loop.effects.lag import Lag
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.inference.scoring import Scoring
@@ -242,6 +243,16 @@ def test_a_manifests_own_is_used(smooth: Any, make: Make, reference: HeldOutResi
     assert "offset:contact" not in {effect.name for effect in unknown.effects}
     (rejected,) = (one for one in unknown.rejected if one.name == "offset:contact")
     assert rejected.reason.endswith("expected a model whose training held out 8 contacts")
+
+
+def test_a_delay_must_lower_the_error_of_single_rows(
+    smooth: Any, make: Make, reference: HeldOutResidual
+) -> None:
+    scoring = scoring_of(smooth, late(make(seed=4), 2), [Lag()], reference)
+    raises = {form.candidate.form: scoring.raises_single_rows(form, []) for form in scoring.forms_of(Lag())}
+    assert {"10 ms", "20 ms", "30 ms"}.isdisjoint(form for form, worse in raises.items() if worse)
+    assert raises["-20 ms"]
+    assert raises["80 ms"]
 
 
 @pytest.mark.parametrize("contacts", [8, 20])
