@@ -18,6 +18,9 @@ LEAST_SHARE: Final = 0.01
 AT_ONCE: Final = 0.25
 """Share of the electrodes that change where a frame begins and ends: a finger comes to rest more slowly."""
 
+CUT_OFF: Final = 0.5
+"""Share of the electrodes at an end of their range: a wave that is cut off there holds its counts, too."""
+
 MOVING: Final = 0.5
 """Share of a frame's rows in which force or place change: what is held still repeats its counts, too."""
 
@@ -31,7 +34,7 @@ def repeated_frames(observations: Observations) -> NDArray[np.bool_]:
     begins = np.diff(observations.segment, prepend=-1) != 0
     changed = _changed(observations.measured[:, ELECTRODE_COLUMNS], begins)
     inputs = np.asarray(_changed(np.hstack([observations.force, observations.position]), begins) > 0)
-    repeats: NDArray[np.bool_] = (changed == 0) & ~begins
+    repeats: NDArray[np.bool_] = (changed == 0) & ~begins & ~_is_cut_off(observations)
     edges = np.diff(repeats.astype(np.int8), prepend=0, append=0)
     starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     if not len(starts):
@@ -47,6 +50,13 @@ def repeated_frames(observations: Observations) -> NDArray[np.bool_]:
     if (stops - starts)[long].sum() >= LEAST_SHARE * len(repeats):
         found[repeats] = np.repeat(lost, stops - starts)
     return found
+
+
+def _is_cut_off(observations: Observations) -> NDArray[np.bool_]:
+    """(n,) rows in which most electrodes are at an end of their range, such as 0 of tared counts."""
+    electrodes = observations.measured[:, ELECTRODE_COLUMNS]
+    at_end = (electrodes == electrodes.min(axis=0)) | (electrodes == electrodes.max(axis=0))
+    return np.asarray(at_end.mean(axis=1) > CUT_OFF)
 
 
 def held(values: Floats, repeated: NDArray[np.bool_]) -> Floats:

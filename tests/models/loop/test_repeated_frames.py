@@ -73,6 +73,14 @@ def test_tared_electrodes_at_rest_are_not_it(smooth: Any, make: Make) -> None:
     assert not repeated_frames(replace(observations, measured=measured)).any()
 
 
+def test_a_hum_that_is_cut_off_at_rest_is_not_it(smooth: Any, make: Make) -> None:
+    """All electrodes leave 0 together with each wave, and come back to it."""
+    observations = observed(smooth, make(seed=3))
+    wave = 8.0 * np.sin(2.0 * np.pi * 17.3 * np.arange(len(observations)) / 100.0)
+    measured = np.rint(np.maximum(wave[:, None] * np.linspace(0.5, 1.0, 21), 0.0))
+    assert not repeated_frames(replace(observations, measured=measured)).any()
+
+
 def test_a_segment_may_begin_and_end_with_a_repeated_frame(smooth: Any, make: Make) -> None:
     ticks = make(seed=3).ticks()
     parts = ticks.rows(np.arange(len(ticks)) % 700 >= 20)
