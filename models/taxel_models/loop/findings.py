@@ -261,7 +261,7 @@ class Findings(Schema):
         data: one entry a recording: name, format, rows, sha256.
         split: how blocks were cut and held out.
         noise_floor: the error that no effect could take away.
-        effects: the likeliest first; a fault behind those that explain more.
+        effects: in the order in which they were named; a fault behind those that explain more.
         before: errors of the model on the evaluation part, as `taxel predict` reports them.
         after: errors of the corrected model there, by the forms that are served.
         looks_wrong: in the recordings, as `taxel recording` tells it; none in an earlier version.

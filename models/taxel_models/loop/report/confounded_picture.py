@@ -41,7 +41,7 @@ def draw_confounded(findings: Findings) -> Drawing:
     axes.set(xlim=(-0.65, 1.4), ylim=(max([*rows.values(), *others.values()]) + 0.6, min(low, 0.0) - 1.2))
     axes.axis("off")
     return figure, (
-        "Filled: the effects that were named, the likeliest first. A line: the other effect would explain "
+        "Filled: the effects that were named, in this order. A line: the other effect would explain "
         "at least two thirds as much in its place on held-out folds, so that the recording cannot tell the "
         "two apart."
     )

@@ -251,7 +251,9 @@ def _named(findings: Findings, extras: Sequence[ExtraFeature]) -> list[str]:
         return ["No effect was named: none proves itself on held-out blocks.", *anyway(findings)]
     count = len(findings.effects)
     sentences = [
-        f"{count} effects were named, the likeliest first." if count > 1 else "One effect was named."
+        f"{count} effects were named, each beside those before it."
+        if count > 1
+        else "One effect was named."
     ]
     for effect in findings.effects:
         sentences.append(
