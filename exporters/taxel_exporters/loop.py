@@ -56,7 +56,10 @@ def loop(
     least_share: Annotated[
         float,
         typer.Option(
-            min=0.0, max=1.0, help="The least share of the error that an effect must take away to be named."
+            min=0.0,
+            max=1.0,
+            help="The least share of the error that an effect must take away to be named, on folds of the "
+            "part that is fitted to; one channel, a delay or a fault may do with less.",
         ),
     ] = DECLARED.least_share,
     exclude: Annotated[

@@ -75,7 +75,7 @@ class SensitivityChange:
 
     def sentence(self) -> str:
         """For people."""
-        size = f"{abs(1.0 - self.kept):.0%}"
+        size = f"{100 * abs(1.0 - self.kept):.0f} %"
         change = f"lost {size} of its sensitivity" if self.kept < 1 else f"became {size} more sensitive"
         if self.kept > MOST_TOLD:
             change = f"became more than {MOST_TOLD:.0f} times as sensitive"

@@ -34,7 +34,8 @@ def parameters(named: Named) -> list[Parameter]:
         for channel, column in columns.items():
             value = named.weights[column, place]
             centre, half_width = centres[column, place], half_widths[column, place]
-            label = f"{name} {channel}".strip()
+            source = f"from {candidate.sources[column]}" if candidate.sources else ""
+            label = " ".join(filter(None, (name, channel, source)))
             found.append(
                 Parameter(
                     name=label,

@@ -137,8 +137,9 @@ def weights(name: str, values: dict[str, float], found: Case) -> tuple[np.ndarra
         slopes = np.array([values[f"slope {one}"] for one in CHANNELS[2:]])
         return -slopes, np.array(truth["slope"][2:])
     if name == "crosstalk":
-        to = [pair.split(" into ")[1] for pair in truth["pairs"].split(", ")]
-        return np.array([values[f"leak {one}"] for one in to]), np.array(truth["leak"])
+        pairs = [pair.split(" into ") for pair in truth["pairs"].split(", ")]
+        leaks = [values[f"leak {to} from {source}"] for source, to in pairs]
+        return np.array(leaks), np.array(truth["leak"])
     if name in ("creep", "hysteresis", "rate"):
         parameters = found.result.findings.effects[0].parameters
         own = {one.name.split()[-1]: one.value for one in parameters if one.low is not None}
@@ -283,7 +284,7 @@ def test_an_electrode_that_fades_while_it_is_used_ages_in_recorded_time(smooth: 
     np.testing.assert_allclose(served(smooth, case), case.result.after, atol=0.02)
     (told,) = case.result.changes
     # Of the last block to the first, each in its middle.
-    assert told.sentence() == "e4 lost 68% of its sensitivity over this session."
+    assert told.sentence() == "e4 lost 68 % of its sensitivity over this session."
 
 
 @pytest.mark.parametrize(("relaxes_s", "name"), [(0.05, "rate"), (0.08, "rate"), (0.3, "creep")])

@@ -57,6 +57,7 @@ class Crosstalk(Effect):
             fitting=Fitting(choices=len(CHANNELS) - 1, compared=len(CHANNELS) - 1),
             weight_names=("leak",),
             weight_units=("relative",),
+            sources=tuple(CHANNELS[source] for source in sources),
             online=online,
             again=partial(self._with, sources),
         )

@@ -82,6 +82,7 @@ class Candidate:
         fitting: how its weights are fitted.
         weight_names: the k names of the weights.
         weight_units: the k units of the weights, or one of all.
+        sources: of each channel, the other one whose signal it takes; none where there is none.
         form_parameters: the parameters of this form, such as a time constant, with their units.
         online: gives the online form for weights (21, k).
         alike: the largest SD over mean of the electrodes' weights; None if they may differ freely.
@@ -100,6 +101,7 @@ class Candidate:
     fitting: Fitting = field(default_factory=Fitting)
     weight_names: tuple[str, ...] = ("weight",)
     weight_units: tuple[str, ...] = ("",)
+    sources: tuple[str, ...] = ()
     form_parameters: Mapping[str, tuple[float, str]] = field(default_factory=dict)
     online: Callable[[Floats], Online] = lambda _: Online()
     alike: float | None = None
