@@ -67,9 +67,9 @@ def test_contacts_without_measurements_are_predicted_too(work: Path, tmp_path: P
         csv.writer(file).writerows(row[:7] for row in rows)
     for name, recording in (("whole", held_out), ("contacts", contacts)):
         model = ["--model", "finger", "--repository", work / "repository"]
-        said = as_json("predict", *model, recording, "-o", tmp_path / f"{name}.csv")
-    assert said == {"rows": len((tmp_path / "whole.csv").read_text().splitlines()) - 1}
-    assert (tmp_path / "whole.csv").read_bytes() == (tmp_path / "contacts.csv").read_bytes()
+        said = as_json("predict", *model, recording, "-o", tmp_path / f"of_{name}.csv")
+    assert said == {"rows": len((tmp_path / "of_whole.csv").read_text().splitlines()) - 1}
+    assert (tmp_path / "of_whole.csv").read_bytes() == (tmp_path / "of_contacts.csv").read_bytes()
 
 
 def test_a_report_has_figures_a_table_and_pictures(work: Path, tmp_path: Path) -> None:

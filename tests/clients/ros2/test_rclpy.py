@@ -197,7 +197,7 @@ def test_a_node_of_ros_turns_contacts_into_channels(ros: Ros) -> None:
 
 WRONG = [
     ("forces up to 150 look like grams: expected newtons", "-0.007", "150"),
-    ("touches pull at the skin: expected the force on the finger", "-0.007", "-1"),
+    ("samples in touch pull at the skin: expected the force on the finger", "-0.007", "-1"),
     ("touched places look like millimetres, as 7: expected metres", "-7", "1"),
 ]
 
