@@ -51,6 +51,7 @@ def test_what_is_read_is_not_overwritten(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="is what is read"):
         check_file_place(recording, reads=tmp_path)
     check_file_place(tmp_path / "other.csv", reads=recording)
+    check_file_place(recording, reads=tmp_path / "missing.csv")
     assert recording.read_text() == "mine"
 
 

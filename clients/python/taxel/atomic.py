@@ -64,7 +64,7 @@ def check_file_place(path: Path, *, reads: Path | None = None) -> None:
         raise SettingsError(f"{path} is a folder: expected the name of a file to write")
     if not path.parent.is_dir():
         raise SettingsError(f"{path}: the folder {path.parent} does not exist")
-    if reads is not None and path.exists() and (path.samefile(reads) or reads in path.parents):
+    if reads is not None and path.exists() and reads.resolve() in (path.resolve(), *path.resolve().parents):
         raise SettingsError(f"{path} is what is read: expected another place to write to")
     _check_takes_files(path, path.parent)
 
