@@ -126,8 +126,7 @@ def loop(
     name, _, version = model.partition("/")
     with taxel.load(repository) as source, shown("reading") as tell:
         predictor = source.predictor(name, version or None)
-        training = predictor.manifest.training
-        trained = training.contacts if training else None
+        trained = predictor.manifest.trained_contacts
         recordings = [read_recording(path, trained=trained) for path in data]
         result = run_loop(
             predictor,

@@ -237,6 +237,11 @@ class Manifest(Schema):
         return f"{self.name}/{self.version}"
 
     @property
+    def trained_contacts(self) -> TrainedContacts | None:
+        """The contacts that the model was trained on; None where they are not known."""
+        return None if self.training is None else self.training.contacts
+
+    @property
     def gives_spread(self) -> bool:
         """Whether it has a second output with the spread of its members."""
         return len(self.outputs) > 1

@@ -147,13 +147,13 @@ class BasePredictor:
         Raises:
             InvalidArgument: it is strict, and they are to come too slowly.
         """
-        training = self.manifest.training
-        if training is None or training.contacts is None:
+        trained = self.manifest.trained_contacts
+        if trained is None:
             return None
         label = f"{of}{self.manifest.label}"
         period_ns = period_of(rate_hz)
         ticks = rows_are_ticks(period_ns)
-        return InputCheck(label, training.contacts, period_ns / 1e9, ticks=ticks, strict=strict)
+        return InputCheck(label, trained, period_ns / 1e9, ticks=ticks, strict=strict)
 
     def check_gives_spread(self) -> None:
         """Raise if the model gives no spread.

@@ -64,8 +64,8 @@ def predict(
     name, _, version = model.partition("/")
     with open_source(connect, repository) as source:
         predictor = source.predictor(name, version or None)
-        training = predictor.manifest.training
-        samples, channels, given = _read(recording, training.contacts if training else None, strict=strict)
+        trained = predictor.manifest.trained_contacts
+        samples, channels, given = _read(recording, trained, strict=strict)
         if report is not None and channels is None:
             raise SettingsError(f"--report: {recording} has no measured channels to compare with")
         windows = build_windows(samples, predictor.window, predictor.manifest.window.extras, given)

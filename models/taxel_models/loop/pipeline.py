@@ -293,8 +293,7 @@ def _one_kind(given: _Given) -> tuple[str, ...]:
 
 def _looks_wrong(given: _Given) -> tuple[str, ...]:
     """What looks wrong in the recordings, beside the contacts that the model was trained on."""
-    training = given.observations.manifest.training
-    trained = training.contacts if training else None
+    trained = given.observations.manifest.trained_contacts
     return tuple(
         f"{source.name}: {text}"
         for source in given.recordings

@@ -19,7 +19,7 @@ _TIME_LENGTH: Final = 24
 """Room for a time's text. A longer text is too long for an int64."""
 
 _SHOWN: Final = 60
-"""Letters of a header that is none."""
+"""An error shows so many letters of a first line that is no header."""
 
 _NUMBER: Final = re.compile(
     r"[ \t]*[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)[ \t]*", re.ASCII | re.IGNORECASE

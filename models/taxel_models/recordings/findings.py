@@ -55,12 +55,14 @@ _STILL_COUNTS: Final = 2.0
 
 
 def recording_findings(recording: Recording, trained: TrainedContacts | None = None) -> list[Finding]:
-    """What looks wrong in a recording of at least one row.
+    """What looks wrong in a recording; nothing in one without rows.
 
     Args:
         trained: the contacts of a model that is to predict it; if none, those of any fingertip, which in
             slide recordings are in the robot's frame.
     """
+    if not len(recording):
+        return []
     known = trained or (IN_A_ROBOTS_FRAME if recording.format == "biotac_slide" else PLAUSIBLE)
     samples = recording.samples
     found = _time_findings(recording, known)
@@ -82,7 +84,7 @@ def check_recording(
     Raises:
         RecordingError: something looks wrong, and `strict` says that it is an error.
     """
-    texts = [text for _, text in recording_findings(recording, trained)] if len(recording) else []
+    texts = [text for _, text in recording_findings(recording, trained)]
     if strict and texts:
         raise RecordingError(f"{recording.name}: {'; '.join(texts)}")
     for text in texts:

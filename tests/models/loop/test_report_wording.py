@@ -33,8 +33,8 @@ from taxel_models.loop.report.wording import (
     opening,
     paired,
     parameter,
-    raising_effects,
     runs_along,
+    unconfirmed_effects,
 )
 
 PAST = ExtraFeature(
@@ -205,15 +205,15 @@ def test_nothing_that_can_be_served_is_nothing_to_add() -> None:
 
 def test_what_raises_the_error_on_held_out_blocks_is_told() -> None:
     worse = effect("drift").model_copy(update={"explained": -4.33})
-    (told,) = raising_effects(findings(worse, effect("gain")))
+    (told,) = unconfirmed_effects(findings(worse, effect("gain")))
     assert told.startswith("drift raises the squared error on held-out blocks, by 433 %:")
     assert told.endswith("--exclude drift.")
     assert told in opening(findings(worse), [])
     little = effect("drift").model_copy(update={"explained": -0.01})
-    (told,) = raising_effects(findings(little))
+    (told,) = unconfirmed_effects(findings(little))
     assert told.startswith("drift takes nothing off the squared error on held-out blocks")
     reported = effect("frame", served=False).model_copy(update={"explained": -0.57})
-    (told,) = raising_effects(findings(reported))
+    (told,) = unconfirmed_effects(findings(reported))
     assert told.endswith("by 57 %: something else may stand behind it. Do not act on it.")
     assert needs(reported, []) == "is only reported"
     assert "mounted" in needs(effect("frame", served=False), [])

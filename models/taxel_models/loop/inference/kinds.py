@@ -70,8 +70,8 @@ def of_its_kinds(
 
 def trained_kinds(manifest: Manifest) -> Mapping[str, Sequence[float]]:
     """The kinds of each column that a model was trained on, as far as its manifest tells."""
-    training = manifest.training
-    return {} if training is None or training.contacts is None else training.contacts.kinds
+    trained = manifest.trained_contacts
+    return {} if trained is None else trained.kinds
 
 
 def new_kinds(observations: Observations) -> dict[str, NDArray[np.bool_]]:

@@ -10,6 +10,7 @@ from taxel_models.loop.attribution import AS_USUAL, Named, in_order
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.findings import RejectedEffect
+from taxel_models.loop.inference.proof import stands
 from taxel_models.loop.inference.score import Score, Taken
 from taxel_models.loop.inference.scoring import Scoring
 from taxel_models.loop.observations import Observations
@@ -139,4 +140,7 @@ class Outcome:
             return AS_USUAL if score.t_with_usual >= least else "does not repeat over the held-out folds"
         if self._scoring.contradicts(score, taken):
             return "its weights differ more than its cause allows"
+        repeats = stands(score, bool(taken), self._scoring.constants)
+        if repeats and self._scoring.raises_single_rows(score, taken):
+            return "single rows are further off with it"
         return "too little to matter"

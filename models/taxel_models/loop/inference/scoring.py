@@ -238,13 +238,15 @@ class Scoring:
         total = weighed.log_evidence
         return self._weighing.scored(ContactOffset(), form, weighed, total, tested, tested.shares)
 
-    def raises_single_rows(self, form: WhitenedForm, taken: Sequence[Taken]) -> bool:
-        """Whether the squared error of single rows rises by a form of which nothing is fitted.
+    def raises_single_rows(self, score: Score, taken: Sequence[Taken]) -> bool:
+        """Whether the squared error of single rows rises by an effect of which nothing is fitted.
 
         Evidence and folds judge means of several rows, and blocks by how disturbed they are. A part of a
         tick's delay may speak there for a whole tick, which is too much for single rows.
         """
-        fit = self._blocks.fit
+        if not score.effect.fits_nothing:
+            return False
+        fit, form = self._blocks.fit, score.form
         left = self.residual(taken)[fit]
         change = form.candidate.basis.times(np.ones((len(CHANNELS), form.size)))[fit]
         falls = ((2.0 * left - change) * change).sum(axis=0) / np.maximum((left**2).sum(axis=0), 1e-9)

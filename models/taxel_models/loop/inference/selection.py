@@ -114,9 +114,7 @@ class JointSelection:
             and bool(score.weighed.changes.any())
             and stands(score, bool(self._taken), self._constants)
             and not self._scoring.contradicts(score, self._taken)
-            and not (
-                score.effect.fits_nothing and self._scoring.raises_single_rows(score.form, self._taken)
-            )
+            and not self._scoring.raises_single_rows(score, self._taken)
         )
 
     def proven_by_limits(self, scores: Sequence[Score]) -> Score | None:

@@ -34,7 +34,7 @@ from taxel_models.loop.report.wording import (
     number,
     opening,
     percent,
-    raising_effects,
+    unconfirmed_effects,
 )
 
 _MOST_OPEN: Final = 6
@@ -79,7 +79,7 @@ def _first_screen(told: Told) -> list[Block]:
     lines = (
         *looks_wrong(findings),
         *no_reference(findings),
-        *raising_effects(findings),
+        *unconfirmed_effects(findings),
         *findings.changes,
     )
     changed: list[Block] = [Note(lines)] if lines else []

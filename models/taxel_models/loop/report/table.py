@@ -18,8 +18,8 @@ from taxel_models.loop.report.wording import (
     one_kind,
     paired,
     percent,
-    raising_effects,
     runs_along,
+    unconfirmed_effects,
     unnamed,
 )
 
@@ -30,7 +30,7 @@ def findings_table(findings: Findings) -> RenderableType:
         *anyway(findings),
         *no_reference(findings),
         _errors(findings),
-        *raising_effects(findings),
+        *unconfirmed_effects(findings),
         *one_kind(findings),
         *new_kinds(findings),
         *confounded(findings),

@@ -138,7 +138,7 @@ def opening(findings: Findings, extras: Sequence[ExtraFeature]) -> str:
     sentences = [
         _outcome(findings),
         *_named(findings, extras),
-        *raising_effects(findings),
+        *unconfirmed_effects(findings),
         *one_kind(findings),
         *new_kinds(findings),
         *confounded(findings),
@@ -263,8 +263,8 @@ def _named(findings: Findings, extras: Sequence[ExtraFeature]) -> list[str]:
     return sentences
 
 
-def raising_effects(findings: Findings) -> list[str]:
-    """A sentence for each named effect that takes nothing off the error where nothing was fitted to."""
+def unconfirmed_effects(findings: Findings) -> list[str]:
+    """A sentence for each named effect that takes nothing off the error of held-out blocks."""
     sentences = []
     for effect in findings.effects:
         raises = (
