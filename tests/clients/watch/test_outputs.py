@@ -105,11 +105,11 @@ def test_foxglove_gets_topics_and_moments(paced: Replay, clock: Any) -> None:
                 topics |= {channel["topic"]: channel["id"] for channel in told["channels"]}
         assert set(topics) == {f"/left/{f}/{t}" for f in ("thumb", "index") for t in ("signals", "skin")}
         wanted = {"id": 7, "channelId": topics["/left/index/signals"]}
-        app.send(json.dumps({"op": "subscribe", "subscriptions": [wanted]}))
         player = paced.player()
         clock.now += 3.0
-        # The subscription is made at some moment: the update comes again until it is heard.
+        # The subscription is made at some moment: both come again until the update is heard.
         for _ in range(200):
+            app.send(json.dumps({"op": "subscribe", "subscriptions": [wanted]}))
             player.command("seek", 3.0)
             write_as_it_comes(player, output, seconds=0.01)
             try:
