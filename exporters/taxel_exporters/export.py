@@ -87,8 +87,12 @@ def export(
         found = _check(staging, name, trained, held_out, model)
         # A forest's artifact predicts many times as fast as the library that trained it.
         with taxel.load(staging) as source:
-            reference = trained_models.reference(folder)
-            residual = held_out_residual(source.predictor(name), reference, progress=progress)
+            residual = held_out_residual(
+                source.predictor(name),
+                trained_models.reference(folder),
+                trained_models.fitted(folder),
+                progress=progress,
+            )
         return {**found, "held_out_residual": residual}
 
     return publish(repository, manifest, model.content, check)

@@ -86,6 +86,16 @@ def test_the_reference_has_all_rows_that_nothing_was_fitted_to(make_recording: M
     assert sum(len(one.windows) for one in rest) == len(data.test) + len(data.validation)
 
 
+def test_what_was_fitted_and_what_was_not_are_all_rows(make_recording: Make) -> None:
+    recordings = [make_recording([900] * 25, seed) for seed in (1, 2)]
+    data = Dataset.of(recordings, WindowSpec.of(1), SplitSettings(seed=1))
+    for whole, *parts in zip(recordings, data.held_out.reference, data.held_out.fitted, strict=True):
+        times = np.concatenate([part.samples.time_ns for part in parts])
+        np.testing.assert_array_equal(np.sort(times), whole.samples.time_ns)
+    windows = [examples(recording, WindowSpec.of(1)).windows for recording in data.held_out.fitted]
+    np.testing.assert_array_equal(np.concatenate(windows), data.train.windows)
+
+
 def test_the_kinds_of_the_training_set_are_kept(make_recording: Make) -> None:
     rows = [100] * 40
     first, second = make_recording(rows), make_recording(rows)

@@ -125,6 +125,8 @@ def test_a_trained_model_is_kept_whole(recording: Recording, tmp_path: Path) -> 
     np.testing.assert_array_equal(rows.channels, held_out.test[0].channels)
     (reference,) = trained_models.reference(folder)
     np.testing.assert_array_equal(reference.channels, held_out.reference[0].channels)
+    (fitted,) = trained_models.fitted(folder)
+    np.testing.assert_array_equal(fitted.channels, held_out.fitted[0].channels)
     with pytest.raises(SettingsError, match="exists already"):
         trained_models.save(model, held_out, folder)
 

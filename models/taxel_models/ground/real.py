@@ -25,9 +25,6 @@ LASA: Final = "lasa_contact"
 HELD_OUT: Final = {SLIDE: 0.35, LASA: 0.5}
 """The share of the trials that a round may draw from."""
 
-REFERENCE: Final = {SLIDE: 0.15, LASA: 0.4}
-"""The share of the other trials that the model is not trained on: LASA has few, and a mean needs some."""
-
 PLAYED: Final = {SLIDE: 50, LASA: 20}
 """Trials of a round, at most."""
 
@@ -67,13 +64,11 @@ class Session:
     """Recordings of one finger on one day, or of one kind, with a model that saw neither.
 
     Attributes:
-        held_out: whole trials that the model was not trained on; a round takes some of them.
-        reference: others.
+        played: whole trials; a round takes some of them.
     """
 
     model: BaseModel
-    held_out: Recording
-    reference: Recording
+    played: Recording
 
 
 @dataclass(frozen=True)
@@ -115,11 +110,11 @@ class RealGround:
             trained, held_out = _divided(recording, seed, HELD_OUT[SLIDE])
             if unseen:
                 trained, _ = _without_some_kinds(trained, MATERIAL, seed)
-        model, reference = BaseModel.fit(trained, seed, jobs, REFERENCE[SLIDE])
+        model = BaseModel.fit(trained, seed, jobs)
         days = [held_out] if all_days else _days(held_out)
         parts = days if one_of is None else _kinds(held_out, one_of)
         least = LEAST_TRIALS if one_of is None else LEAST_OF_ONE
-        sessions = tuple(Session(model, part, reference) for part in parts if len(part.segments) >= least)
+        sessions = tuple(Session(model, part) for part in parts if len(part.segments) >= least)
         if not sessions:
             raise RecordingError(
                 f"{folder / SLIDE}: no {one_of or 'day'} has {least} held-out trials; "
@@ -138,8 +133,7 @@ class RealGround:
         for finger in FINGERS:
             recording = read_lasa(_found(folder / LASA), finger, seed)
             trained, held_out = _divided(recording, seed, HELD_OUT[LASA])
-            model, reference = BaseModel.fit(trained, seed, jobs, REFERENCE[LASA])
-            sessions.append(Session(model, held_out, reference))
+            sessions.append(Session(BaseModel.fit(trained, seed, jobs), held_out))
         live = tuple(name not in _NOT_MEASURED for name in CHANNELS)
         return cls(tuple(sessions), seed, PLAYED[LASA], True, live)
 
@@ -147,13 +141,16 @@ class RealGround:
         """Some held-out trials of one session, both drawn at random."""
         random = np.random.default_rng([self.seed, number, 1])
         session = self.sessions[int(random.integers(len(self.sessions)))]
-        trials = session.held_out.segments
+        trials = session.played.segments
         drawn = np.sort(random.permutation(len(trials))[: min(self.played, round(DRAWN * len(trials)))])
-        recording = _of_trials(session.held_out, [trials[trial] for trial in drawn])
+        recording = _of_trials(session.played, [trials[trial] for trial in drawn])
         contact = np.repeat(
             np.arange(len(recording.segments)), [part.stop - part.start for part in recording.segments]
         )
-        return Clean(session.model, recording, session.reference, self.on_skin, self.live, contact)
+        model = session.model
+        return Clean(
+            model, recording, model.reference, self.on_skin, self.live, contact, fitted=model.fitted
+        )
 
 
 def read_lasa(folder: Path, finger: str, seed: int) -> Recording:

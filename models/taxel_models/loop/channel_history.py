@@ -152,7 +152,7 @@ def sensitivity_changes(
     """
     for channel, found, followed, follows in _largest_changes(observations, blocks, explained, known):
         clear = found.part >= LEAST_CHANGE and found.t >= LEAST_T
-        factor = max(found.kept, 1.0 / max(found.kept, 1e-9))
+        factor = _factor(found)
         quantile = WHILE_ALIVE if found.kept < 1 else 0.5
         # A sensitivity that grew was real before: a model that errs gives a small slope, too.
         real = found.kept < 1 or followed >= FOLLOWS
@@ -203,8 +203,17 @@ def usual_changes(observations: Observations, blocks: Blocks) -> Floats:
     """
     usual, nothing = np.ones(len(CHANNELS)), np.zeros_like(observations.residual)
     for channel, found, *_ in _largest_changes(observations, blocks, nothing, None):
-        usual[channel] = np.clip(max(found.kept, 1.0 / max(found.kept, 1e-9)), 1.0, MOST_TOLD)
+        usual[channel] = _factor(found)
     return usual
+
+
+def _factor(found: "_Course") -> float:
+    """By how much a sensitivity changes, up or down, from 1 up to `MOST_TOLD`.
+
+    One whose usual factor is the largest, such as a channel that hardly reads one of the materials, tells
+    nothing by any change.
+    """
+    return min(max(found.kept, 1.0 / max(found.kept, 1e-9)), MOST_TOLD)
 
 
 def _largest_changes(

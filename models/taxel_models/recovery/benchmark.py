@@ -63,7 +63,10 @@ class RecoveryBenchmark:
             return None
         name = clean.reference.fingerprint
         if name not in self._references:
-            self._references[name] = held_out_residual(clean.model, [clean.reference], self.constants)
+            fitted = [] if clean.fitted is None else [clean.fitted]
+            self._references[name] = held_out_residual(
+                clean.model, [clean.reference], fitted, self.constants
+            )
         return self._references[name]
 
 

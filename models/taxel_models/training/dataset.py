@@ -62,15 +62,17 @@ def examples(recording: Recording, spec: WindowSpec) -> Examples:
 
 @dataclass(frozen=True)
 class HeldOutRecordings:
-    """Rows that no weight was fitted to, one recording for each source that has any.
+    """Rows that no weight was fitted to, one recording for each source that has any, and the others.
 
     Attributes:
         test: that had no part in training at all.
         reference: the same with the validation rows, where the model errs nearly as much.
+        fitted: that weights were fitted to.
     """
 
     test: tuple[Recording, ...]
     reference: tuple[Recording, ...]
+    fitted: tuple[Recording, ...]
 
 
 @dataclass(frozen=True)
@@ -122,16 +124,17 @@ class Dataset:
                 if chosen.any()
             )
 
+        fitted = recordings_of(Subset.TRAIN)
         return cls(
             sets[Subset.TRAIN],
             sets[Subset.VALIDATION],
             sets[Subset.TEST],
             HeldOutRecordings(
-                test=recordings_of(Subset.TEST), reference=recordings_of(Subset.VALIDATION, Subset.TEST)
+                test=recordings_of(Subset.TEST),
+                reference=recordings_of(Subset.VALIDATION, Subset.TEST),
+                fitted=fitted,
             ),
-            contacts_of(
-                recordings_of(Subset.TRAIN), max(recording.samples.period_ns for recording in recordings)
-            ),
+            contacts_of(fitted, max(recording.samples.period_ns for recording in recordings)),
         )
 
     def counts(self) -> dict[str, int]:

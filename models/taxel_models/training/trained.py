@@ -5,6 +5,7 @@ DIR/loss.png          the loss after each step of fitting
 DIR/weights/          the family's own files
 DIR/held_out/*.csv    the test rows of each recording, to evaluate any model on
 DIR/reference/*.csv   these and the validation rows: what the loop judges the model's own errors by
+DIR/fitted/*.csv      the other rows, for the same: small trees that did not see a contact predict it
 """
 
 import json
@@ -32,6 +33,7 @@ from taxel_models.training.dataset import HeldOutRecordings
 RECORD: Final = "trained.json"
 HELD_OUT: Final = "held_out"
 REFERENCE: Final = "reference"
+FITTED: Final = "fitted"
 CURVE: Final = "loss.png"
 
 
@@ -151,7 +153,8 @@ def save(
     with whole_folder(folder, replacing=RECORD, overwrite=overwrite) as place:
         (place / "weights").mkdir()
         model.fitted.save(place / "weights")
-        for name, recordings in ((HELD_OUT, held_out.test), (REFERENCE, held_out.reference)):
+        parts = {HELD_OUT: held_out.test, REFERENCE: held_out.reference, FITTED: held_out.fitted}
+        for name, recordings in parts.items():
             (place / name).mkdir()
             for number, recording in enumerate(recordings, start=1):
                 write_ruppel(recording, place / name / f"{number}_{Path(recording.name).stem}.csv")
@@ -196,3 +199,8 @@ def reference(folder: Path) -> list[Recording]:
     """
     paths = sorted((folder / REFERENCE).glob("*.csv"))
     return [read_ruppel(path) for path in paths] or held_out(folder)
+
+
+def fitted(folder: Path) -> list[Recording]:
+    """The rows that weights were fitted to; none where an earlier version trained."""
+    return [read_ruppel(path) for path in sorted((folder / FITTED).glob("*.csv"))]

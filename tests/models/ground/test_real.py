@@ -59,8 +59,8 @@ def test_slide_trials_are_held_out_whole(slide: RealGround, few_materials: Path)
     fingerprint = clean.model.manifest.training
     assert fingerprint is not None
     trained = fingerprint.data[0].rows
-    held_out = sum(len(session.held_out) for session in slide.sessions)
-    assert trained + held_out <= len(everything)
+    played = sum(len(session.played) for session in slide.sessions)
+    assert trained + played <= len(everything)
     assert len(clean.recording.segments) == int(clean.contact.max()) + 1 <= 50
     # A trial that is played is there from its first row to its last.
     starts = {
@@ -69,7 +69,10 @@ def test_slide_trials_are_held_out_whole(slide: RealGround, few_materials: Path)
     for part in clean.recording.segments:
         assert starts[int(clean.recording.samples.time_ns[part.start])] == part.stop - part.start
     assert clean.reference is not None
-    assert not set(clean.reference.samples.time_ns.tolist()) & set(clean.recording.samples.time_ns.tolist())
+    assert clean.fitted is not None
+    assert len(clean.reference) + len(clean.fitted) == trained
+    for others in (clean.reference, clean.fitted):
+        assert not set(others.samples.time_ns.tolist()) & set(clean.recording.samples.time_ns.tolist())
     assert not clean.on_skin
     assert clean.live == (True,) * 21
 
@@ -79,9 +82,12 @@ def test_the_base_model_fits_what_it_did_not_see(slide: RealGround, lasa: RealGr
     assert error(lasa.clean(0)) < 0.6
     clean = slide.clean(0)
     assert clean.reference is not None
-    counts, rows = predicted(clean.model, clean.reference)
-    means = (clean.reference.channels[rows] - counts).mean(axis=0)
-    np.testing.assert_allclose(means, 0.0, atol=0.05)
+    assert clean.fitted is not None
+    errors = []
+    for part in (clean.reference, clean.fitted):
+        counts, rows = predicted(clean.model, part)
+        errors.append(part.channels[rows] - counts)
+    np.testing.assert_allclose(np.concatenate(errors).mean(axis=0), 0.0, atol=0.05)
 
 
 def test_rounds_take_turns_over_base_models(data_folder: Path) -> None:

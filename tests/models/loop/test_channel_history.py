@@ -13,6 +13,7 @@ from taxel_models.loop.blocks import cut
 from taxel_models.loop.channel_history import (
     LEAST_READING,
     MOST_CHANNELS,
+    MOST_TOLD,
     ReadingChange,
     SensitivityChange,
     changed_channels,
@@ -101,6 +102,10 @@ def test_what_is_usual_of_a_channel_is_not_told(smooth: Any, long: Recording) ->
     assert changes(smooth, long, kept, factor=2.2) == []
     (dying,) = changes(smooth, long, np.where(np.arange(ROWS) < 18_000, 1.0, 0.2), factor=2.2)
     assert dying.kept == pytest.approx(0.2, abs=0.05)
+    # A channel that does not read some of the materials from the start: nothing is told by its silence.
+    dead = np.where(np.arange(ROWS) < 18_000, 1.0, 0.0)
+    assert changes(smooth, long, dead, factor=MOST_TOLD) == []
+    assert len(changes(smooth, long, dead, factor=2.2)) == 1
 
 
 @pytest.mark.parametrize("later", [0.5, 2.0])

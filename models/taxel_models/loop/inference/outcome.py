@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from taxel_models.loop.inference.proof import stands
 from taxel_models.loop.inference.score import Score, Taken
 from taxel_models.loop.inference.scoring import Scoring
 from taxel_models.loop.observations import Observations
+
+DOUBTED: Final = "a likelier effect does not repeat, or was taken out again: this one may only stand for it"
 
 
 class Outcome:
@@ -140,7 +143,11 @@ class Outcome:
             return AS_USUAL if score.t_with_usual >= least else "does not repeat over the held-out folds"
         if self._scoring.contradicts(score, taken):
             return "its weights differ more than its cause allows"
-        repeats = stands(score, bool(taken), self._scoring.constants)
-        if repeats and self._scoring.raises_single_rows(score, taken):
-            return "single rows are further off with it"
-        return "too little to matter"
+        if stands(score, bool(taken), self._scoring.constants):
+            further = self._scoring.raises_single_rows(score, taken)
+            return "single rows are further off with it" if further else DOUBTED
+        if not score.effect.is_predictable:
+            return AS_USUAL
+        if score.worth.mean() <= 0.0:
+            return "held-out blocks are further off with it"
+        return "too little to matter, or not sure enough for so little"
