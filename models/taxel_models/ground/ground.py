@@ -25,10 +25,10 @@ class Clean:
         recording: of ticks.
         reference: another recording that the model was not trained on, with nothing injected; None where
             there is none.
-        fitted: what the model was trained on, if that is known.
         on_skin: whether positions lie on the skin; else they are poses of a robot.
         live: (21,) which channels were measured; the others are noise about a constant.
         contact: (n,) the number of each row's contact.
+        fitted: what the model was trained on, if that is known.
         base_model: the number of the model, where a ground has several.
     """
 
