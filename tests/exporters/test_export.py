@@ -18,6 +18,9 @@ from taxel_exporters.commands import export as command
 from taxel_exporters.export import export
 from taxel_models.training import trained as trained_models
 from taxel_models.training.dataset import examples
+from taxel_models.training.split import SplitSettings
+from taxel_models.training.train import TrainingSettings, train
+from taxel_models.twin import simulate
 
 
 def test_the_artifact_predicts_what_the_trained_model_does(trained_folder: Path, tmp_path: Path) -> None:
@@ -51,23 +54,21 @@ def test_the_folder_holds_what_the_design_says(trained_folder: Path, tmp_path: P
 def test_too_little_to_know_what_the_model_gets_wrong_anyway_is_told(
     trained_folder: Path, tmp_path: Path
 ) -> None:
-    # An earlier version kept nothing of what weights were fitted to.
-    older = shutil.copytree(trained_folder, tmp_path / "trained")
-    shutil.rmtree(older / "fitted")
     app = typer.Typer()
     app.command()(command)
-    said = CliRunner().invoke(app, [str(older), "--repository", str(tmp_path)])
+    said = CliRunner().invoke(app, [str(trained_folder), "--repository", str(tmp_path)])
     assert said.exit_code == 0, said.output
     assert artifacts.read(tmp_path / "xgb" / "1").manifest.held_out_residual is None
     assert "held out less than 20 s" in said.output
 
 
-def test_all_that_was_trained_with_tells_what_the_model_gets_wrong_anyway(
-    trained_folder: Path, tmp_path: Path
-) -> None:
-    found = export(trained_folder, tmp_path).held_out_residual
+def test_all_that_was_trained_with_tells_what_the_model_gets_wrong_anyway(tmp_path: Path) -> None:
+    settings = TrainingSettings("xgb", 1, SplitSettings("chunks"), overrides={"n_estimators": 8})
+    folder = tmp_path / "trained"
+    trained_models.save(*train([simulate(8000, 3)], settings), folder)
+    found = export(folder, tmp_path / "repository").held_out_residual
     assert found is not None
-    parts = (trained_models.reference(trained_folder), trained_models.fitted(trained_folder))
+    parts = (trained_models.reference(folder), trained_models.fitted(folder))
     held_out, fitted = (sum(map(len, recordings)) for recordings in parts)
     assert held_out < found.rows <= held_out + fitted
 
