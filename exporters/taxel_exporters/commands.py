@@ -77,8 +77,9 @@ def export(
         OUT.print(rounding(manifest, manifest.rounded_weights), soft_wrap=True)
     if manifest.training and manifest.held_out_residual is None:
         OUT.print(
-            "Its training held out less than 20 s, so that what it gets wrong anyway is not known: "
-            "taxel loop may name that. Train it with a larger --test or --validation.",
+            "Its training held out less than 20 s and kept fewer than 8 contacts in all, so that what it "
+            "gets wrong anyway is not known: taxel loop may name that. Train it on more contacts, or with "
+            "a larger --test or --validation.",
             soft_wrap=True,
         )
     OUT.print(f"Next: taxel serve --repository {repository}", soft_wrap=True)

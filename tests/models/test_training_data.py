@@ -72,27 +72,27 @@ def test_the_test_rows_come_back_as_recordings(make_recording: Make) -> None:
     recordings = [make_recording([900] * 25, seed) for seed in (1, 2)]
     spec = WindowSpec.of(1)
     data = Dataset.of(recordings, spec, SplitSettings(seed=1))
-    windows = np.concatenate([examples(recording, spec).windows for recording in data.held_out.test])
+    windows = np.concatenate([examples(recording, spec).windows for recording in data.kept.test])
     np.testing.assert_array_equal(windows, data.test.windows)
 
 
 def test_the_reference_has_all_rows_that_nothing_was_fitted_to(make_recording: Make) -> None:
     recordings = [make_recording([900] * 25, seed) for seed in (1, 2)]
     data = Dataset.of(recordings, WindowSpec.of(1), SplitSettings(seed=1))
-    for whole, test, reference in zip(recordings, data.held_out.test, data.held_out.reference, strict=True):
+    for whole, test, reference in zip(recordings, data.kept.test, data.kept.reference, strict=True):
         known = np.isin(reference.samples.time_ns, test.samples.time_ns)
         assert known.sum() == len(test) < len(reference) < len(whole)
-    rest = [examples(recording, WindowSpec.of(1)) for recording in data.held_out.reference]
+    rest = [examples(recording, WindowSpec.of(1)) for recording in data.kept.reference]
     assert sum(len(one.windows) for one in rest) == len(data.test) + len(data.validation)
 
 
 def test_what_was_fitted_and_what_was_not_are_all_rows(make_recording: Make) -> None:
     recordings = [make_recording([900] * 25, seed) for seed in (1, 2)]
     data = Dataset.of(recordings, WindowSpec.of(1), SplitSettings(seed=1))
-    for whole, *parts in zip(recordings, data.held_out.reference, data.held_out.fitted, strict=True):
+    for whole, *parts in zip(recordings, data.kept.reference, data.kept.fitted, strict=True):
         times = np.concatenate([part.samples.time_ns for part in parts])
         np.testing.assert_array_equal(np.sort(times), whole.samples.time_ns)
-    windows = [examples(recording, WindowSpec.of(1)).windows for recording in data.held_out.fitted]
+    windows = [examples(recording, WindowSpec.of(1)).windows for recording in data.kept.fitted]
     np.testing.assert_array_equal(np.concatenate(windows), data.train.windows)
 
 

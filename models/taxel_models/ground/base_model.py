@@ -64,12 +64,13 @@ class BaseModel:
         (reference,), (fitted,) = left_out.reference, left_out.fitted
         unshifted = cls(trained, np.zeros(len(CHANNELS)), reference, fitted)
         # A mean needs many rows, and trees are as skewed on those that they were fitted to.
-        errors = [
-            part.channels[rows] - counts
-            for part in (reference, fitted)
-            for counts, rows in (predicted(unshifted, part),)
-        ]
+        errors = [unshifted.errors(part) for part in (reference, fitted)]
         return replace(unshifted, shift=np.concatenate(errors).mean(axis=0))
+
+    def errors(self, recording: Recording) -> Floats:
+        """(m, 21) measured less predicted at the ticks that have a whole window, counts."""
+        counts, rows = predicted(self, recording)
+        return np.asarray(recording.channels[rows] - counts)
 
     @cached_property
     def manifest(self) -> Manifest:

@@ -61,13 +61,13 @@ def examples(recording: Recording, spec: WindowSpec) -> Examples:
 
 
 @dataclass(frozen=True)
-class HeldOutRecordings:
-    """Rows that no weight was fitted to, one recording for each source that has any, and the others.
+class KeptRecordings:
+    """What a training keeps of its recordings: of each part, a recording for each source that has any.
 
     Attributes:
-        test: that had no part in training at all.
+        test: rows that had no part in training at all.
         reference: the same with the validation rows, where the model errs nearly as much.
-        fitted: that weights were fitted to.
+        fitted: the others, which weights were fitted to.
     """
 
     test: tuple[Recording, ...]
@@ -80,14 +80,14 @@ class Dataset:
     """Three sets that share no sample.
 
     Attributes:
-        held_out: the rows that no weight was fitted to, as recordings.
+        kept: all rows, as recordings.
         contacts: what the training set's contacts range over.
     """
 
     train: Examples
     validation: Examples
     test: Examples
-    held_out: HeldOutRecordings
+    kept: KeptRecordings
     contacts: TrainedContacts
 
     @classmethod
@@ -129,7 +129,7 @@ class Dataset:
             sets[Subset.TRAIN],
             sets[Subset.VALIDATION],
             sets[Subset.TEST],
-            HeldOutRecordings(
+            KeptRecordings(
                 test=recordings_of(Subset.TEST),
                 reference=recordings_of(Subset.VALIDATION, Subset.TEST),
                 fitted=fitted,

@@ -18,7 +18,7 @@ from taxel_models.evaluation.metrics import ErrorMetrics
 from taxel_models.families.family import NO_EXTRAS, FitData, FitTask, FittedModel, Progress, unseen
 from taxel_models.families.registry import family, resolve
 from taxel_models.recordings import Recording
-from taxel_models.training.dataset import EXTRAS, Dataset, Examples, HeldOutRecordings
+from taxel_models.training.dataset import EXTRAS, Dataset, Examples, KeptRecordings
 from taxel_models.training.split import SplitSettings
 from taxel_models.training.trained import TrainedExtra, TrainedModel, TrainedRecord
 
@@ -77,13 +77,13 @@ class Scalers:
 
 def train(
     recordings: Sequence[Recording], settings: TrainingSettings, progress: Progress = unseen
-) -> tuple[TrainedModel, HeldOutRecordings]:
+) -> tuple[TrainedModel, KeptRecordings]:
     """Fit a model and evaluate it on the test set.
 
     Inputs and outputs are z-scored with statistics of the training set alone.
 
     Returns:
-        The model and the rows that it was not fitted to.
+        The model and the rows that it was fitted to, and those that it was not.
 
     Raises:
         SettingsError: the settings are not possible with these recordings.
@@ -133,7 +133,7 @@ def train(
         history=history,
         taxel_version=__version__,
     )
-    return TrainedModel(record, fitted), data.held_out
+    return TrainedModel(record, fitted), data.kept
 
 
 def _normalisation(scalers: Scalers) -> Normalisation:

@@ -28,7 +28,7 @@ from taxel_models.families.family import NO_EXTRAS, FittedModel, History
 from taxel_models.families.registry import family
 from taxel_models.recordings import Recording, read_ruppel, write_ruppel
 from taxel_models.training.curve import draw_history
-from taxel_models.training.dataset import HeldOutRecordings
+from taxel_models.training.dataset import KeptRecordings
 
 RECORD: Final = "trained.json"
 HELD_OUT: Final = "held_out"
@@ -142,10 +142,8 @@ class TrainedModel:
         return outputs.restore(self.fitted.predict(inputs.normalise(windows), z_scores))
 
 
-def save(
-    model: TrainedModel, held_out: HeldOutRecordings, folder: Path, *, overwrite: bool = False
-) -> None:
-    """Write a trained model and its held-out recordings; the folder appears whole or not at all.
+def save(model: TrainedModel, kept: KeptRecordings, folder: Path, *, overwrite: bool = False) -> None:
+    """Write a trained model and the recordings that it keeps; the folder appears whole or not at all.
 
     Raises:
         SettingsError: the folder exists and may not be overwritten, or is not a trained model.
@@ -153,7 +151,7 @@ def save(
     with whole_folder(folder, replacing=RECORD, overwrite=overwrite) as place:
         (place / "weights").mkdir()
         model.fitted.save(place / "weights")
-        parts = {HELD_OUT: held_out.test, REFERENCE: held_out.reference, FITTED: held_out.fitted}
+        parts = {HELD_OUT: kept.test, REFERENCE: kept.reference, FITTED: kept.fitted}
         for name, recordings in parts.items():
             (place / name).mkdir()
             for number, recording in enumerate(recordings, start=1):

@@ -25,7 +25,7 @@ from taxel_models.loop.observations import FEWEST_CONTACTS, Observations, runs
 CALIBRATIONS_S: Final = (0.5, 1.0)
 
 SCATTER_UNKNOWN: Final = (
-    "how far offsets of contacts scatter is not known: expected a model whose training held out "
+    "how far offsets of contacts scatter is not known: expected a model that was exported with "
     f"{FEWEST_CONTACTS} contacts"
 )
 

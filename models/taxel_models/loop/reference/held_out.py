@@ -30,7 +30,7 @@ from taxel_models.model import Model
 from taxel_models.recordings import Recording
 
 MOST_ROWS: Final = 60_000
-"""10 min: more contacts tell little more, and each takes time."""
+"""10 min: each contact takes time, and enough are known by then."""
 
 FEWEST_ROWS: Final = 2000
 """Of all recordings together, 20 s: fewer blocks leave open whether the model lacks anything at all."""
@@ -71,7 +71,7 @@ def held_out_residual(
             )
             # No kind that training had is new to the model.
             one_kind = {
-                name: own.model_copy(update={"kinds": {}}) for name, own in found_of_new.one_kind.items()
+                name: kind.model_copy(update={"kinds": {}}) for name, kind in found_of_new.one_kind.items()
             }
             new[column] = found_of_new.model_copy(update={"one_kind": one_kind})
     except RecordingError:
@@ -94,16 +94,15 @@ def _own_and_stand_ins(
 
     Of contacts that make more than `MOST_ROWS` rows, some are drawn at random, beside those held out.
     """
-    held_out = gather(model, recordings)
-    if not fitted:
-        return held_out, held_out
-    progress("every contact by trees that never saw it")
     own = gather(model, [*recordings, *fitted])
-    stand_ins = without_their_contact(own)
+    if fitted:
+        progress("every contact by trees that never saw it")
+    stand_ins = without_their_contact(own) if fitted else None
     if stand_ins is None:
+        held_out = gather(model, recordings) if fitted else own
         return held_out, held_out
     contacts, rows = np.unique(own.contact, return_counts=True)
-    fitted_to = ~np.isin(contacts, own.contact[: len(held_out)])
+    fitted_to = ~np.isin(contacts, own.contact[: sum(map(len, own.rows[: len(recordings)]))])
     order = np.random.default_rng(0).permutation(len(contacts))
     order = order[np.argsort(fitted_to[order], kind="stable")]
     drawn = contacts[order[np.cumsum(rows[order]) - rows[order] < MOST_ROWS]]

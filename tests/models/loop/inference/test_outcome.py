@@ -48,6 +48,7 @@ def score(worth: float, t: float, *, predictable: bool = True, rows: bool = Fals
         (score(0.01, 6.0), TOO_LITTLE),
         (score(0.04, 2.6), TOO_LITTLE),
         (score(0.3, 6.0, predictable=False), AS_USUAL),
+        (score(0.01, 6.0, predictable=False), TOO_LITTLE),
         (score(0.7, 1.0), "does not repeat over the held-out folds"),
     ],
 )

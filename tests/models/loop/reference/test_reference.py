@@ -242,7 +242,7 @@ def test_a_manifests_own_is_used(smooth: Any, make: Make, reference: HeldOutResi
     unknown = run_loop(smooth, [recording], LoopSettings()).findings
     assert "offset:contact" not in {effect.name for effect in unknown.effects}
     (rejected,) = (one for one in unknown.rejected if one.name == "offset:contact")
-    assert rejected.reason.endswith("expected a model whose training held out 8 contacts")
+    assert rejected.reason.endswith("expected a model that was exported with 8 contacts")
 
 
 def test_a_delay_must_lower_the_error_of_single_rows(
