@@ -8,12 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from taxel.channels import CHANNELS
 from taxel_models.loop.observations import Observations, gather
+from taxel_models.loop.reference import held_out
 from taxel_models.loop.reference.held_out import held_out_residual
 from taxel_models.loop.reference.stand_ins import without_their_contact, without_their_kind
 from taxel_models.recordings import Recording
 
 Make = Callable[..., Recording]
+
+CHANNEL = CHANNELS.index("e11")
 
 
 @pytest.fixture(scope="module")
@@ -108,3 +112,35 @@ def test_few_contacts_and_all_that_was_fitted_are_a_reference(smooth: Any, make:
     known = held_out_residual(smooth, [few], [many])
     assert known is not None
     assert known.rows == len(gather(smooth, [few, many]))
+
+
+def test_a_channel_that_only_the_model_misses_is_known_beside_all_others(smooth: Any, make: Make) -> None:
+    """As one whose training stopped early: the others would foretell more of it than the model does."""
+    rest = smooth.counts(np.zeros((1, 3)), np.zeros((1, 3)))[0]
+    recordings = [make(rows, seed=seed) for rows, seed in ((4_000, 8), (9_000, 9))]
+    for recording in recordings:
+        recording.channels[:, CHANNEL] = rest[CHANNEL] + 1.5 * (
+            recording.channels[:, CHANNEL] - rest[CHANNEL]
+        )
+    few, many = recordings
+    known = held_out_residual(smooth, [few], [many])
+    alone = held_out_residual(smooth, [many])
+    assert known is not None
+    assert known.correlated is not None
+    assert alone is not None
+    assert alone.correlated is not None
+    of_all, own = (found.structure["gain"].gain[CHANNEL] for found in (known.correlated, alone.correlated))
+    assert own > 0.0
+    assert of_all > 0.5 * own
+
+
+def test_of_long_recordings_some_contacts_count(
+    smooth: Any, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    few, many = make(2_500, seed=8), make(15_000, seed=9)
+    monkeypatch.setattr(held_out, "MOST_ROWS", 6_000)
+    known = held_out_residual(smooth, [few], [many])
+    assert known is not None
+    whole = gather(smooth, [few, many])
+    longest = int(np.unique(whole.contact, return_counts=True)[1].max())
+    assert 6_000 <= known.rows < 6_000 + longest
