@@ -13,8 +13,9 @@ STRETCHES: Final = 10
 """Parts of the recording. In each, a channel's constant is its own, and tells nothing of which it is."""
 
 MUCH: Final = 0.7
-"""Channels are crossed if the others' predictions leave at most this share of the squares: where they leave
-more, the channels are alike, or something else is wrong."""
+"""Channels are crossed if the others' predictions leave at most this share of the squares, in the geometric
+mean of shapes and sizes: where they leave more, the channels are alike, or something else is wrong. Signals
+of neighbours have much the same shape, and other sizes."""
 
 NEARLY_ALL: Final = 0.8
 """Share of the stretches in which the others' predictions have to be nearer."""
@@ -56,11 +57,9 @@ def crossed_channels(measured: Floats, predicted: Floats) -> NDArray[np.int64]:
     def nearer(channels: NDArray[np.int64], others: NDArray[np.int64]) -> bool:
         """Whether some channels are crossed, by what they tell together."""
         falls = relative[:, channels, others].sum(axis=1) < relative[:, channels, channels].sum(axis=1)
-        return bool(
-            shape[channels, others].sum() <= MUCH * shape[channels, channels].sum()
-            and whole[channels, others].sum() <= MUCH * whole[channels, channels].sum()
-            and falls.mean() >= NEARLY_ALL
-        )
+        crossed = shape[channels, others].sum() * whole[channels, others].sum()
+        uncrossed = shape[channels, channels].sum() * whole[channels, channels].sum()
+        return bool(crossed <= MUCH**2 * uncrossed and falls.mean() >= NEARLY_ALL)
 
     found, assigned = own.copy(), own.copy()
     assigned[live] = live[linear_sum_assignment(shape[np.ix_(live, live)])[1]]

@@ -31,6 +31,12 @@ def signals(seed: int = 0, rows: int = 2_000) -> np.ndarray:
     return np.asarray(2000.0 + causes @ random.normal(size=(6, 21)) * 5.0)
 
 
+def smoothed(noise: np.ndarray, rows: int = 50) -> np.ndarray:
+    """(n, c) slow noise of size 1."""
+    slow = np.apply_along_axis(np.convolve, 0, noise, np.ones(rows) / rows, mode="same")
+    return np.asarray(slow / slow.std(axis=0))
+
+
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 999), channels=st.permutations(range(21)), count=st.integers(2, 6))
 def test_each_exchange_is_found(seed: int, channels: list[int], count: int) -> None:
@@ -38,6 +44,17 @@ def test_each_exchange_is_found(seed: int, channels: list[int], count: int) -> N
     predicted = signals(seed)
     noise = np.random.default_rng(seed).normal(size=predicted.shape) * 2.0
     np.testing.assert_array_equal(crossed_channels(predicted[:, holds] + noise, predicted), holds)
+
+
+def test_neighbours_of_one_shape_and_two_sizes_are_told_by_both() -> None:
+    # Shapes differ by no more than what the model errs.
+    predicted, random = signals(), np.random.default_rng(1)
+    predicted[:, 9] = 2000.0 + 0.6 * (predicted[:, 5] - 2000.0)
+    predicted[:, [5, 9]] += 0.1 * predicted[:, 5].std() * smoothed(random.normal(size=(2_000, 2)))
+    error = 0.3 * predicted.std(axis=0) * smoothed(random.normal(size=predicted.shape))
+    holds = exchanged(5, 9)
+    np.testing.assert_array_equal(crossed_channels(predicted[:, holds] + error[:, holds], predicted), holds)
+    np.testing.assert_array_equal(crossed_channels(predicted + error, predicted), OWN)
 
 
 def test_two_exchanges_and_the_order_of_another_driver_are_found() -> None:

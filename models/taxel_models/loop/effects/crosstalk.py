@@ -28,14 +28,10 @@ class Crosstalk(Effect):
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
-        weight = np.sqrt(remaining.row_weights[remaining.fit])[:, None]
         own = observations.predicted - observations.rest
-        sources = _best_sources(
-            observations.signal[remaining.fit] * weight,
-            own[remaining.fit] * weight,
-            remaining.residual[remaining.fit] * weight,
-        )
-        yield self._with(sources, observations)
+        explained = (remaining.explained or partial(_explained, remaining))(observations.signal, own)
+        np.fill_diagonal(explained, -1.0)
+        yield self._with(explained.argmax(axis=0), observations)
 
     def _with(self, sources: NDArray[np.int64], observations: Observations) -> Candidate:
         def online(weights: Floats) -> Online:
@@ -63,14 +59,14 @@ class Crosstalk(Effect):
         )
 
 
-def _best_sources(signal: Floats, own: Floats, residual: Floats) -> NDArray[np.int64]:
-    """(21,) for each channel, the other one whose signal explains most of its residual beside its own."""
+def _explained(remaining: Remaining, signal: Floats, own: Floats) -> Floats:
+    """(21, 21) how much of channel c's residual the signal of channel j explains beside c's own."""
+    weight = np.sqrt(remaining.row_weights[remaining.fit])[:, None]
+    signal, own, residual = (one[remaining.fit] * weight for one in (signal, own, remaining.residual))
     between, cross = signal.T @ own, signal.T @ residual
     energy = np.maximum((own**2).sum(axis=0), 1e-9)
     every = np.maximum((signal**2).sum(axis=0), 1e-9)[:, None]
-    # Channel c's own signal is taken out of source j and of the residual.
+    # The own signal is taken out of the other one and of the residual.
     partial_cross = cross - between * ((own * residual).sum(axis=0) / energy)[None, :]
     partial_energy = np.maximum(every - between**2 / energy[None, :], 1e-9 * every + 1e-9)
-    explained = partial_cross**2 / partial_energy
-    np.fill_diagonal(explained, -1.0)
-    return np.asarray(explained.argmax(axis=0))
+    return np.asarray(partial_cross**2 / partial_energy)

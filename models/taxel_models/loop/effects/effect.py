@@ -157,6 +157,8 @@ class Remaining:
         waves: with as much energy as is usual of the model.
         beside: the regressors of the named effects that have weights of each channel. Whatever is found of
             the residual is inferred together with these weights.
+        explained: gives (k, 21) how much of each channel's error each of some signals (n, k) explains
+            beside its own (n, 21), as all channels together tell; None where rows tell that.
     """
 
     residual: Floats
@@ -164,6 +166,7 @@ class Remaining:
     row_weights: Floats
     waves: Sequence[OwnWave] = ()
     beside: Sequence[Basis] = ()
+    explained: Callable[[Floats, Floats], Floats] | None = None
 
 
 class Effect(ABC):

@@ -8,6 +8,7 @@ the root of the precision of the model's own held-out residual, their errors hav
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -209,7 +210,8 @@ class CorrelatedChannels:
         # What the other channels and the model foretell has no part of the channel's own error.
         expected = observations.measured - own
         seen = observations.measured if effect.follows == "measured" else expected
-        remaining = replace(remaining, residual=own)
+        explained = partial(self._explained, remaining.residual)
+        remaining = replace(remaining, residual=own, explained=explained)
         mean = seen[self.bins.order].mean(axis=0)
         about_mean = _of_each_channel(effect, observations.seen_as(seen, expected, mean), remaining)
         about_rest = _of_each_channel(effect, observations.seen_as(seen, expected, None), remaining)
@@ -221,6 +223,29 @@ class CorrelatedChannels:
         if effect.follows == "measured":
             return [signals]
         return [signals, Signals(signals.predicted, signals.predicted, signals.predicted)]
+
+    def _explained(self, residual: Floats, signals: Floats, own: Floats) -> Floats:
+        """(k, 21) how much of the squared error each signal (n, k) explains as a part of each channel.
+
+        Args:
+            residual: (n, 21) counts.
+            own: (n, 21) of each channel, which stands beside the signal.
+        """
+        both = self._whitening(self.bins.means(np.hstack([signals, own])[None]))
+        target = self._whitening(self.bins.means(self._whiten(residual).T[:, :, None]))[:, :, 0]
+        ones = self._ones.values / np.sqrt((self._ones.values**2).sum(axis=1, keepdims=True))
+        both -= ones * (ones * both).sum(axis=1, keepdims=True)
+        # A part of a channel shows in each whitened one by the root; an error of 1 is usual there.
+        shown = self._root * self._whitening.scale[:, None] ** 2
+        gram = np.einsum("wc,wij->cij", shown * self._root, both.transpose(0, 2, 1) @ both, optimize=True)
+        cross = np.einsum("wc,wbi,wb->ci", shown, both, target, optimize=True)
+        count, channel = signals.shape[1], np.arange(len(CHANNELS))
+        energy = np.maximum(gram[channel, count + channel, count + channel], 1e-9)
+        between = gram[channel, :count, count + channel]
+        every = np.maximum(gram.diagonal(axis1=1, axis2=2)[:, :count], 1e-9)
+        left = cross[:, :count] - between * (cross[channel, count + channel] / energy)[:, None]
+        apart = np.maximum(every - between**2 / energy[:, None], 1e-9 * every)
+        return np.asarray((left**2 / apart).T)
 
     def usual_odds(self, label: str) -> Floats:
         """(21,) log odds that the model's own residual gives an effect."""

@@ -9,25 +9,27 @@ from taxel_models.loop.limits import Limits
 
 
 def is_added(candidate: Candidate, channel: int, measured: Floats, left: Floats, bins: Bins) -> bool:
-    """Whether counts with the same course explain a channel better than a gain does.
+    """Whether counts with the same course explain a channel better than a gain or a leak does.
 
     Counts that are taken from a tared channel end at 0. To a fit that does not know this limit they look
     like a loss of sensitivity, since nothing is missing in free air. Both are fitted within the limits. The
     model may have absorbed the gain's mean.
 
     Args:
-        candidate: a gain, whose regressors are the signal times a course. No other form is added.
+        candidate: a gain, whose regressors are the signal times a course, or a leak, which has none.
         channel: that may have it.
         measured: (n, 21) counts.
         left: (n, 21) what no named effect explains of them, counts.
         bins: of the fit part.
     """
     basis, rows = candidate.basis, bins.order
-    if not isinstance(basis, Shared) or basis.shape is None:
-        return False
+    if isinstance(basis, Shared) and basis.shape is not None:
+        signal, course = basis.shape[rows, channel, None], basis.features[rows]
+    else:
+        signal = basis.at(rows)[channel]
+        course = np.ones_like(signal)
     limits = Limits.of(measured)
     counts, error = measured[rows, channel], left[rows, channel]
-    signal, course = basis.shape[rows, channel, None], basis.features[rows]
 
     def squared_error(regressors: Floats) -> float:
         weights = limits.fitted(channel, regressors, counts, counts - error)
