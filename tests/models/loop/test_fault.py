@@ -9,6 +9,7 @@ import numpy as np
 from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel_models.loop.effects.effect import Remaining
 from taxel_models.loop.effects.fault import Fault
+from taxel_models.loop.loose_contacts import loose_contacts
 from taxel_models.loop.observations import Observations, gather
 from taxel_models.loop.stuck_at import stuck_channels
 from taxel_models.recordings import Recording
@@ -102,6 +103,25 @@ def test_a_channel_that_saturates_into_a_few_counts_is_no_fault(smooth: Any, mak
     assert forms(given) == []
     jumping = np.where(counts == counts.max(), counts + 300.0, counts)
     assert forms(with_e5(observations, every, jumping)) == ["intermittent: e5"]
+
+
+def test_a_channel_that_is_cut_off_is_no_loose_contact_where_some_presses_are_quick(
+    smooth: Any, make: Make
+) -> None:
+    """It reads one level then, and its neighbours by rounding; it comes there by usual steps as well."""
+    observations = observed(smooth, make)
+    slow, quick = np.repeat([0.0, 120.0], [100, 160]), np.repeat([0.0, 120.0], [60, 40])
+    slow[100:] *= np.sin(np.linspace(0.0, np.pi, 160))
+    signal = np.resize(np.concatenate([slow, slow, slow, quick]), len(observations))
+    predicted = observations.predicted.copy()
+    signal += 15.0 * np.sin(np.arange(len(signal)) / 37.0)
+    predicted[:, E5] = 1_000.0 + signal
+    read = 1_000.0 + np.rint(np.minimum(signal, 60.0))
+    read[::50] -= read[::50] == 1_060.0
+    every = np.ones(len(observations), bool)
+    given = with_e5(replace(observations, predicted=predicted), every, read)
+    assert loose_contacts(given.measured, given.predicted, given.segment)
+    assert forms(given) == []
 
 
 def test_a_channel_that_errs_as_much_elsewhere_is_weak(smooth: Any, make: Make) -> None:

@@ -177,6 +177,7 @@ class Effect(ABC):
         looks_at_residual: whether its forms depend on the residual. Then each step makes them again.
         is_constant: whether it is a constant of each channel. All others are tested beside one.
         is_steady: whether it is nearly constant within a contact, whatever happens there.
+        is_of_one_channel: whether each channel has it for itself, such as a limit of its own.
         is_predictable: whether a model can predict it. Otherwise it is only reported.
         follows: which signal a change of few channels is in proportion to: `expected`, what the model and
             the other channels foretell of the channel, or `measured`, that of another channel; None if the
@@ -200,6 +201,7 @@ class Effect(ABC):
     most_weight: ClassVar[float] = math.inf
     is_constant: ClassVar[bool] = False
     is_steady: ClassVar[bool] = False
+    is_of_one_channel: ClassVar[bool] = False
     is_predictable: ClassVar[bool] = True
     equation: ClassVar[str]
     source: ClassVar[str]

@@ -32,6 +32,9 @@ FEW_CROSSED: Final = 5
 _CROSSED: Final = "crossed"
 """How the form of crossed channels begins."""
 
+ROUNDED: Final = 1
+"""Counts: a signal that ends at a level is rounded to either side of it."""
+
 BEYOND_END: Final = 0.01
 """With less than this share of the rows beyond a level, it is an end of what a channel shows."""
 
@@ -66,10 +69,13 @@ def _saturates(stuck: StuckChannel, observations: Observations) -> bool:
     if stuck.kind == "stuck":
         return False
     measured = observations.measured[:, stuck.channel]
-    if (measured > stuck.value).mean() >= BEYOND_END and (measured < stuck.value).mean() >= BEYOND_END:
+    away = measured - stuck.value
+    if (away > ROUNDED).mean() >= BEYOND_END and (away < -ROUNDED).mean() >= BEYOND_END:
         return False
-    edges = _edges(stuck.rows, observations.segment)
-    return bool(edges.any()) and _gets_there(measured, stuck.rows, observations.segment)
+    # All rows at the end count: those that are taken for absences were chosen by their jumps.
+    at_end = stuck.rows | (np.abs(away) <= ROUNDED)
+    edges = _edges(at_end, observations.segment)
+    return bool(edges.any()) and _gets_there(measured, at_end, observations.segment)
 
 
 def _leads_there(

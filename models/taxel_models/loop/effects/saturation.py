@@ -5,8 +5,10 @@ from functools import partial
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from typing_extensions import override
 
+from taxel.channels import CHANNELS
 from taxel.corrections import Saturation as SaturationTerm
 from taxel.corrections import saturation_design
 from taxel.windows.history import TOUCH_N
@@ -29,16 +31,16 @@ class Saturation(Effect):
 
     name = "saturation"
     looks_at_residual = True
+    is_of_one_channel = True
     equation = "delta_c = -k_c sign(s_c) max(|s_c| - L_c, 0), s_c = p_c - rest_c"
     source = "skin meets the core near 2 N, the converter's end (SynTouch manual): a bent line"
     signature = "the residual is zero below a level of the signal and grows beyond, against it"
 
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
-        touched = remaining.fit & (observations.pressed > TOUCH_N)
-        if not touched.any():
+        levels = levels_of(observations, remaining.fit)
+        if not len(levels):
             return
-        levels = np.quantile(np.abs(observations.signal[touched]), QUANTILES, axis=0)
         for quantile, level in zip(QUANTILES, levels, strict=True):
             if quantile >= SHARED_FROM:
                 yield self._with(
@@ -64,6 +66,18 @@ class Saturation(Effect):
             online=online,
             again=partial(self._with, form, level, pooled),
         )
+
+
+def levels_of(observations: Observations, fit: NDArray[np.bool_]) -> Floats:
+    """(k, 21) levels that are tried, counts from rest; none where nothing is touched.
+
+    Args:
+        fit: (n,) rows that tell.
+    """
+    touched = fit & (observations.pressed > TOUCH_N)
+    if not touched.any():
+        return np.empty((0, len(CHANNELS)))
+    return np.quantile(np.abs(observations.signal[touched]), QUANTILES, axis=0)
 
 
 def _best_levels(levels: Floats, observations: Observations, remaining: Remaining) -> Floats:

@@ -2,20 +2,23 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from taxel.channels import CHANNELS
+from taxel.corrections import saturation_design
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Effect, Remaining
+from taxel_models.loop.effects.saturation import levels_of
 from taxel_models.loop.inference.correlated_channels import CorrelatedChannels, Signals
 from taxel_models.loop.inference.evidence import Weighed, held_out, weigh
 from taxel_models.loop.inference.few_channels_form import TOGETHER, ChannelForms, FewChannelsForm
 from taxel_models.loop.inference.named_in_channels import NamedInChannels
 from taxel_models.loop.inference.products import Products
 from taxel_models.loop.inference.score import Score, t_of_folds
-from taxel_models.loop.inference.shape import is_added
+from taxel_models.loop.inference.shape import is_added, is_bent
 from taxel_models.loop.inference.usual import bins_that_count
 from taxel_models.loop.observations import Observations
 
@@ -165,18 +168,24 @@ class FewChannelsSearch:
         return found - float(price[[*chosen]].sum())
 
     def _is_possible(self, score: Score, predicted: ChannelForms, channel: int, place: int) -> bool:
-        """Whether its effect can make a channel's weights, and added counts explain it no better."""
+        """Whether its effect can make a channel's weights, and no added counts or bend are nearer."""
         assert isinstance(score.form, FewChannelsForm)
         weights = self._channels.weights(score.form, self._beside, score.weighed.strength)[0, channel]
         if (np.abs(weights) > self._effect.most_weight).any():
             return False
-        return not is_added(
-            predicted.candidates[place],
-            channel,
-            self._observations.measured,
-            self._remaining.residual,
-            self._channels.bins,
+        candidate, measured = predicted.candidates[place], self._observations.measured
+        left, bins = self._remaining.residual, self._channels.bins
+        return not (
+            is_added(candidate, channel, measured, left, bins)
+            or is_bent(candidate, channel, self._bends, measured, left, bins)
         )
+
+    @cached_property
+    def _bends(self) -> list[Floats]:
+        """(n, 21) each, what a saturation adds from a level on."""
+        signal = self._observations.signal
+        levels = levels_of(self._observations, self._remaining.fit)
+        return [saturation_design(signal, level) for level in levels]
 
     def _judged(self, signals: Signals, price: Floats, chosen: dict[int, int]) -> tuple[Score, Floats]:
         """A change of some channels, and (folds, 21) what each adds to the gain of the others."""

@@ -34,8 +34,8 @@ def stands(score: Score, beside_others: bool, constants: Constants) -> bool:
     if score.form.candidate.fitting.pooled:
         # What all channels share is not told by one of them.
         return False
-    few_channels = score.form.candidate.fitting.few_channels
-    if beside_others and not (few_channels or score.effect.is_constant):
+    of_channels = score.form.candidate.fitting.few_channels or score.effect.is_of_one_channel
+    if beside_others and not (of_channels or score.effect.is_constant):
         # It leaves more in one channel than in others.
         return False
     # A channel's mean scatters from finger to finger.

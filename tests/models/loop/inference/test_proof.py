@@ -8,6 +8,7 @@ import pytest
 
 from taxel_models.loop.effects.effect import Fitting
 from taxel_models.loop.effects.lag import Lag
+from taxel_models.loop.effects.saturation import Saturation
 from taxel_models.loop.inference import proof
 from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.inference.contact_offset import ContactOffset
@@ -36,7 +37,9 @@ def test_the_simplest_is_looked_for_step_by_step() -> None:
 def test_what_was_chosen_among_many_must_be_surer(compared: int, t: float, stands: bool) -> None:
     """With eight folds, chance alone reaches 3.0 once in 100 times, and 5.1 once in 1500 times."""
     score = score_of(
-        SimpleNamespace(is_predictable=True, is_constant=False, fits_nothing=False),
+        SimpleNamespace(
+            is_predictable=True, is_constant=False, is_of_one_channel=False, fits_nothing=False
+        ),
         Fitting(fixed=True, compared=compared),
         t=t,
         worth=np.full(21, 0.2),
@@ -81,7 +84,9 @@ def test_one_channel_may_be_enough(
 ) -> None:
     """Of 21 channels, the others are a little worse with the effect; its t over all of them is 4.5."""
     score = score_of(
-        SimpleNamespace(is_predictable=True, is_constant=constant, fits_nothing=False),
+        SimpleNamespace(
+            is_predictable=True, is_constant=constant, is_of_one_channel=False, fits_nothing=False
+        ),
         Fitting(pooled=shared),
         t=4.5,
         channel_t=np.array([t] + [0.0] * 20),
@@ -90,13 +95,27 @@ def test_one_channel_may_be_enough(
     assert proof.stands(score, beside, DECLARED) is stands
 
 
+@pytest.mark.parametrize(("worth", "stands"), [(0.16, True), (0.14, False)])
+def test_a_channel_that_saturates_by_itself_shows_beside_a_named_effect(worth: float, stands: bool) -> None:
+    score = score_of(
+        Saturation(),
+        Fitting(positive=True),
+        t=4.5,
+        channel_t=np.array([9.0] + [0.0] * 20),
+        worth=np.array([worth] + [-0.001] * 20),
+    )
+    assert proof.stands(score, True, DECLARED) is stands
+
+
 @pytest.mark.parametrize(
     ("worth", "t", "stands"),
     [(0.15, 3.1, True), (0.15, 2.9, False), (0.03, 4.3, True), (0.03, 4.1, False), (0.02, 9.0, False)],
 )
 def test_the_less_an_effect_removes_the_surer_it_must_be(worth: float, t: float, stands: bool) -> None:
     """With eight folds, chance reaches a t of 3.0 once in 100 times, and one of 4.2 in 500."""
-    effect = SimpleNamespace(is_predictable=True, is_constant=False, fits_nothing=False)
+    effect = SimpleNamespace(
+        is_predictable=True, is_constant=False, is_of_one_channel=False, fits_nothing=False
+    )
     score = score_of(effect, Fitting(), t=t, worth=np.full(21, worth))
     assert proof.stands(score, False, DECLARED) is stands
 

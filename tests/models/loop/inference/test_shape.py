@@ -1,26 +1,54 @@
-"""A gain is told from counts that are added with the same course, also where these end at a limit."""
+"""A gain or a leak is told from counts that are added, also where these end at a limit, and from a bend."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
 from taxel.channels import COUNTS_MAX
+from taxel.corrections import saturation_design
 from taxel_models.loop.basis import Own, Shared
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.effect import Candidate
+from taxel_models.loop.effects.saturation import QUANTILES
 from taxel_models.loop.inference.constants import DECLARED
-from taxel_models.loop.inference.shape import is_added
+from taxel_models.loop.inference.shape import is_added, is_bent
 from taxel_models.loop.inference.whitening import Bins
 from taxel_models.loop.observations import Observations
 
 CHANNEL = 7
 
 
-def judged(
-    observations: Observations, course: Any, change: Any, *, own: bool = False, always: bool = False
-) -> bool:
-    """Of a tared channel: what it reads above rest, with noise and a change; pressed or not, or always."""
+class Tared(NamedTuple):
+    """A tared channel that changes, and what may be the cause.
+
+    Attributes:
+        measured: (n, 21) counts.
+        left: (n, 21) what the model does not predict of them, counts.
+        signal: (n, 21) what it predicts.
+    """
+
+    measured: Any
+    left: Any
+    signal: Any
+    candidate: Candidate
+    bins: Bins
+
+    @property
+    def is_added(self) -> bool:
+        return is_added(self.candidate, CHANNEL, self.measured, self.left, self.bins)
+
+    @property
+    def is_bent(self) -> bool:
+        levels = np.quantile(self.signal[:, CHANNEL], QUANTILES)
+        bends = [saturation_design(self.signal, np.full(21, level)) for level in levels]
+        return is_bent(self.candidate, CHANNEL, bends, self.measured, self.left, self.bins)
+
+
+def tared(
+    observations: Observations, course: Any, change: Any, *, leak: bool = False, always: bool = False
+) -> Tared:
+    """What a channel reads above rest, with noise and a change; pressed or not, or always."""
     random = np.random.default_rng(1)
     rows = len(observations)
     force = np.repeat(random.uniform(60.0 if always else 20.0, 120.0, rows // 150 + 1), 150)[:rows]
@@ -31,9 +59,10 @@ def judged(
     measured = signal.copy()
     measured[:, CHANNEL] = np.clip(np.rint(counts), 0, COUNTS_MAX)
     features = np.column_stack([np.ones(rows), *([time] if course == "ageing" else [])])
-    basis = Own(np.ones((rows, 21, 1), np.float32)) if own else Shared(features, signal)
+    other = np.tile((contact * random.uniform(0.5, 1.0, rows))[:, None, None], (1, 21, 1))
+    basis = Own(other.astype(np.float32)) if leak else Shared(features, signal)
     bins = Bins.of(cut(observations, seed=0), DECLARED.bin_s)
-    return is_added(Candidate("gain", course, basis), CHANNEL, measured, measured - signal, bins)
+    return Tared(measured, measured - signal, signal, Candidate("gain", course, basis), bins)
 
 
 @pytest.mark.parametrize("course", ["constant", "ageing"])
@@ -42,7 +71,9 @@ def test_a_gain_is_none(observations: Observations, course: str, share: float) -
     def change(signal: Any, time: Any) -> Any:
         return share * signal * (time if course == "ageing" else 1.0)
 
-    assert not judged(observations, course, change)
+    found = tared(observations, course, change)
+    assert not found.is_added
+    assert not found.is_bent
 
 
 @pytest.mark.parametrize("course", ["constant", "ageing"])
@@ -53,11 +84,13 @@ def test_counts_are_whether_they_end_at_a_limit_or_not(
     def change(_: Any, time: Any) -> Any:
         return counts * (time if course == "ageing" else np.ones_like(time))
 
-    assert judged(observations, course, change)
+    assert tared(observations, course, change).is_added
 
 
 def test_a_gain_whose_mean_the_model_absorbed_is_none(observations: Observations) -> None:
-    assert not judged(observations, "constant", lambda signal, _: 0.3 * (signal - signal.mean()))
+    found = tared(observations, "constant", lambda signal, _: 0.3 * (signal - signal.mean()))
+    assert not found.is_added
+    assert not found.is_bent
 
 
 def test_a_gain_that_fades_is_none_where_a_constant_of_the_model_stands_beside_it(
@@ -69,13 +102,29 @@ def test_a_gain_that_fades_is_none_where_a_constant_of_the_model_stands_beside_i
         faded = -0.3 * signal * -np.expm1(-4.0 * time)
         return faded - faded.mean()
 
-    assert not judged(observations, "ageing", change, always=True)
+    assert not tared(observations, "ageing", change, always=True).is_added
 
 
 @pytest.mark.parametrize("always", [False, True])
 def test_a_constant_is_no_gain_that_ages(observations: Observations, always: bool) -> None:
-    assert judged(observations, "ageing", lambda _, time: -15.0 * np.ones_like(time), always=always)
+    found = tared(observations, "ageing", lambda _, time: -15.0 * np.ones_like(time), always=always)
+    assert found.is_added
 
 
-def test_a_form_that_follows_no_signal_is_none(observations: Observations) -> None:
-    assert not judged(observations, "constant", lambda _, time: 25.0 * np.ones_like(time), own=True)
+def test_counts_that_are_taken_away_are_no_leak(observations: Observations) -> None:
+    assert tared(observations, "constant", lambda _, time: -15.0 * np.ones_like(time), leak=True).is_added
+    for change in (lambda signal, _: -0.3 * signal, lambda signal, _: 0.3 * signal):
+        assert not tared(observations, "constant", change, leak=True).is_added
+
+
+@pytest.mark.parametrize("course", ["constant", "ageing"])
+@pytest.mark.parametrize("leak", [False, True])
+@pytest.mark.parametrize(
+    "bend", [lambda s: np.minimum(s, 70.0), lambda s: 100.0 * np.tanh(s / 100.0)], ids=["cut off", "bent"]
+)
+def test_a_channel_that_saturates_loses_no_share_of_a_signal(
+    observations: Observations, course: str, leak: bool, bend: Any
+) -> None:
+    assert tared(observations, course, lambda signal, _: bend(signal) - signal, leak=leak).is_bent
+    # A channel that gives ever more saturates in no way.
+    assert not tared(observations, course, lambda signal, _: signal - bend(signal), leak=leak).is_bent
