@@ -72,10 +72,12 @@ def _saturates(stuck: StuckChannel, observations: Observations) -> bool:
     away = measured - stuck.value
     if (away > ROUNDED).mean() >= BEYOND_END and (away < -ROUNDED).mean() >= BEYOND_END:
         return False
-    # All rows at the end count: those that are taken for absences were chosen by their jumps.
+    # Rows that are taken for absences were chosen by their jumps: all rows at the end tell, too.
     at_end = stuck.rows | (np.abs(away) <= ROUNDED)
-    edges = _edges(at_end, observations.segment)
-    return bool(edges.any()) and _gets_there(measured, at_end, observations.segment)
+    return any(
+        _edges(rows, observations.segment).any() and _gets_there(measured, rows, observations.segment)
+        for rows in (stuck.rows, at_end)
+    )
 
 
 def _leads_there(

@@ -175,10 +175,11 @@ class FewChannelsSearch:
             return False
         candidate, measured = predicted.candidates[place], self._observations.measured
         left, bins = self._remaining.residual, self._channels.bins
-        return not (
-            is_added(candidate, channel, measured, left, bins)
-            or is_bent(candidate, channel, self._bends, measured, left, bins)
-        )
+        if is_added(candidate, channel, measured, left, bins):
+            return False
+        # What a leak adds is less than what all channels have in common, and that may bend as well.
+        may_bend = self._effect.follows == "expected"
+        return not (may_bend and is_bent(candidate, channel, self._bends, measured, left, bins))
 
     @cached_property
     def _bends(self) -> list[Floats]:

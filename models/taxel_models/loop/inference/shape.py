@@ -87,10 +87,9 @@ def is_added(candidate: Candidate, channel: int, measured: Floats, left: Floats,
 def is_bent(
     candidate: Candidate, channel: int, bends: Iterable[Floats], measured: Floats, left: Floats, bins: Bins
 ) -> bool:
-    """Whether a saturation explains a channel better than a gain or a leak does, each beside a constant.
+    """Whether a saturation explains a channel better than a gain does, each beside a constant.
 
-    A line through a bent signal is too flat, as a loss of sensitivity is, and any neighbour's signal may
-    follow the bend.
+    A line through a bent signal is too flat, as a loss of sensitivity is.
 
     Args:
         bends: what saturations from several levels on add, each (n, 21).

@@ -19,7 +19,11 @@ TOO_LITTLE = "too little to matter, or not sure enough for so little"
 def score(worth: float, t: float, *, predictable: bool = True, rows: bool = False) -> Any:
     """An effect that removes a share of the error, with so much certainty."""
     effect = SimpleNamespace(
-        is_predictable=predictable, fits_nothing=False, is_constant=False, raises_rows=rows
+        is_predictable=predictable,
+        fits_nothing=False,
+        is_constant=False,
+        is_of_one_channel=False,
+        raises_rows=rows,
     )
     return SimpleNamespace(
         name="creep",

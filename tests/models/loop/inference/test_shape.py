@@ -118,13 +118,12 @@ def test_counts_that_are_taken_away_are_no_leak(observations: Observations) -> N
 
 
 @pytest.mark.parametrize("course", ["constant", "ageing"])
-@pytest.mark.parametrize("leak", [False, True])
 @pytest.mark.parametrize(
     "bend", [lambda s: np.minimum(s, 70.0), lambda s: 100.0 * np.tanh(s / 100.0)], ids=["cut off", "bent"]
 )
 def test_a_channel_that_saturates_loses_no_share_of_a_signal(
-    observations: Observations, course: str, leak: bool, bend: Any
+    observations: Observations, course: str, bend: Any
 ) -> None:
-    assert tared(observations, course, lambda signal, _: bend(signal) - signal, leak=leak).is_bent
+    assert tared(observations, course, lambda signal, _: bend(signal) - signal).is_bent
     # A channel that gives ever more saturates in no way.
-    assert not tared(observations, course, lambda signal, _: signal - bend(signal), leak=leak).is_bent
+    assert not tared(observations, course, lambda signal, _: signal - bend(signal)).is_bent
