@@ -234,6 +234,10 @@ def test_the_terminal_table_tells_the_same() -> None:
         console.print(findings_table(findings()))
     text = capture.get()
     assert "covariate:[bold] (only reported)" in text
+    narrow = Console(width=80)
+    with narrow.capture() as capture:
+        narrow.print(findings_table(findings(effect("covariate:velocity_x", "temperature", served=False))))
+    assert "covariate:velocity_x (only reported)" in capture.get()
     assert "25 %" in text
     assert "Normalised MAE 0.200 before, 0.100 after (noise: 0.050)" in text
     assert "No effect was named." in text

@@ -45,15 +45,16 @@ def findings_table(findings: Findings) -> RenderableType:
 
 
 def _effects(findings: Findings) -> Table:
-    table = Table("effect", "form", "explained", "p", "parameters", "cannot be told from")
+    table = Table("effect", "form and parameters", "explained", "p", "cannot be told from")
     table.columns[2].justify = table.columns[3].justify = "right"
+    # A narrow terminal must not cut a name.
+    table.columns[0].no_wrap = True
     for effect in findings.effects:
         table.add_row(
             Text(effect.name if effect.served else f"{effect.name} (only reported)"),
-            Text(effect.form),
+            Text(f"{effect.form}\n{key_parameters(effect)}"),
             percent(effect.explained),
             f"{effect.p_value:.2g}",
-            Text(key_parameters(effect)),
             Text(", ".join(effect.confounded_with)),
         )
     return table

@@ -231,8 +231,8 @@ def anyway(findings: Findings) -> list[str]:
     if not names:
         return []
     return [
-        f"Of {listed(names)}, nothing repeats beyond what the model got wrong from the start, on what its "
-        "training held out: --no-reference looks for that, too."
+        f"Of {listed(names)}, these recordings show no more than the model itself gets wrong, "
+        "as its training recordings tell: --no-reference looks for that, too."
     ]
 
 
@@ -329,7 +329,7 @@ def next_recordings(findings: Findings) -> list[str]:
         first, second = one.causes
         if one.protocol is None:
             sentences.append(
-                f"No protocol of the menu tells {first} from {second} reliably."
+                f"None of the known protocols tells {first} from {second} reliably."
                 if one.can_be_simulated
                 else f"What would tell {first} from {second} is not known: what one of them did in these "
                 "recordings says nothing of others."
