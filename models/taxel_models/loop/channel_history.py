@@ -9,7 +9,7 @@ Where all contacts press alike, counts hardly move inside a block, and no slope 
 reads there, less its prediction, still tells that it changed.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -54,6 +54,9 @@ LEAST_READING: Final = 2.0
 
 PRESSED: Final = 0.3
 """A block with a smaller share of the usual signal tells nothing of the reading under load."""
+
+OF_ONE_KIND: Final = 0.5
+"""So much of a change must be there among blocks of one kind, such as a material: else the kinds differ."""
 
 MOST_CHANNELS: Final = 5
 """If the readings of more channels changed, a cause that all have did it."""
@@ -150,7 +153,8 @@ def sensitivity_changes(
         usual: (21,) as from `usual_changes`.
         known: as in `changed_channels`.
     """
-    for channel, found, followed, follows in _largest_changes(observations, blocks, explained, known):
+    largest = _largest_changes(observations, blocks, explained, known)
+    for channel, found, followed, follows, of_kinds in largest:
         clear = found.part >= LEAST_CHANGE and found.t >= LEAST_T
         factor = _factor(found)
         quantile = WHILE_ALIVE if found.kept < 1 else 0.5
@@ -158,7 +162,8 @@ def sensitivity_changes(
         real = found.kept < 1 or followed >= FOLLOWS
         # What goes beyond the usual factor must be a change worth telling itself.
         beyond = factor * (1.0 - LEAST_CHANGE) >= usual[channel]
-        if clear and real and beyond and np.quantile(follows, quantile) >= FOLLOWS:
+        told = clear and real and beyond and not of_kinds
+        if told and np.quantile(follows, quantile) >= FOLLOWS:
             yield SensitivityChange(CHANNELS[channel], found.kept, found.since_s)
 
 
@@ -181,6 +186,7 @@ def reading_changes(
         return []
     clocks = _clocks(observations, rows)
     left = observations.residual - explained
+    kinds = _kinds(observations, rows)
     signals = np.abs([observations.signal[some].mean(axis=0) for some in rows])
     errors = np.array([left[some].mean(axis=0) for some in rows])
     found = []
@@ -190,7 +196,8 @@ def reading_changes(
             continue
         course = _course(clocks[:, used], errors[used, channel])
         least = max(LEAST_CHANGE * float(np.median(signal[used])), LEAST_READING * usual_error[channel])
-        if abs(course.change) >= least and course.t >= LEAST_T:
+        of_kinds = _is_of_kinds(course, errors[used, channel], [kind[used] for kind in kinds])
+        if abs(course.change) >= least and course.t >= LEAST_T and not of_kinds:
             found.append(ReadingChange(CHANNELS[channel], course.change, course.since_s))
     return found if len(found) <= MOST_CHANNELS else []
 
@@ -218,15 +225,16 @@ def _factor(found: "_Course") -> float:
 
 def _largest_changes(
     observations: Observations, blocks: Blocks, explained: Floats, known: NDArray[np.bool_] | None
-) -> Iterator[tuple[int, "_Course", float, Floats]]:
+) -> Iterator[tuple[int, "_Course", float, Floats, bool]]:
     """The largest change of each channel's sensitivity that can be measured.
 
-    With it, how well the channel followed its prediction before, and in each block (blocks,).
+    With it, how well the channel followed its prediction before, and in each block (blocks,), and whether
+    it is one from kind to kind.
     """
     rows = _rows_of_blocks(observations, blocks, known)
     if len(rows) < 2 * FEWEST:
         return
-    clocks = _clocks(observations, rows)
+    clocks, kinds = _clocks(observations, rows), _kinds(observations, rows)
     signal, measured = observations.signal, observations.measured - explained
     products = np.array([_products(signal[some], measured[some]) for some in rows])
     at_limit = (observations.measured <= 0) | (observations.measured >= COUNTS_MAX)
@@ -242,7 +250,8 @@ def _largest_changes(
         slopes = cross[used, channel] / weight[used]
         course = _course(clocks[:, used], slopes)
         followed = float(np.median(follows[used, channel][: course.before]))
-        yield channel, course, followed, follows[:, channel]
+        of_kinds = _is_of_kinds(course, slopes, [kind[used] for kind in kinds])
+        yield channel, course, followed, follows[:, channel], of_kinds
 
 
 def _rows_of_blocks(
@@ -261,6 +270,12 @@ def _clocks(observations: Observations, rows: list[NDArray[np.int64]]) -> Floats
     return np.array([time, (np.cumsum(counts) - counts / 2) * TICK_S])
 
 
+def _kinds(observations: Observations, rows: list[NDArray[np.int64]]) -> list[Floats]:
+    """(blocks,) the kind of each block, by each column that names some."""
+    firsts = [some[0] for some in rows]
+    return [observations.covariates[column][firsts] for column in observations.kind_columns]
+
+
 def _products(first: Floats, second: Floats) -> Floats:
     """(3, 21) sums over rows of the first's squares, of both, and of the second's squares, about means."""
     first, second = first - first.mean(axis=0), second - second.mean(axis=0)
@@ -276,6 +291,7 @@ class _Course(NamedTuple):
         since_s: when it changed; None for a line.
         before: blocks before the step, or in the line's first half.
         standard_error: of the change.
+        share: (blocks,) of the change that is there, from 0 to 1.
     """
 
     first: float
@@ -283,6 +299,7 @@ class _Course(NamedTuple):
     since_s: float | None
     before: int
     standard_error: float
+    share: Floats
 
     @property
     def change(self) -> float:
@@ -310,14 +327,37 @@ def _course(clocks: Floats, values: Floats) -> _Course:
     count = len(values)
     places = np.arange(FEWEST, count - FEWEST + 1)
     errors = [values[:place].var() * place + values[place:].var() * (count - place) for place in places]
-    lines = [(stats.linregress(time, values), time) for time in clocks]
+    # A single block that lies far from all others says how a line goes, whatever it has.
+    told = [time for time in clocks if FEWEST <= (2 * time > time[0] + time[-1]).sum() <= count - FEWEST]
+    lines = [(stats.linregress(time, values), time) for time in told]
     left = [((values - line.intercept - line.slope * time) ** 2).sum() for line, time in lines]
-    if min(left) < min(errors):
+    if min(left, default=np.inf) < min(errors):
         line, time = lines[int(np.argmin(left))]
         first, last = (float(line.intercept + line.slope * end) for end in (time[0], time[-1]))
-        return _Course(first, last, None, count // 2, float(line.stderr * (time[-1] - time[0])))
+        share = (time - time[0]) / (time[-1] - time[0])
+        return _Course(first, last, None, count // 2, float(line.stderr * (time[-1] - time[0])), share)
     place = int(places[int(np.argmin(errors))])
     before, after = values[:place], values[place:]
     standard_error = np.sqrt(before.var(ddof=1) / len(before) + after.var(ddof=1) / len(after))
     since_s = float(clocks[0, place])
-    return _Course(float(before.mean()), float(after.mean()), since_s, place, standard_error)
+    share = (np.arange(count) >= place).astype(np.float64)
+    return _Course(float(before.mean()), float(after.mean()), since_s, place, standard_error, share)
+
+
+def _is_of_kinds(course: _Course, values: Floats, kinds: Sequence[Floats]) -> bool:
+    """Whether a change is one from kind to kind, such as materials that follow each other.
+
+    Args:
+        values: (blocks,) that changed.
+        kinds: the kind of each block (blocks,), by each column that names some.
+    """
+    for kind in kinds:
+        _, number = np.unique(kind, return_inverse=True)
+        blocks = np.bincount(number)
+        if np.median(blocks) < FEWEST:
+            # They number the contacts.
+            continue
+        share, own = (one - (np.bincount(number, one) / blocks)[number] for one in (course.share, values))
+        if np.sign(course.change) * (share @ own) <= OF_ONE_KIND * abs(course.change) * (share @ share):
+            return True
+    return False

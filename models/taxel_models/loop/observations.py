@@ -19,6 +19,7 @@ from taxel_models.loop.limits import Limits
 from taxel_models.loop.resting import are_raw, resting
 from taxel_models.model import Model, predict_all
 from taxel_models.recordings import Recording
+from taxel_models.recordings.kinds import NOT_COVARIATES, are_kinds
 
 FEWEST_CONTACTS: Final = 8
 """To tell how far offsets of contacts scatter."""
@@ -185,6 +186,15 @@ class Observations:
         # A touch after less air than this goes on: a force near the threshold begins no contact.
         calm = ~pressed[self.rows_before(AIR_TICKS)] & ~pressed[self.rows_before(1)]
         return np.asarray(np.cumsum(begins | (pressed & calm)) - 1)
+
+    @cached_property
+    def kind_columns(self) -> list[str]:
+        """Columns that name at least two kinds, such as materials."""
+        return [
+            name
+            for name, values in self.covariates.items()
+            if name not in NOT_COVARIATES and are_kinds(kinds := np.unique(values)) and len(kinds) > 1
+        ]
 
     @cached_property
     def usual_segment_s(self) -> float:

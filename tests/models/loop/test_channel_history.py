@@ -16,6 +16,7 @@ from taxel_models.loop.channel_history import (
     MOST_TOLD,
     ReadingChange,
     SensitivityChange,
+    _course,
     changed_channels,
     reading_changes,
     sensitivity_changes,
@@ -66,6 +67,22 @@ def test_a_step_is_told_with_its_time(smooth: Any, long: Recording) -> None:
     assert found.kept == pytest.approx(0.4, abs=0.05)
     assert found.since_s == pytest.approx(180.0, abs=6.0)
     assert found.sentence().startswith("e11 lost 6")
+
+
+def test_what_differs_from_kind_to_kind_is_no_change(smooth: Any, long: Recording) -> None:
+    """Materials follow each other; where both are there before and after, the channel changed."""
+    late = np.arange(ROWS) >= 18_000
+    for material, told in ((late, 0), (np.arange(ROWS) // 1_500 % 2, 1), (np.arange(ROWS) // 1_500, 1)):
+        recording = replace(long, covariates={"material": material.astype(np.float64)})
+        assert len(changes(smooth, recording, np.where(late, 0.4, 1.0))) == told
+
+
+def test_a_block_far_from_all_others_tells_no_line() -> None:
+    time = np.array([*np.arange(12.0), 1_000.0])
+    values = np.array([1.0, 1.2, 0.9, 1.1, 1.0, 0.8, 1.1, 1.0, 0.9, 1.2, 1.0, 1.1, -1.0])
+    assert _course(np.array([time, time]), values).since_s is not None
+    even = np.arange(13.0)
+    assert _course(np.array([even, even]), 1.0 - 0.05 * even).since_s is None
 
 
 def test_rows_that_say_nothing_are_not_looked_at(smooth: Any, long: Recording) -> None:

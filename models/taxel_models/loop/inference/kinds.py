@@ -18,16 +18,6 @@ from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.contact_offset import ContactOffset
 from taxel_models.loop.observations import Observations
-from taxel_models.recordings.kinds import NOT_COVARIATES, are_kinds
-
-
-def kind_columns(observations: Observations) -> list[str]:
-    """Columns that name at least two kinds."""
-    return [
-        name
-        for name, values in observations.covariates.items()
-        if name not in NOT_COVARIATES and are_kinds(kinds := np.unique(values)) and len(kinds) > 1
-    ]
 
 
 def counted(effect: str, std: Floats, scale: Floats) -> Floats:

@@ -17,7 +17,7 @@ from taxel_models.loop.channel_history import usual_changes
 from taxel_models.loop.effects.interference import own_waves
 from taxel_models.loop.inference.constants import DECLARED, Constants
 from taxel_models.loop.inference.contact_offset import ContactOffset
-from taxel_models.loop.inference.kinds import figures, kind_columns, of_figures, trained_kinds
+from taxel_models.loop.inference.kinds import figures, of_figures, trained_kinds
 from taxel_models.loop.inference.whitening import NoiseShape
 from taxel_models.loop.observations import FEWEST_CONTACTS, Observations, gather
 from taxel_models.loop.reference.correlated import correlated_residual, correlated_structure
@@ -59,7 +59,7 @@ def held_out_residual(
         if correlated is not None and observations is not own:
             beside = correlated_structure(own, blocks, correlated, constants)
             correlated = correlated.model_copy(update={"structure": _larger(correlated.structure, beside)})
-        found = _by_kind(observations, kind_columns(observations), correlated, constants, progress)
+        found = _by_kind(observations, observations.kind_columns, correlated, constants, progress)
         if observations is not own:
             shown = own_residual(own, constants, progress, MEAN, NoiseShape.kept(found)).structure
             found = found.model_copy(update={"structure": _larger(found.structure, shown)})
