@@ -1,21 +1,18 @@
 """The history of each channel: whether its sensitivity or its reading changed over the session, and when.
 
 A block's sensitivity is the slope of the measured counts over the predicted ones, both about their means:
-what is added to a channel for longer than a block, such as by a drift, is no sensitivity. The block at
-which it changed is the one that leaves the least squares (Page 1955); lines in the session's time, and in
-what was recorded of it, are the other choices.
+what is added to a channel for longer than a block, such as by a drift, is no sensitivity.
 
 Where all contacts press alike, counts hardly move inside a block, and no slope can be had. What the channel
 reads there, less its prediction, still tells that it changed.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel.held_out_residual import HeldOutResidual
@@ -23,6 +20,7 @@ from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.observations import Observations
+from taxel_models.loop.session_change import FEWEST, SessionChange, largest_change
 
 LEAST_CHANGE: Final = 0.3
 """A smaller relative change of the sensitivity is not told."""
@@ -46,17 +44,11 @@ CUT_OFF: Final = 0.05
 """With a larger share of its rows at a limit of the counts, a block says nothing: what is cut off has lost
 its range, not its sensitivity."""
 
-FEWEST: Final = 5
-"""Blocks on each side of a change."""
-
 LEAST_READING: Final = 2.0
 """The least change of a reading, over the error that is usual of the channel."""
 
 PRESSED: Final = 0.3
 """A block with a smaller share of the usual signal tells nothing of the reading under load."""
-
-OF_ONE_KIND: Final = 0.5
-"""So much of a change must be there among blocks of one kind, such as a material: else the kinds differ."""
 
 MOST_CHANNELS: Final = 5
 """If the readings of more channels changed, a cause that all have did it."""
@@ -153,8 +145,7 @@ def sensitivity_changes(
         usual: (21,) as from `usual_changes`.
         known: as in `changed_channels`.
     """
-    largest = _largest_changes(observations, blocks, explained, known)
-    for channel, found, followed, follows, of_kinds in largest:
+    for channel, found, followed, follows in _largest_changes(observations, blocks, explained, known):
         clear = found.part >= LEAST_CHANGE and found.t >= LEAST_T
         factor = _factor(found)
         quantile = WHILE_ALIVE if found.kept < 1 else 0.5
@@ -162,7 +153,7 @@ def sensitivity_changes(
         real = found.kept < 1 or followed >= FOLLOWS
         # What goes beyond the usual factor must be a change worth telling itself.
         beyond = factor * (1.0 - LEAST_CHANGE) >= usual[channel]
-        told = clear and real and beyond and not of_kinds
+        told = clear and real and beyond and not found.of_kinds
         if told and np.quantile(follows, quantile) >= FOLLOWS:
             yield SensitivityChange(CHANNELS[channel], found.kept, found.since_s)
 
@@ -194,11 +185,10 @@ def reading_changes(
         used = signal > PRESSED * np.median(signal)
         if used.sum() < 2 * FEWEST:
             continue
-        course = _course(clocks[:, used], errors[used, channel])
+        change = largest_change(clocks[:, used], errors[used, channel], [kind[used] for kind in kinds])
         least = max(LEAST_CHANGE * float(np.median(signal[used])), LEAST_READING * usual_error[channel])
-        of_kinds = _is_of_kinds(course, errors[used, channel], [kind[used] for kind in kinds])
-        if abs(course.change) >= least and course.t >= LEAST_T and not of_kinds:
-            found.append(ReadingChange(CHANNELS[channel], course.change, course.since_s))
+        if abs(change.change) >= least and change.t >= LEAST_T and not change.of_kinds:
+            found.append(ReadingChange(CHANNELS[channel], change.change, change.since_s))
     return found if len(found) <= MOST_CHANNELS else []
 
 
@@ -214,7 +204,7 @@ def usual_changes(observations: Observations, blocks: Blocks) -> Floats:
     return usual
 
 
-def _factor(found: "_Course") -> float:
+def _factor(found: SessionChange) -> float:
     """By how much a sensitivity changes, up or down, from 1 up to `MOST_TOLD`.
 
     One whose usual factor is the largest, such as a channel that hardly reads one of the materials, tells
@@ -225,11 +215,10 @@ def _factor(found: "_Course") -> float:
 
 def _largest_changes(
     observations: Observations, blocks: Blocks, explained: Floats, known: NDArray[np.bool_] | None
-) -> Iterator[tuple[int, "_Course", float, Floats, bool]]:
+) -> Iterator[tuple[int, SessionChange, float, Floats]]:
     """The largest change of each channel's sensitivity that can be measured.
 
-    With it, how well the channel followed its prediction before, and in each block (blocks,), and whether
-    it is one from kind to kind.
+    With it, how well the channel followed its prediction before, and in each block (blocks,).
     """
     rows = _rows_of_blocks(observations, blocks, known)
     if len(rows) < 2 * FEWEST:
@@ -248,10 +237,9 @@ def _largest_changes(
         if used.sum() < 2 * FEWEST or not weight.any():
             continue
         slopes = cross[used, channel] / weight[used]
-        course = _course(clocks[:, used], slopes)
-        followed = float(np.median(follows[used, channel][: course.before]))
-        of_kinds = _is_of_kinds(course, slopes, [kind[used] for kind in kinds])
-        yield channel, course, followed, follows[:, channel], of_kinds
+        change = largest_change(clocks[:, used], slopes, [kind[used] for kind in kinds])
+        followed = float(np.median(follows[used, channel][: change.before]))
+        yield channel, change, followed, follows[:, channel]
 
 
 def _rows_of_blocks(
@@ -280,84 +268,3 @@ def _products(first: Floats, second: Floats) -> Floats:
     """(3, 21) sums over rows of the first's squares, of both, and of the second's squares, about means."""
     first, second = first - first.mean(axis=0), second - second.mean(axis=0)
     return np.array([(first**2).sum(axis=0), (first * second).sum(axis=0), (second**2).sum(axis=0)])
-
-
-class _Course(NamedTuple):
-    """Of a figure of each block.
-
-    Attributes:
-        first: before the step, or the line's first.
-        last: after the step, or the line's last.
-        since_s: when it changed; None for a line.
-        before: blocks before the step, or in the line's first half.
-        standard_error: of the change.
-        share: (blocks,) of the change that is there, from 0 to 1.
-    """
-
-    first: float
-    last: float
-    since_s: float | None
-    before: int
-    standard_error: float
-    share: Floats
-
-    @property
-    def change(self) -> float:
-        """The last less the first."""
-        return self.last - self.first
-
-    @property
-    def part(self) -> float:
-        """The size of the change over the first."""
-        return abs(self.change) / max(abs(self.first), 1e-9)
-
-    @property
-    def kept(self) -> float:
-        """The last over the first, at least 0."""
-        return max(self.last / max(self.first, 1e-9), 0.0)
-
-    @property
-    def t(self) -> float:
-        """The change over its standard error."""
-        return abs(self.change) / max(self.standard_error, 1e-9)
-
-
-def _course(clocks: Floats, values: Floats) -> _Course:
-    """The step, or the line in the session's or in recorded time, that leaves least of the values."""
-    count = len(values)
-    places = np.arange(FEWEST, count - FEWEST + 1)
-    errors = [values[:place].var() * place + values[place:].var() * (count - place) for place in places]
-    # A single block that lies far from all others says how a line goes, whatever it has.
-    told = [time for time in clocks if FEWEST <= (2 * time > time[0] + time[-1]).sum() <= count - FEWEST]
-    lines = [(stats.linregress(time, values), time) for time in told]
-    left = [((values - line.intercept - line.slope * time) ** 2).sum() for line, time in lines]
-    if min(left, default=np.inf) < min(errors):
-        line, time = lines[int(np.argmin(left))]
-        first, last = (float(line.intercept + line.slope * end) for end in (time[0], time[-1]))
-        share = (time - time[0]) / (time[-1] - time[0])
-        return _Course(first, last, None, count // 2, float(line.stderr * (time[-1] - time[0])), share)
-    place = int(places[int(np.argmin(errors))])
-    before, after = values[:place], values[place:]
-    standard_error = np.sqrt(before.var(ddof=1) / len(before) + after.var(ddof=1) / len(after))
-    since_s = float(clocks[0, place])
-    share = (np.arange(count) >= place).astype(np.float64)
-    return _Course(float(before.mean()), float(after.mean()), since_s, place, standard_error, share)
-
-
-def _is_of_kinds(course: _Course, values: Floats, kinds: Sequence[Floats]) -> bool:
-    """Whether a change is one from kind to kind, such as materials that follow each other.
-
-    Args:
-        values: (blocks,) that changed.
-        kinds: the kind of each block (blocks,), by each column that names some.
-    """
-    for kind in kinds:
-        _, number = np.unique(kind, return_inverse=True)
-        blocks = np.bincount(number)
-        if np.median(blocks) < FEWEST:
-            # They number the contacts.
-            continue
-        share, own = (one - (np.bincount(number, one) / blocks)[number] for one in (course.share, values))
-        if np.sign(course.change) * (share @ own) <= OF_ONE_KIND * abs(course.change) * (share @ share):
-            return True
-    return False

@@ -16,7 +16,6 @@ from taxel_models.loop.channel_history import (
     MOST_TOLD,
     ReadingChange,
     SensitivityChange,
-    _course,
     changed_channels,
     reading_changes,
     sensitivity_changes,
@@ -25,6 +24,7 @@ from taxel_models.loop.channel_history import (
 from taxel_models.loop.observations import gather
 from taxel_models.loop.pipeline import LoopSettings, run_loop
 from taxel_models.loop.reference.held_out import held_out_residual
+from taxel_models.loop.session_change import largest_change
 from taxel_models.recordings import Recording
 
 Make = Callable[..., Recording]
@@ -80,9 +80,9 @@ def test_what_differs_from_kind_to_kind_is_no_change(smooth: Any, long: Recordin
 def test_a_block_far_from_all_others_tells_no_line() -> None:
     time = np.array([*np.arange(12.0), 1_000.0])
     values = np.array([1.0, 1.2, 0.9, 1.1, 1.0, 0.8, 1.1, 1.0, 0.9, 1.2, 1.0, 1.1, -1.0])
-    assert _course(np.array([time, time]), values).since_s is not None
+    assert largest_change(np.array([time, time]), values).since_s is not None
     even = np.arange(13.0)
-    assert _course(np.array([even, even]), 1.0 - 0.05 * even).since_s is None
+    assert largest_change(np.array([even, even]), 1.0 - 0.05 * even).since_s is None
 
 
 def test_rows_that_say_nothing_are_not_looked_at(smooth: Any, long: Recording) -> None:
