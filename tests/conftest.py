@@ -38,9 +38,9 @@ def trained_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     hyperparameters = {"n_estimators": 8, "max_depth": 4, "eta": 0.4, "min_child_weight": 5}
     settings = TrainingSettings("xgb", 1, SplitSettings("chunks"), overrides=hyperparameters)
-    model, held_out = train([simulate(8000, 3)], settings)
+    model, kept = train([simulate(8000, 3)], settings)
     folder = tmp_path_factory.mktemp("training") / "trained"
-    trained_models.save(model, replace(held_out, fitted=()), folder)
+    trained_models.save(model, replace(kept, fitted=()), folder)
     return folder
 
 

@@ -35,8 +35,8 @@ def repository(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A repository with an ensemble of three families, and the model it was exported from."""
     folder = tmp_path_factory.mktemp("ensemble")
     settings = TrainingSettings("ensemble", 1, SplitSettings("chunks"), overrides=OVERRIDES)
-    model, held_out = train([simulate(4000, 3)], settings)
-    trained_models.save(model, held_out, folder / "trained")
+    model, kept = train([simulate(4000, 3)], settings)
+    trained_models.save(model, kept, folder / "trained")
     manifest = export(folder / "trained", folder / "repository")
     assert manifest.gives_spread
     return folder / "repository"
@@ -97,8 +97,8 @@ def test_a_measured_temperature_reaches_only_the_members_that_take_it(tmp_path: 
     settings = TrainingSettings(
         "ensemble", 1, SplitSettings("chunks"), overrides=OVERRIDES, extras="measured"
     )
-    model, held_out = train([simulate(4000, 3)], settings)
-    trained_models.save(model, held_out, tmp_path / "trained")
+    model, kept = train([simulate(4000, 3)], settings)
+    trained_models.save(model, kept, tmp_path / "trained")
     manifest = export(tmp_path / "trained", tmp_path / "repository")
     assert manifest.window.features[-1] == "tdc"
     assert manifest.parity is not None

@@ -37,9 +37,9 @@ def dense_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "learning_rate": 0.001,
     }
     settings = TrainingSettings("ffnn", 1, SplitSettings("chunks"), overrides=overrides)
-    model, held_out = train([simulate(4000, 3)], settings)
+    model, kept = train([simulate(4000, 3)], settings)
     folder = tmp_path_factory.mktemp("dense") / "trained"
-    trained_models.save(model, held_out, folder)
+    trained_models.save(model, kept, folder)
     return folder
 
 

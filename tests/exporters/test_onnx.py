@@ -38,8 +38,8 @@ def train_network(folder: Path, name: str, **changes: Any) -> Path:
     settings = TrainingSettings(
         name, changes.pop("combination", 1), SplitSettings("chunks"), overrides=overrides, **changes
     )
-    model, held_out = train([simulate(4000, 3)], settings)
-    trained_models.save(model, held_out, folder / "trained")
+    model, kept = train([simulate(4000, 3)], settings)
+    trained_models.save(model, kept, folder / "trained")
     return folder / "trained"
 
 

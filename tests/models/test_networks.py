@@ -116,13 +116,13 @@ def test_the_loss_is_the_published_one() -> None:
 @pytest.mark.parametrize("name", SMALL)
 def test_every_family_learns_keeps_and_reads_back(name: str, recording: Recording, tmp_path: Path) -> None:
     overrides = {**SMALL[name], **QUICK, "epochs": 25, "patience": 0}
-    model, held_out = train([recording], settings(name, overrides=overrides))
+    model, kept = train([recording], settings(name, overrides=overrides))
     metrics = model.record.training.metrics
     assert metrics["test"]["norm_mae"] < 0.9 * metrics["mean_predictor"]["norm_mae"]
     history = model.record.history
     assert len(history.train) == len(history.validation) == 25
     assert history.validation[history.best - 1] == min(history.validation)
-    trained_models.save(model, held_out, tmp_path / "trained")
+    trained_models.save(model, kept, tmp_path / "trained")
     assert (tmp_path / "trained" / "loss.png").stat().st_size > 1000
     back = trained_models.load(tmp_path / "trained")
     windows = np.random.default_rng(0).normal(size=(50, 12)).astype(np.float32)
@@ -215,9 +215,9 @@ def test_what_becomes_of_the_temperature(use: Any, recording: Recording) -> None
 
 
 def test_what_0_1_kept_of_the_temperature_is_read(recording: Recording, tmp_path: Path) -> None:
-    model, held_out = train([recording], settings("network-b", extras="measured"))
+    model, kept = train([recording], settings("network-b", extras="measured"))
     folder = tmp_path / "trained"
-    trained_models.save(model, held_out, folder)
+    trained_models.save(model, kept, folder)
     record = json.loads((folder / "trained.json").read_text())
     (extra,) = record.pop("extras")
     assert extra.pop("name") == "tdc"

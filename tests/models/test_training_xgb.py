@@ -44,7 +44,7 @@ def test_the_same_seed_gives_the_same_model_on_any_number_of_cores(recording: Re
 
 
 def test_it_learns_and_reports_beside_the_mean_predictor(recording: Recording) -> None:
-    model, held_out = train([recording], small_settings())
+    model, kept = train([recording], small_settings())
     metrics = model.record.training.metrics
     assert metrics["test"]["norm_mae"] < 0.8 * metrics["mean_predictor"]["norm_mae"]
     assert set(metrics["test"]["per_channel"]) == set(CHANNELS)
@@ -52,7 +52,7 @@ def test_it_learns_and_reports_beside_the_mean_predictor(recording: Recording) -
     predicted = model.predict(data.test.windows)
     mae = np.abs(predicted - data.test.channels).mean()
     assert metrics["test"]["mae"] == pytest.approx(mae, rel=1e-6)
-    assert sum(map(len, held_out.test)) > 0
+    assert sum(map(len, kept.test)) > 0
 
 
 def test_statistics_come_from_the_training_part_alone(recording: Recording) -> None:
@@ -114,38 +114,38 @@ def test_early_stopping_keeps_the_best_trees(recording: Recording) -> None:
 
 
 def test_a_trained_model_is_kept_whole(recording: Recording, tmp_path: Path) -> None:
-    model, held_out = train([recording], small_settings())
+    model, kept = train([recording], small_settings())
     folder = tmp_path / "trained"
-    trained_models.save(model, held_out, folder)
+    trained_models.save(model, kept, folder)
     back = trained_models.load(folder)
     assert back.record == model.record
     windows = np.random.default_rng(0).normal(size=(99, 9)).astype(np.float32)
     np.testing.assert_array_equal(back.predict(windows), model.predict(windows))
     (rows,) = trained_models.held_out(folder)
-    np.testing.assert_array_equal(rows.channels, held_out.test[0].channels)
+    np.testing.assert_array_equal(rows.channels, kept.test[0].channels)
     (reference,) = trained_models.reference(folder)
-    np.testing.assert_array_equal(reference.channels, held_out.reference[0].channels)
+    np.testing.assert_array_equal(reference.channels, kept.reference[0].channels)
     (fitted,) = trained_models.fitted(folder)
-    np.testing.assert_array_equal(fitted.channels, held_out.fitted[0].channels)
+    np.testing.assert_array_equal(fitted.channels, kept.fitted[0].channels)
     with pytest.raises(SettingsError, match="exists already"):
-        trained_models.save(model, held_out, folder)
+        trained_models.save(model, kept, folder)
 
 
 def test_a_trained_model_of_an_earlier_version_is_judged_by_its_test_rows(
     recording: Recording, tmp_path: Path
 ) -> None:
-    model, held_out = train([recording], small_settings())
+    model, kept = train([recording], small_settings())
     folder = tmp_path / "trained"
-    trained_models.save(model, held_out, folder)
+    trained_models.save(model, kept, folder)
     shutil.rmtree(folder / "reference")
     (rows,) = trained_models.reference(folder)
-    np.testing.assert_array_equal(rows.channels, held_out.test[0].channels)
+    np.testing.assert_array_equal(rows.channels, kept.test[0].channels)
 
 
 def test_damage_to_a_trained_model_is_named(recording: Recording, tmp_path: Path) -> None:
-    model, held_out = train([recording], small_settings())
+    model, kept = train([recording], small_settings())
     folder = tmp_path / "trained"
-    trained_models.save(model, held_out, folder)
+    trained_models.save(model, kept, folder)
     (folder / "weights" / "e7.json").write_text("{")
     with pytest.raises(ArtifactError, match=r"e7\.json: not a model that XGBoost reads"):
         trained_models.load(folder)

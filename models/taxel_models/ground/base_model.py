@@ -60,8 +60,8 @@ class BaseModel:
             overrides=dict(SMALL),
             jobs=jobs,
         )
-        trained, left_out = train([recording], settings)
-        (reference,), (fitted,) = left_out.reference, left_out.fitted
+        trained, kept = train([recording], settings)
+        (reference,), (fitted,) = kept.reference, kept.fitted
         unshifted = cls(trained, np.zeros(len(CHANNELS)), reference, fitted)
         # A mean needs many rows, and trees are as skewed on those that they were fitted to.
         errors = [unshifted.errors(part) for part in (reference, fitted)]

@@ -226,6 +226,13 @@ def test_noise_is_called_noise() -> None:
     assert "structured but unexplained" in left(findings())
 
 
+def test_a_narrow_terminal_cuts_no_name() -> None:
+    console = Console(width=80)
+    with console.capture() as capture:
+        console.print(findings_table(findings(effect("covariate:velocity_x", "temperature", served=False))))
+    assert "covariate:velocity_x (only reported)" in capture.get()
+
+
 def test_the_terminal_table_tells_the_same() -> None:
     console = Console(width=160)
     with console.capture() as capture:
@@ -234,10 +241,6 @@ def test_the_terminal_table_tells_the_same() -> None:
         console.print(findings_table(findings()))
     text = capture.get()
     assert "covariate:[bold] (only reported)" in text
-    narrow = Console(width=80)
-    with narrow.capture() as capture:
-        narrow.print(findings_table(findings(effect("covariate:velocity_x", "temperature", served=False))))
-    assert "covariate:velocity_x (only reported)" in capture.get()
     assert "25 %" in text
     assert "Normalised MAE 0.200 before, 0.100 after (noise: 0.050)" in text
     assert "No effect was named." in text

@@ -63,10 +63,28 @@ def _explained(remaining: Remaining, signal: Floats, own: Floats) -> Floats:
     """(21, 21) how much of channel c's residual the signal of channel j explains beside c's own."""
     weight = np.sqrt(remaining.row_weights[remaining.fit])[:, None]
     signal, own, residual = (one[remaining.fit] * weight for one in (signal, own, remaining.residual))
-    between, cross = signal.T @ own, signal.T @ residual
-    energy = np.maximum((own**2).sum(axis=0), 1e-9)
-    every = np.maximum((signal**2).sum(axis=0), 1e-9)[:, None]
-    # The own signal is taken out of the other one and of the residual.
-    partial_cross = cross - between * ((own * residual).sum(axis=0) / energy)[None, :]
-    partial_energy = np.maximum(every - between**2 / energy[None, :], 1e-9 * every + 1e-9)
-    return np.asarray(partial_cross**2 / partial_energy)
+    return explained_beside_own(
+        signal.T @ residual,
+        (signal**2).sum(axis=0)[:, None],
+        signal.T @ own,
+        (own * residual).sum(axis=0),
+        (own**2).sum(axis=0),
+    )
+
+
+def explained_beside_own(
+    cross: Floats, energy: Floats, between: Floats, own_cross: Floats, own_energy: Floats
+) -> Floats:
+    """(k, 21) the fall of the squared error by each signal, once the channel's own is taken out of both.
+
+    Args:
+        cross: (k, 21) sums of products of signals and residuals.
+        energy: (k, 1 or 21) of the signals' squares.
+        between: (k, 21) of products of signals and channels' own signals.
+        own_cross: (21,) of products of the own signals and the residuals.
+        own_energy: (21,) of the own signals' squares.
+    """
+    own_energy, energy = np.maximum(own_energy, 1e-9), np.maximum(energy, 1e-9)
+    left = cross - between * (own_cross / own_energy)
+    apart = np.maximum(energy - between**2 / own_energy, 1e-9 * energy + 1e-9)
+    return np.asarray(left**2 / apart)

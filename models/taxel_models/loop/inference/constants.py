@@ -27,8 +27,8 @@ class Constants:
             and over all channels, beside named effects, where a form that is not quite right leaves a
             little. Offsets of contacts, which no model predicts, must remove so much of the whole error.
         clear_share: an effect that removes less over all channels must be surer: `chance` falls in
-            proportion. A constant, and a change of few channels beside named effects, must remove so
-            much in one channel: a channel's mean scatters from finger to finger.
+            proportion. A constant, and beside named effects a change of few channels or a saturation,
+            must remove so much in one channel: a channel's mean scatters from finger to finger.
         alike: an effect that explains this share of what another does is not told apart from it, if its
             evidence is this share of the other's, too; if it is the simpler one, it is named first.
         simpler: a simpler effect has at most this share of the other's parameters.

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS
 from taxel.held_out_residual import CorrelatedResidual
 from taxel_models.loop.basis import Floats
+from taxel_models.loop.effects.crosstalk import explained_beside_own
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Remaining
 from taxel_models.loop.inference.constants import Constants
 from taxel_models.loop.inference.evidence import Bases, HeldOut, Weighed, held_out, posterior_weights, weigh
@@ -240,12 +241,14 @@ class CorrelatedChannels:
         gram = np.einsum("wc,wij->cij", shown * self._root, both.transpose(0, 2, 1) @ both, optimize=True)
         cross = np.einsum("wc,wbi,wb->ci", shown, both, target, optimize=True)
         count, channel = signals.shape[1], np.arange(len(CHANNELS))
-        energy = np.maximum(gram[channel, count + channel, count + channel], 1e-9)
-        between = gram[channel, :count, count + channel]
-        every = np.maximum(gram.diagonal(axis1=1, axis2=2)[:, :count], 1e-9)
-        left = cross[:, :count] - between * (cross[channel, count + channel] / energy)[:, None]
-        apart = np.maximum(every - between**2 / energy[:, None], 1e-9 * every)
-        return np.asarray((left**2 / apart).T)
+        energy = gram.diagonal(axis1=1, axis2=2)
+        return explained_beside_own(
+            cross[:, :count].T,
+            energy[:, :count].T,
+            gram[channel, :count, count + channel].T,
+            cross[channel, count + channel],
+            energy[channel, count + channel],
+        )
 
     def usual_odds(self, label: str) -> Floats:
         """(21,) log odds that the model's own residual gives an effect."""

@@ -18,7 +18,7 @@ from taxel_models.loop.inference.few_channels_form import TOGETHER, ChannelForms
 from taxel_models.loop.inference.named_in_channels import NamedInChannels
 from taxel_models.loop.inference.products import Products
 from taxel_models.loop.inference.score import Score, t_of_folds
-from taxel_models.loop.inference.shape import is_added, is_bent
+from taxel_models.loop.inference.shape import Shape
 from taxel_models.loop.inference.usual import bins_that_count
 from taxel_models.loop.observations import Observations
 
@@ -173,18 +173,18 @@ class FewChannelsSearch:
         weights = self._channels.weights(score.form, self._beside, score.weighed.strength)[0, channel]
         if (np.abs(weights) > self._effect.most_weight).any():
             return False
-        candidate, measured = predicted.candidates[place], self._observations.measured
-        left, bins = self._remaining.residual, self._channels.bins
-        if is_added(candidate, channel, measured, left, bins):
+        bins, left = self._channels.bins, self._remaining.residual
+        shape = Shape.of(predicted.candidates[place], channel, self._observations.measured, left, bins)
+        if shape.is_added:
             return False
         # What a leak adds is less than what all channels have in common, and that may bend as well.
         may_bend = self._effect.follows == "expected"
-        return not (may_bend and is_bent(candidate, channel, self._bends, measured, left, bins))
+        return not (may_bend and shape.is_bent(bend[:, channel] for bend in self._bends))
 
     @cached_property
     def _bends(self) -> list[Floats]:
-        """(n, 21) each, what a saturation adds from a level on."""
-        signal = self._observations.signal
+        """(rows of the fit part, 21) each, what a saturation adds from a level on."""
+        signal = self._observations.signal[self._channels.bins.order]
         levels = levels_of(self._observations, self._remaining.fit)
         return [saturation_design(signal, level) for level in levels]
 

@@ -12,7 +12,7 @@ from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.effects.saturation import QUANTILES
 from taxel_models.loop.inference.constants import DECLARED
-from taxel_models.loop.inference.shape import is_added, is_bent
+from taxel_models.loop.inference.shape import Shape
 from taxel_models.loop.inference.whitening import Bins
 from taxel_models.loop.observations import Observations
 
@@ -35,14 +35,20 @@ class Tared(NamedTuple):
     bins: Bins
 
     @property
+    def _shape(self) -> Shape:
+        return Shape.of(self.candidate, CHANNEL, self.measured, self.left, self.bins)
+
+    @property
     def is_added(self) -> bool:
-        return is_added(self.candidate, CHANNEL, self.measured, self.left, self.bins)
+        return self._shape.is_added
 
     @property
     def is_bent(self) -> bool:
-        levels = np.quantile(self.signal[:, CHANNEL], QUANTILES)
-        bends = [saturation_design(self.signal, np.full(21, level)) for level in levels]
-        return is_bent(self.candidate, CHANNEL, bends, self.measured, self.left, self.bins)
+        signal = self.signal[:, [CHANNEL]]
+        levels = np.quantile(signal, QUANTILES)
+        return self._shape.is_bent(
+            saturation_design(signal, level[None])[self.bins.order, 0] for level in levels
+        )
 
 
 def tared(
