@@ -1,11 +1,17 @@
 """A model's own held-out residual, as its manifest keeps it: what the loop judges other recordings by."""
 
-from typing import Annotated
+from typing import Annotated, Final
 
 from pydantic import Field
 
 from taxel.channels import CHANNELS
 from taxel.schema import NotNegativePerChannel, PerChannel, Schema
+
+AGEING: Final = ", ageing"
+"""Ends an effect's name where also its forms that grow or fade over a session count."""
+
+ALIKE: Final = ", alike"
+"""Ends an effect's name where only its forms count whose weights channels share."""
 
 
 class OwnStructure(Schema):
@@ -100,7 +106,9 @@ class HeldOutResidual(Schema):
         std: root of the mean square of each channel's residual, counts.
         shared: the part of each channel's variance that a whole contact shares.
         fading: the part that fades within seconds.
-        structure: what each effect explains of it.
+        structure: what each effect explains of it. An effect's name means its forms that do not age, with
+            `AGEING` also the others, with `ALIKE` at the end only those whose weights channels share. An
+            effect of one sort of forms, and a manifest of an earlier version, has its name alone.
         one_kind: what a recording of one kind alone shows, by the column that names kinds.
         sensitivity_change: the factor by which each channel's sensitivity seems to change in the course of
             it; none in a manifest of an earlier version.

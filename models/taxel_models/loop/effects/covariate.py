@@ -46,6 +46,7 @@ def _both(offsets: Candidate, gains: Candidate) -> Candidate:
             *(f"gain, {name}" for name in gains.weight_names),
         ),
         weight_units=(*("counts",) * size, *("relative",) * gains.basis.size),
+        of_kinds=True,
         contains=gains.contains,
         online=online,
         again=again,
@@ -114,7 +115,16 @@ class Covariate(Effect):
     def _constants(self, observations: Observations, kinds: Floats, fit: NDArray[np.bool_]) -> Candidate:
         """About the mean of the fit part, they sum to 0 there: no kind stands for what all share."""
         drivers, name = self._are(observations, kinds), self.label
-        return weighted(observations, name, "by kind", "unit", drivers, rows=fit, weight_units=("counts",))
+        return weighted(
+            observations,
+            name,
+            "by kind",
+            "unit",
+            drivers,
+            rows=fit,
+            weight_units=("counts",),
+            of_kinds=True,
+        )
 
     def _gains(self, observations: Observations, kinds: Floats) -> Candidate:
         """About their mean, a kind that other folds lack would stand for a gain that all share."""
@@ -126,6 +136,7 @@ class Covariate(Effect):
             self._are(observations, kinds),
             centred=False,
             weight_units=("relative",),
+            of_kinds=True,
             contains=Gain.name,
         )
 

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
 from taxel.corrections import ONE, Frame, Shape, Term, Weighted
 from taxel.held_out_residual import OwnWave
 from taxel.windows import Elapsed, ExtraFeature, HistoryFeature, Load, Relaxation
@@ -43,6 +44,19 @@ class Fitting:
     beforehand: int = 0
     few_channels: bool = False
     compared: int = 1
+
+
+ELECTRODES_ALIKE: Final = Fitting(
+    pooled=True, allowed=np.isin(np.arange(len(CHANNELS)), np.arange(len(CHANNELS))[ELECTRODE_COLUMNS])
+)
+"""All electrodes share their weights, and the pressure sensor has none."""
+
+ALIKE: Final[Mapping[str, Fitting]] = {
+    "all channels alike": Fitting(pooled=True),
+    "all electrodes alike": ELECTRODES_ALIKE,
+}
+"""How channels may share weights, by what a form's name says of it. Skin and fluid are the electrodes' own:
+the pressure sensor does not feel how they wear."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +103,8 @@ class Candidate:
         certain: whether chance cannot cause its signature. Then it needs no test.
         mean_absorbed: whether a trained model may have absorbed its mean.
         ages: whether it grows or fades over the session, so that some folds have more of it than others.
+        of_kinds: whether each kind, such as a material, has its own weights: folds without a kind tell
+            nothing of it.
         contains: a simpler effect that its weights can stand for: it is no rival of that one. None without.
         moved: gives the observations with corrected inputs and new predictions; None for forms that add to
             the prediction.
@@ -108,6 +124,7 @@ class Candidate:
     certain: bool = False
     mean_absorbed: bool = True
     ages: bool = False
+    of_kinds: bool = False
     contains: str | None = None
     moved: Callable[[Observations], Observations] | None = None
     again: "Callable[[Observations], Candidate] | None" = None

@@ -9,6 +9,7 @@ from typing_extensions import override
 from taxel.corrections import ONE
 from taxel_models.loop.effects.course import along, has_long_pauses, recorded
 from taxel_models.loop.effects.effect import (
+    ALIKE,
     Candidate,
     Driver,
     Effect,
@@ -26,8 +27,8 @@ PIECES: Final = 4
 AGEING_S: Final = 60.0
 """Shorter recordings are not searched for ageing."""
 
-_CHANNELS: Final = ((True, "all channels alike"), (False, "by channel"))
-"""Whether all channels share the weights, and how a form's name says so."""
+_CHANNELS: Final = {**ALIKE, "by channel": Fitting()}
+"""Which channels share the weights, by what a form's name says of it."""
 
 
 class Gain(Effect):
@@ -42,7 +43,7 @@ class Gain(Effect):
     @override
     def forms(self, observations: Observations, remaining: Remaining) -> Iterable[Candidate]:
         constant = Driver(ONE, np.ones(len(observations)))
-        for alike, channels in _CHANNELS:
+        for channels, fitting in _CHANNELS.items():
             yield weighted(
                 observations,
                 self.name,
@@ -50,7 +51,7 @@ class Gain(Effect):
                 "signal",
                 [constant],
                 centred=False,
-                fitting=Fitting(pooled=alike),
+                fitting=fitting,
                 weight_names=("gain",),
                 weight_units=("relative",),
             )
@@ -58,7 +59,7 @@ class Gain(Effect):
         if span > AGEING_S:
             for pieces in (1, PIECES):
                 ageing = elapsed(observations, evenly_filled(observations, pieces))
-                for alike, channels in _CHANNELS:
+                for channels, fitting in _CHANNELS.items():
                     yield weighted(
                         observations,
                         self.name,
@@ -66,14 +67,14 @@ class Gain(Effect):
                         "signal",
                         [constant, *ageing],
                         centred=False,
-                        fitting=Fitting(pooled=alike),
+                        fitting=fitting,
                         weight_names=("gain", *(driver.name for driver in ageing)),
                         weight_units=("relative", *("relative/s",) * len(ageing)),
                         ages=True,
                     )
             if has_long_pauses(observations):
                 edges, recorded_s = recorded(observations)
-                for alike, channels in _CHANNELS:
+                for channels, fitting in _CHANNELS.items():
                     yield along(
                         observations,
                         self.name,
@@ -83,7 +84,7 @@ class Gain(Effect):
                         recorded_s / recorded_s[-1],
                         beside=[constant],
                         centred=False,
-                        fitting=Fitting(pooled=alike),
+                        fitting=fitting,
                         weight_names=("gain", "change"),
                         weight_units=("relative",),
                         ages=True,

@@ -1,6 +1,7 @@
 """Saturation: above a level, a channel responds less than the model predicts."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import partial
 from typing import Final
 
@@ -13,7 +14,7 @@ from taxel.corrections import Saturation as SaturationTerm
 from taxel.corrections import saturation_design
 from taxel.windows.history import TOUCH_N
 from taxel_models.loop.basis import Floats, Own
-from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
+from taxel_models.loop.effects.effect import ALIKE, Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.observations import Observations
 
 QUANTILES: Final = (0.35, 0.5, 0.65, 0.8, 0.9, 0.95)
@@ -23,7 +24,7 @@ One channel that bends at a lower level could as well have lost sensitivity.
 """
 
 SHARED_FROM: Final = 0.5
-"""The lowest quantile that is tried for all channels alike."""
+"""The lowest quantile that is tried for channels that are alike."""
 
 
 class Saturation(Effect):
@@ -43,13 +44,15 @@ class Saturation(Effect):
             return
         for quantile, level in zip(QUANTILES, levels, strict=True):
             if quantile >= SHARED_FROM:
-                yield self._with(
-                    f"beyond {quantile:.0%} of the signal, all channels alike", level, True, observations
-                )
+                for alike, fitting in ALIKE.items():
+                    yield self._with(
+                        f"beyond {quantile:.0%} of the signal, {alike}", level, fitting, observations
+                    )
         chosen = _best_levels(levels, observations, remaining)
-        yield self._with("beyond each channel's own level", chosen, False, observations)
+        own = Fitting(choices=len(QUANTILES))
+        yield self._with("beyond each channel's own level", chosen, own, observations)
 
-    def _with(self, form: str, level: Floats, pooled: bool, observations: Observations) -> Candidate:
+    def _with(self, form: str, level: Floats, fitting: Fitting, observations: Observations) -> Candidate:
         def online(weights: Floats) -> Online:
             slope = tuple(weights[:, 0].tolist())
             rest = tuple(observations.rest.tolist())
@@ -60,11 +63,11 @@ class Saturation(Effect):
             form,
             Own(saturation_design(observations.signal, level)[:, :, None].astype(np.float32)),
             # A slope below 0 would be a channel that responds more, the more it is pressed.
-            fitting=Fitting(pooled=pooled, positive=True, choices=1 if pooled else len(QUANTILES)),
+            fitting=replace(fitting, positive=True),
             weight_names=("slope",),
             weight_units=("relative",),
             online=online,
-            again=partial(self._with, form, level, pooled),
+            again=partial(self._with, form, level, fitting),
         )
 
 

@@ -4,18 +4,15 @@ from collections.abc import Iterable
 from itertools import product
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
 from typing_extensions import override
 
-from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
 from taxel.windows import Relaxation, Warmth
 from taxel.windows.history import Starts
 from taxel_models.loop.effects.drift import PIECES, SHORTEST_S
 from taxel_models.loop.effects.effect import (
+    ELECTRODES_ALIKE,
     Candidate,
     Effect,
-    Fitting,
     Remaining,
     elapsed,
     evenly_filled,
@@ -78,7 +75,7 @@ class Temperature(Effect):
                 "electrodes alike, in ln Z",
                 "log_impedance",
                 [driver],
-                fitting=Fitting(pooled=True, allowed=_electrodes()),
+                fitting=ELECTRODES_ALIKE,
                 weight_names=("slope",),
                 weight_units=("ln Z per tdc count",),
             )
@@ -117,7 +114,7 @@ class Temperature(Effect):
             "a thermal state, electrodes alike, in ln Z",
             "log_impedance",
             drivers,
-            fitting=Fitting(pooled=True, allowed=_electrodes()),
+            fitting=ELECTRODES_ALIKE,
             weight_units=(*("ln Z per s",) * (len(drivers) - 1), "ln Z per N"),
         )
 
@@ -138,14 +135,8 @@ class Temperature(Effect):
                 f"contact warms in {warming:g} s, air cools in {cooling:g} s{rest}, in {unit}",
                 "log_impedance" if observations.raw_counts else "unit",
                 [past(observations, warmth, f"warmth[{warming:g}s,{cooling:g}s{rest}].force", "1")],
-                fitting=Fitting(pooled=True, allowed=_electrodes()),
+                fitting=ELECTRODES_ALIKE,
                 form_parameters={WARMING: (warming, "s"), "cooling": (cooling, "s")},
                 weight_names=("slope",),
                 weight_units=(unit,),
             )
-
-
-def _electrodes() -> NDArray[np.bool_]:
-    electrodes = np.zeros(len(CHANNELS), bool)
-    electrodes[ELECTRODE_COLUMNS] = True
-    return electrodes

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.held_out_residual import HeldOutResidual, OwnStructure
+from taxel.held_out_residual import AGEING, ALIKE, HeldOutResidual, OwnStructure
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.effects.gain import Gain
@@ -34,26 +34,37 @@ class Usual:
         """Whether it says how much is usual of an effect; without any structure, nothing is usual."""
         return self._is_known and (not self._structure or effect in self._structure)
 
-    def log_evidence(self, effect: str, form: str = "") -> Floats | float:
+    def log_evidence(self, effect: str, candidate: Candidate | None = None) -> Floats | float:
         """(21,) log odds that the model's own residual gives a form of an effect."""
-        if effect not in self._structure or not self._structure[effect].has(form):
+        own = self._of(effect, candidate)
+        if own is None:
             return 0.0
         part, _ = counted(effect, self._std, self._scale)
-        usual = np.array(self._structure[effect].log_evidence)
-        return np.asarray(usual * part * self._bins_each.sum())
+        return np.asarray(np.array(own.log_evidence) * part * self._bins_each.sum())
 
     def gain(self, candidate: Candidate, tested: HeldOut) -> Floats | float:
         """(folds, 21) what a form of an effect takes off the model's own residual, over the noise.
 
         A form that ages takes off little where it is small, whether it is usual or not.
         """
-        effect, form = candidate.effect, candidate.form_itself
-        if effect not in self._structure or not self._structure[effect].has(form):
+        own = self._of(candidate.effect, candidate)
+        if own is None:
             return 0.0
-        _, part = counted(effect, self._std, self._scale)
-        gain = part * np.array(self._structure[effect].gain)
+        _, part = counted(candidate.effect, self._std, self._scale)
+        gain = part * np.array(own.gain)
         bins = bins_that_count(candidate, self._bins_each[:, None], tested.squared_change)
         return np.asarray(bins * gain / (tested.noise * self._scale**2))
+
+    def _of(self, effect: str, candidate: Candidate | None) -> OwnStructure | None:
+        """What the model's own residual has of a form, by what is known of forms with as much freedom."""
+        names = [effect]
+        if candidate is not None and candidate.ages:
+            names.append(effect + AGEING)
+        if candidate is not None and candidate.fitting.pooled:
+            names += [name + ALIKE for name in names]
+        own = next((self._structure[name] for name in reversed(names) if name in self._structure), None)
+        form = "" if candidate is None else candidate.form_itself
+        return own if own is not None and own.has(form) else None
 
 
 def _with_load(structure: Mapping[str, OwnStructure]) -> Mapping[str, OwnStructure]:
@@ -71,12 +82,12 @@ def _with_load(structure: Mapping[str, OwnStructure]) -> Mapping[str, OwnStructu
 def bins_that_count(candidate: Candidate, bins: NDArray[np.int64], squared_change: Floats) -> Floats:
     """(folds, c) how many bins of each fold have what is usual of a form.
 
-    Of a form that ages, a fold counts by how much the form acts there.
+    Of a form that ages, or of which each kind has its own weights, a fold counts by how much it acts there.
 
     Args:
         bins: (folds, 1) of each fold.
         squared_change: (folds, c) that the form foretells.
     """
-    if not candidate.ages:
+    if not (candidate.ages or candidate.of_kinds):
         return bins.astype(np.float64)
     return np.asarray(bins.sum() * squared_change / np.maximum(squared_change.sum(axis=0), 1e-12))

@@ -116,7 +116,7 @@ class Weighing:
         logs = []
         for form in forms:
             fitting = form.candidate.fitting
-            usual = self._usual.log_evidence(effect.label, form.candidate.form_itself)
+            usual = self._usual.log_evidence(effect.label, form.candidate)
             products = Products.of(bases.beside, form.design)
             plain = weigh(replace(products, base=bases.plain), fitting, self._constants, usual)
             alone = plain.log_evidence

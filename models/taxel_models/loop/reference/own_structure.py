@@ -1,20 +1,23 @@
 """What each effect explains of a model's own held-out residual."""
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
+from itertools import product
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from taxel.channels import CHANNELS
-from taxel.held_out_residual import HeldOutResidual, OwnStructure
+from taxel.held_out_residual import AGEING, ALIKE, HeldOutResidual, OwnStructure
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks, cut
 from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import Constants
-from taxel_models.loop.inference.evidence import held_out, weigh
+from taxel_models.loop.inference.evidence import Weighed, held_out, weigh
+from taxel_models.loop.inference.forms import WhitenedForm
 from taxel_models.loop.inference.products import Products
 from taxel_models.loop.inference.score import Score, t_of_folds
 from taxel_models.loop.inference.scoring import Scoring
@@ -45,8 +48,10 @@ ONE_ERROR: Final = 0.84
 def structure_of(scoring: Scoring, confidence: float = OPEN) -> dict[str, OwnStructure]:
     """For each effect alone, its log odds and its gain for each bin.
 
-    Of an effect's likely forms, the largest counts: another recording may show another one. Of a costly
-    effect, and of one that is certain, only the likeliest form counts.
+    Of an effect's likely forms, the largest counts: another recording may show another one. Forms that age,
+    and those with weights of each channel, may explain far more than others, so that a form is compared
+    with those that have at most its freedom. Of a costly effect, and of one that is certain, only the
+    likeliest form counts.
 
     Args:
         confidence: of the limit of what few blocks leave open; 0.5 for the mean itself.
@@ -54,19 +59,55 @@ def structure_of(scoring: Scoring, confidence: float = OPEN) -> dict[str, OwnStr
     with threadpool_limits(1):
         structure = {}
         for score in scoring.scores([]):
-            found = [(score.weighed.by_channel, own_gain(scoring, score, confidence))]
             once = score.effect.is_costly or score.form.candidate.certain
-            if score.effect.is_predictable and not once:
-                found += _of_other_forms(scoring, score, confidence)
-            odds = np.max([odds for odds, _ in found], axis=0)
-            gain = max((gain for _, gain in found), key=lambda gain: float(gain.sum()))
-            bins = len(scoring.bins)
-            structure[score.name] = OwnStructure(
-                log_evidence=tuple((np.maximum(odds, 0.0) / bins).tolist()),
-                gain=tuple((np.maximum(gain, 0.0) / bins).tolist()),
-                forms=_usual_forms(scoring, score, confidence) if score.effect.fits_nothing else (),
-            )
+            if once or not score.effect.is_predictable:
+                own = [_Form(score.form, score.weighed, own_gain(scoring, score, confidence))]
+                structure[score.name] = _largest(own, len(scoring.bins))
+                continue
+            forms = _usual_forms(scoring, score, confidence) if score.effect.fits_nothing else ()
+            for suffix, found in _by_freedom(_likely_forms(scoring, score, confidence)).items():
+                structure[score.name + suffix] = _largest(found, len(scoring.bins), forms)
         return structure
+
+
+class _Form(NamedTuple):
+    """A likely form of an effect; (21,) what it takes off the squared error in every channel, counts²."""
+
+    form: WhitenedForm
+    weighed: Weighed
+    gain: Floats
+
+    @property
+    def ages(self) -> bool:
+        return self.form.candidate.ages
+
+    @property
+    def is_alike(self) -> bool:
+        return self.form.candidate.fitting.pooled
+
+
+def _by_freedom(likely: Sequence[_Form]) -> dict[str, list[_Form]]:
+    """Forms that have at most some freedom, by what ends the effect's name then."""
+    steady = [one for one in likely if not one.ages]
+    found = {"": steady or list(likely)}
+    if len(steady) not in (0, len(likely)):
+        found[AGEING] = list(likely)
+    for suffix, several in list(found.items()):
+        alike = [one for one in several if one.is_alike]
+        if len(alike) not in (0, len(several)):
+            found[suffix + ALIKE] = alike
+    return found
+
+
+def _largest(found: Sequence[_Form], bins: int, forms: tuple[str, ...] = ()) -> OwnStructure:
+    """The largest that some forms explain, for each bin."""
+    odds = np.max([one.weighed.by_channel for one in found], axis=0)
+    gain = max((one.gain for one in found), key=lambda gain: float(gain.sum()))
+    return OwnStructure(
+        log_evidence=tuple((np.maximum(odds, 0.0) / bins).tolist()),
+        gain=tuple((np.maximum(gain, 0.0) / bins).tolist()),
+        forms=forms,
+    )
 
 
 def _usual_forms(scoring: Scoring, score: Score, confidence: float) -> tuple[str, ...]:
@@ -81,18 +122,30 @@ def _usual_forms(scoring: Scoring, score: Score, confidence: float) -> tuple[str
     return tuple(sorted(found))
 
 
-def _of_other_forms(scoring: Scoring, score: Score, confidence: float) -> list[tuple[Floats, Floats]]:
+def _likely_forms(scoring: Scoring, score: Score, confidence: float) -> list[_Form]:
+    """The form of a score, and those that are nearly as likely as the likeliest with as much freedom."""
     bases = scoring.bases([])
     base = bases.plain if score.effect.is_constant else bases.beside
+    weighed = [
+        (form, weigh(Products.of(base, form.design), form.candidate.fitting, scoring.constants))
+        for form in scoring.forms_of(score.effect)
+    ]
     likely = []
-    for form in scoring.forms_of(score.effect):
-        weighed = weigh(Products.of(base, form.design), form.candidate.fitting, scoring.constants)
-        likely.append((form, weighed))
-    least = LIKELY * max(weighed.log_evidence for _, weighed in likely)
+    for freedom in product((False, True), repeat=2):
+        own_kind = [
+            (form, own)
+            for form, own in weighed
+            if (form.candidate.ages, form.candidate.fitting.pooled) == freedom
+        ]
+        most = max((own.log_evidence for _, own in own_kind), default=0.0)
+        least = min(most, max(LIKELY * most, 0.0))
+        likely += [(form, own) for form, own in own_kind if own.log_evidence >= least]
     return [
-        (weighed.by_channel, own_gain(scoring, replace(score, form=form, weighed=weighed), confidence))
-        for form, weighed in likely
-        if weighed.log_evidence >= max(least, 0.0) and form is not score.form
+        _Form(form, own, own_gain(scoring, replace(score, form=form, weighed=own), confidence))
+        for form, own in [
+            (score.form, score.weighed),
+            *(one for one in likely if one[0] is not score.form),
+        ]
     ]
 
 

@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
-from taxel.held_out_residual import HeldOutResidual
+from taxel.held_out_residual import AGEING, ALIKE, HeldOutResidual, OwnStructure
 from taxel_models.loop.basis import Shared
 from taxel_models.loop.blocks import cut
-from taxel_models.loop.effects.effect import Candidate, Remaining
+from taxel_models.loop.effects.effect import Candidate, Fitting, Remaining
 from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.inference.evidence import HeldOut
@@ -63,12 +63,16 @@ def scored(effect: Gain, observations: Observations, reference: HeldOutResidual)
 
 
 def with_usual_gain(reference: HeldOutResidual, gain: float) -> HeldOutResidual:
-    """The reference where the electrode's own gain takes so much off its error, counts² for each bin."""
+    """The reference where the electrode's own gain takes so much off its error, counts² for each bin.
+
+    It is the same of gains that age and of others.
+    """
     known = reference.structure["gain"]
     every = np.array(known.gain)
     every[FADES] = gain
-    structure = {**reference.structure, "gain": known.model_copy(update={"gain": tuple(every.tolist())})}
-    return reference.model_copy(update={"structure": structure, "correlated": None})
+    usual = known.model_copy(update={"gain": tuple(every.tolist())})
+    other = {name: own for name, own in reference.structure.items() if not name.startswith("gain")}
+    return reference.model_copy(update={"structure": {**other, "gain": usual}, "correlated": None})
 
 
 def test_an_ageing_gain_repeats_more_surely_where_what_is_usual_counts_as_it_acts(
@@ -83,17 +87,45 @@ def test_an_ageing_gain_repeats_more_surely_where_what_is_usual_counts_as_it_act
     assert alike.t < DECLARED.least_t(alike.folds) < ageing.t
 
 
-@pytest.mark.parametrize("ages", [True, False])
+def test_a_form_has_what_is_usual_of_forms_with_at_most_its_freedom(reference: HeldOutResidual) -> None:
+    names = ("gain", f"gain{AGEING}", f"gain{ALIKE}", f"gain{AGEING}{ALIKE}")
+    assert {name for name in reference.structure if name.startswith("gain")} == set(names)
+    steady, ageing, alike, _ = (sum(reference.structure[name].gain) for name in names)
+    assert alike <= steady <= ageing
+
+    def usual_of(structure: dict[str, OwnStructure], *, ages: bool, pooled: bool) -> float:
+        known = reference.model_copy(update={"structure": structure})
+        candidate = Candidate(
+            "gain", "", Shared(np.ones((9, 1))), fitting=Fitting(pooled=pooled), ages=ages
+        )
+        usual = Usual(known, np.zeros(9, np.int64), np.array(reference.std))
+        return float(np.broadcast_to(usual.log_evidence("gain", candidate), 21)[0])
+
+    structure = {
+        name: OwnStructure(log_evidence=(float(place),) * 21, gain=(0.0,) * 21)
+        for place, name in enumerate(names, start=1)
+    }
+    assert [
+        usual_of(structure, ages=ages, pooled=pooled) for pooled in (False, True) for ages in (False, True)
+    ] == [9.0, 18.0, 27.0, 36.0]
+    # A manifest of an earlier version has one figure for all forms.
+    earlier = {"gain": structure["gain"]}
+    assert {usual_of(earlier, ages=ages, pooled=ages) for ages in (False, True)} == {9.0}
+
+
+@pytest.mark.parametrize("acts", ["evenly", "ages", "of_kinds"])
 def test_folds_have_what_is_usual_by_their_change_or_by_their_bins(
-    reference: HeldOutResidual, ages: bool
+    reference: HeldOutResidual, acts: str
 ) -> None:
     fold = np.repeat([0, 1, 2], [10, 10, 20])
     scale = 2.0 * np.array(reference.std)
     change = np.random.default_rng(3).uniform(0.5, 2.0, (3, 21))
     tested = HeldOut(np.ones((3, 21)), np.ones((3, 21)), np.full(21, 0.5), change)
-    candidate = Candidate("gain", "by channel", Shared(np.ones((40, 1))), ages=ages)
+    candidate = Candidate("gain", "by channel", Shared(np.ones((40, 1))))
+    if acts != "evenly":
+        candidate = replace(candidate, **{acts: True})
     found = Usual(with_usual_gain(reference, 20.0), fold, scale).gain(candidate, tested)
-    part = change / change.sum(axis=0) if ages else np.array([[0.25], [0.25], [0.5]])
+    part = change / change.sum(axis=0) if acts != "evenly" else np.array([[0.25], [0.25], [0.5]])
     # Over the noise of a bin, whose mean square is half of the squared scale.
     whole = 40 * 20.0 / (0.5 * scale[FADES] ** 2)
     np.testing.assert_allclose(

@@ -57,8 +57,9 @@ def test_a_weight_of_one_changes_a_channel_by_its_residual(
 def test_figures_are_counted_by_channel_unless_all_share_them(
     observations: Observations, whitening: Whitening
 ) -> None:
-    alike, own = (next(prepared(one, whitening)) for one in forms_of(observations, "gain")[:2])
-    assert (alike.freedom, own.freedom) == (1, 21)
+    forms = [next(prepared(one, whitening)) for one in forms_of(observations, "gain")[:3]]
+    assert [one.freedom for one in forms] == [1, 1, 21]
+    alike, _, own = forms
     fixed = replace(alike.candidate, fitting=Fitting(fixed=True, beforehand=3))
     assert next(prepared(fixed, whitening)).freedom == 3
     course = replace(own.candidate, fitting=Fitting(beforehand=5))
