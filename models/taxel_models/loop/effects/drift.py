@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
+from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.course import along, has_long_pauses, recorded
 from taxel_models.loop.effects.effect import (
@@ -24,7 +25,7 @@ PIECES: Final = 6
 """The straight pieces of a course that is no other function: enough for one swing over a session."""
 
 STEPS: Final = np.arange(1, 32) / 32
-"""Shares of the rows before a step. Where a segment begins nearby, the step is there."""
+"""Shares of the fit part before a step. Where a segment begins nearby, the step is there."""
 
 FINER_STEPS: Final = np.array([-1, 1, -2, 2]) / 128
 """Shares around the best one."""
@@ -50,6 +51,9 @@ class Drift(Effect):
     All channels follow one course, each with its own size: what drifts is the finger. A course of its own
     in each channel would be as free as constants of kinds that were recorded one after the other.
 
+    A course begins at 0, as that of a finger that changes from when it was recorded on. Less its mean, it
+    is one that the model has absorbed.
+
     A line and an exponential are also tried in the time that was recorded: with long pauses, such as
     nights, a finger that changes while it is used does not follow the clock. d is constant after the end
     of the recording.
@@ -69,11 +73,13 @@ class Drift(Effect):
         if span < SHORTEST_S:
             return
         drivers = elapsed(observations, evenly_filled(observations, 1))
-        yield weighted(observations, self.name, "line", "unit", drivers, weight_units=("counts/s",))
+        yield weighted(
+            observations, self.name, "line", "unit", drivers, centred=False, weight_units=("counts/s",)
+        )
         yield _of_pieces(observations, remaining)
         for share in WARMING:
             yield _exponential(share * span, "s", observations)
-        times = np.unique(time)
+        times = np.unique(time[remaining.fit])
         for share in _steps(times, observations).tolist():
             yield _step(share, times, observations)
         if has_long_pauses(observations):
@@ -90,9 +96,9 @@ class Drift(Effect):
             tau, unit = best.form_parameters["time_constant"]
             for factor in FINER:
                 yield _exponential(factor * tau, unit, observations)
-        if "rows before" in best.form_parameters:
-            share, _ = best.form_parameters["rows before"]
-            times = np.unique(observations.time_s)
+        if "time" in best.form_parameters:
+            times = np.unique(observations.time_s[fit])
+            share = np.searchsorted(times, best.form_parameters["time"][0]) / len(times)
             for finer in (share + FINER_STEPS).tolist():
                 if 0 < finer < 1:
                     yield _step(finer, times, observations)
@@ -136,9 +142,10 @@ def _exponential(tau: float, unit: str, observations: Observations) -> Candidate
 
 
 def _steps(times: Floats, observations: Observations) -> Floats:
-    """(m,) shares of the rows before the steps that are tried, of rows at times (k,), s."""
-    starts = np.flatnonzero(np.diff(observations.segment)) + 1
-    begins = np.searchsorted(times, observations.time_s[starts]) / len(times)
+    """(m,) shares of the fit part's rows before the steps that are tried; its rows are at times (k,), s."""
+    # Where a part is held out, as well.
+    gaps = np.flatnonzero(np.diff(times) > 1.5 * TICK_S) + 1
+    begins = np.union1d(gaps, np.searchsorted(times, _starts(observations))) / len(times)
     if not len(begins):
         return STEPS
     nearest = begins[np.abs(begins[:, None] - STEPS).argmin(axis=0)]
@@ -147,11 +154,23 @@ def _steps(times: Floats, observations: Observations) -> Floats:
 
 
 def _step(share: float, times: Floats, observations: Observations) -> Candidate:
-    """From 0 to 1 within a tick, once a share of the times (k,), s, is over, or in a pause there."""
+    """From 0 to 1 within a tick, once a share of the fit part's times (k,), s, is over.
+
+    Between two of these rows nothing tells when. The step is there where the only segment begins, else in
+    the middle.
+    """
     place = min(max(round(share * len(times)), 1), len(times) - 1)
-    edges = np.array([times[place - 1], times[place]])
-    form = f"a step at {edges[1]:.1f} s"
-    return _along(observations, form, edges, np.array([0.0, 1.0]), {"rows before": (share, "share")})
+    before, after = times[place - 1], times[place]
+    starts = _starts(observations)
+    starts = starts[(starts > before) & (starts <= after)]
+    time = float(starts[0]) if len(starts) == 1 else max(0.5 * (before + after), before + TICK_S)
+    edges, course = np.array([time - TICK_S, time]), np.array([0.0, 1.0])
+    return _along(observations, f"a step at {time:.1f} s", edges, course, {"time": (time, "s")})
+
+
+def _starts(observations: Observations) -> Floats:
+    """(m,) when segments begin, but for the first, s."""
+    return observations.time_s[np.flatnonzero(np.diff(observations.segment)) + 1]
 
 
 def _along(
@@ -169,6 +188,7 @@ def _along(
         "unit",
         edges,
         course,
+        centred=False,
         weight_names=("size",),
         weight_units=("counts",),
         fitting=fitting or Fitting(),

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from taxel.channels import CHANNELS
 from taxel.windows import Relaxation, Warmth
 from taxel_models.loop.blocks import cut
+from taxel_models.loop.effects.effect import Remaining
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.inference.forms import prepared
@@ -52,6 +53,47 @@ def test_a_gain_that_all_channels_share_is_one_figure(smooth: Any, make: Make) -
     found = only(attributed(smooth, injection.recording))
     assert (found.name, found.candidate.form) == ("gain", "all channels alike")
     np.testing.assert_allclose(found.weights, 0.15, atol=0.01)
+
+
+def test_a_skin_that_wears_is_one_figure_of_the_electrodes(smooth: Any, make: Make) -> None:
+    """The pressure sensor answers as before."""
+    injection = into(make)
+    delta = -0.2 * injection.signal
+    delta[:, :2] = 0.0
+    add(injection, delta)
+    found = only(attributed(smooth, injection.recording))
+    assert (found.name, found.candidate.form) == ("gain", "all electrodes alike")
+    np.testing.assert_allclose(found.weights[2:], -0.2, atol=0.01)
+    assert (found.weights[:2] == 0.0).all()
+
+
+@pytest.mark.parametrize("course", ["line", "step"])
+def test_a_drift_that_begins_at_0_brings_no_offset(smooth: Any, make: Make, course: str) -> None:
+    injection = into(make, 9_000)
+    share = np.linspace(0.0, 1.0, 9_000) if course == "line" else (np.arange(9_000) >= 5_000) * 1.0
+    delta = share[:, None] * 30.0 * np.resize([1.0, -1.0, 0.5, -0.6], 21)
+    add(injection, delta)
+    found_all = attributed(smooth, injection.recording)
+    found = only(found_all)
+    assert found.name == "drift"
+    rows = found_all.observations.rows[0]
+    # A step is placed between blocks, or in the middle of one that is held out.
+    off = np.abs(found.contribution - delta[rows]).mean(axis=1)
+    assert np.median(off) < 3.0
+    assert found.contribution[0] == pytest.approx(np.zeros(21), abs=1.5)
+
+
+def test_a_step_is_in_the_middle_of_rows_that_tell_nothing(observations: Observations) -> None:
+    fit = np.ones(len(observations), np.bool_)
+    fit[2_000:3_000] = False
+    (drift,) = [effect for effect in candidates(observations) if effect.label == "drift"]
+    forms = drift.forms(observations, Remaining(observations.residual, fit, np.ones(len(fit))))
+    told = np.array([form.form_parameters["time"][0] for form in forms if "time" in form.form_parameters])
+    time = observations.time_s
+    inside = told[(told > time[1_999]) & (told < time[3_000])]
+    np.testing.assert_allclose(inside, 0.5 * (time[1_999] + time[3_000]), atol=0.01)
+    assert len(inside) > 0
+    assert len(told) > 20
 
 
 def test_one_electrodes_gain_is_told(smooth: Any, make: Make) -> None:
