@@ -69,7 +69,7 @@ def simplest(best: Score, scores: Sequence[Score], constants: Constants) -> Scor
             score
             for score in scores
             if score.effect.is_predictable
-            and score.total_gain > least
+            and (score.total_gain > least or score.worth.mean() >= best.worth.mean())
             and (
                 score.freedom <= most_of_simpler(best, constants)
                 or (score.freedom < best.freedom and score.total_gain > best.total_gain)

@@ -251,6 +251,9 @@ class JointSelection:
             return False
         if chosen.form.candidate.moves:
             return False
+        if own.effect.is_constant and chosen.needs_constant:
+            # It does not say what the constant says.
+            return False
         is_simpler = chosen.freedom < own.freedom and not chosen.effect.is_constant
         return chosen.log_evidence > own.log_evidence or (is_simpler and self.proves_itself(own, own))
 

@@ -132,7 +132,12 @@ def test_a_named_effect_gives_way_to_a_likelier_or_a_simpler_one(
         effect = SimpleNamespace(is_predictable=True, is_constant=constant)
         form = SimpleNamespace(candidate=SimpleNamespace(moves=False))
         return SimpleNamespace(
-            name=name, effect=effect, form=form, freedom=freedom, log_evidence=log_evidence
+            name=name,
+            effect=effect,
+            form=form,
+            freedom=freedom,
+            log_evidence=log_evidence,
+            needs_constant=False,
         )
 
     own, other = score("named", 100.0, 294, False), score("other", evidence, freedom, constant)
@@ -140,3 +145,46 @@ def test_a_named_effect_gives_way_to_a_likelier_or_a_simpler_one(
     assert JointSelection._replaces(selection, other, own) is replaced
     assert not JointSelection._replaces(selection, own, own)
     assert not JointSelection._replaces(selection, other, None)
+
+
+@pytest.mark.parametrize("needs_constant", [True, False])
+def test_what_needs_a_constant_beside_it_does_not_take_a_constants_place(needs_constant: bool) -> None:
+    """A skin that contact warms within seconds is nearly as steady, with one figure in place of 21."""
+
+    def score(name: str, log_evidence: float, freedom: int, needs: bool) -> Any:
+        effect = SimpleNamespace(is_predictable=True, is_constant=name == "offset")
+        form = SimpleNamespace(candidate=SimpleNamespace(moves=False))
+        return SimpleNamespace(
+            name=name,
+            effect=effect,
+            form=form,
+            freedom=freedom,
+            log_evidence=log_evidence,
+            needs_constant=needs,
+        )
+
+    own, other = score("offset", 100.0, 21, False), score("temperature", 130.0, 1, needs_constant)
+    selection: Any = SimpleNamespace(proves_itself=lambda *_: True)
+    assert JointSelection._replaces(selection, other, own) is not needs_constant
+
+
+def test_a_simpler_effect_is_asked_whether_it_is_mostly_a_constant() -> None:
+    """Kinds that need a constant beside them are mostly that; a gain of all channels is not."""
+
+    def score(name: str, evidence: float, freedom: int, gain: float, alone: float) -> Any:
+        return SimpleNamespace(
+            form=SimpleNamespace(candidate=SimpleNamespace(certain=False, fitting=Fitting())),
+            effect=SimpleNamespace(is_constant=name == "offset", is_predictable=True),
+            freedom=freedom,
+            log_evidence=evidence,
+            log_evidence_alone=alone,
+            needs_constant=name != "offset",
+            total_gain=gain,
+            worth=np.full(21, 0.1),
+            evidence_within=lambda figures: evidence if freedom <= figures else -np.inf,
+        )
+
+    kinds, gain = score("covariate", 801.0, 126, 290.0, 700.0), score("gain", 800.0, 1, 600.0, 750.0)
+    offset = score("offset", 430.0, 21, 500.0, 430.0)
+    assert choose([kinds, gain, offset], [], DECLARED) is gain
+    assert choose([kinds, offset], [], DECLARED) is offset

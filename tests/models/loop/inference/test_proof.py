@@ -15,10 +15,28 @@ from taxel_models.loop.inference.contact_offset import ContactOffset
 from taxel_models.loop.inference.proof import simplest
 
 
+def rival(freedom: int, gain: float, evidence: float, worth: float) -> Any:
+    """A score by its figures, and by the share of each channel's squared error that it removes."""
+    return SimpleNamespace(
+        effect=SimpleNamespace(is_predictable=True),
+        freedom=freedom,
+        total_gain=gain,
+        log_evidence=evidence,
+        worth=np.full(21, worth),
+    )
+
+
+@pytest.mark.parametrize(("worth", "first"), [(0.18, "gain"), (0.14, "kinds")])
+def test_a_simpler_one_that_removes_as_much_in_counts_goes_first(worth: float, first: str) -> None:
+    """Errors that last for a contact are few independent ones, and most of what there is to remove."""
+    kinds, gain = rival(126, 5300.0, 4900.0, worth=0.15), rival(1, 2400.0, 1900.0, worth=worth)
+    found = simplest(kinds, [kinds, gain], DECLARED)
+    assert found is {"gain": gain, "kinds": kinds}[first]
+
+
 def test_the_simplest_is_looked_for_step_by_step() -> None:
     def score(freedom: int, gain: float, evidence: float) -> Any:
-        effect = SimpleNamespace(is_predictable=True)
-        return SimpleNamespace(effect=effect, freedom=freedom, total_gain=gain, log_evidence=evidence)
+        return rival(freedom, gain, evidence, worth=gain / 1e4)
 
     kinds, ageing, line = score(294, 1600.0, 1613.0), score(105, 1800.0, 1569.0), score(21, 2100.0, 1383.0)
     weak, constant = score(10, 1190.0, 1500.0), score(1, 900.0, 2000.0)
