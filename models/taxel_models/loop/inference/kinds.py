@@ -9,7 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
-from taxel.held_out_residual import HeldOutResidual, KindResidual, KnownKind, OwnStructure, OwnWave
+from taxel.held_out_residual import (
+    AGEING,
+    ALIKE,
+    HeldOutResidual,
+    KindResidual,
+    KnownKind,
+    OwnStructure,
+    OwnWave,
+)
 from taxel.manifest import Manifest
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.covariate import Covariate
@@ -137,9 +145,11 @@ def _of_known_kinds(
         waves += rows.waves()
         few = herfindahl(values) - one.herfindahl
         alone = max(few, 0.0) / (1.0 - one.herfindahl)
-        for name in one.structure.keys() & usual.figures.keys():
-            unit = counted(name, np.array(reference.std), scale)
-            usual.mix(name, rows.figures_of(name, scale) / unit, alone, [one.structure])
+        for name in list(usual.figures):
+            told = _told_as(name, one.structure)
+            if told is not None:
+                unit = counted(name, np.array(reference.std), scale)
+                usual.mix(name, rows.figures_of(told, scale) / unit, alone, [one.structure])
         if ContactOffset.name in usual.figures.keys() - one.structure.keys():
             # Of one kind, few contacts are held out; on some kinds, contacts scatter more.
             size = constants.usual_of_kind * rows.energy()
@@ -156,6 +166,12 @@ def _of_known_kinds(
 
 def _of_energy(wave: OwnWave, factor: float) -> OwnWave:
     return wave.model_copy(update={"energy": tuple(factor * energy for energy in wave.energy)})
+
+
+def _told_as(name: str, structure: Mapping[str, OwnStructure]) -> str | None:
+    """Under which name a structure has an effect: few rows of a kind tell nothing of what ages."""
+    names = (name, name.replace(AGEING, ""), name.replace(AGEING, "").removesuffix(ALIKE))
+    return next((one for one in names if one in structure), None)
 
 
 @dataclass(frozen=True)

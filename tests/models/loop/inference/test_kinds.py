@@ -100,6 +100,24 @@ def test_what_one_kind_does_not_show_all_together_do(observations: Observations)
     assert one.structure["offset:contact"].gain[0] == pytest.approx(3.0)
 
 
+@pytest.mark.parametrize(
+    ("of_one_kind", "expected"),
+    [({}, 8.0), ({"gain, alike": own(6.0)}, 6.0), ({"gain, ageing, alike": own(9.0)}, 9.0)],
+)
+def test_of_what_ages_a_kind_shows_at_least_what_its_few_rows_tell(
+    observations: Observations, of_one_kind: dict[str, OwnStructure], expected: float
+) -> None:
+    """A gain that all channels share and that ages is judged by the nearest that the kind has."""
+    whole = known()
+    material = whole.one_kind["material"]
+    material = material.model_copy(update={"structure": {**material.structure, **of_one_kind}})
+    structure = {**whole.structure, "gain, ageing, alike": own(1.5)}
+    whole = whole.model_copy(update={"structure": structure, "one_kind": {"material": material}})
+    column = {"material": np.full(len(observations), 7.0)}
+    found = of_its_kinds(whole, replace(observations, covariates=column), DECLARED)
+    assert found.structure["gain, ageing, alike"].gain[0] == pytest.approx(expected)
+
+
 def test_own_parts_of_several_kinds_cancel_out(observations: Observations) -> None:
     both = of(observations, [1.0, 2.0])
     assert both.structure["gain"].gain[0] == pytest.approx(1.0 + 7.0 * 0.4 / 0.9, rel=1e-3)
