@@ -1,5 +1,6 @@
 """A model's own held-out residual, as its manifest keeps it: what the loop judges other recordings by."""
 
+from collections.abc import Mapping
 from typing import Annotated, Final
 
 from pydantic import Field
@@ -32,6 +33,16 @@ class OwnStructure(Schema):
     def has(self, form: str) -> bool:
         """Whether a form may explain so much."""
         return not self.forms or form in self.forms
+
+
+def known_as(name: str, structure: Mapping[str, OwnStructure]) -> str | None:
+    """The name under which a structure has an effect's forms, or the nearest forms that it knows.
+
+    Args:
+        name: of the effect, with `AGEING` and `ALIKE` where they apply.
+    """
+    names = (name, name.removesuffix(ALIKE), name.replace(AGEING, ""))
+    return next((one for one in (*names, names[-1].removesuffix(ALIKE)) if one in structure), None)
 
 
 class OwnWave(Schema):

@@ -51,8 +51,8 @@ class Drift(Effect):
     All channels follow one course, each with its own size: what drifts is the finger. A course of its own
     in each channel would be as free as constants of kinds that were recorded one after the other.
 
-    A course begins at 0, as that of a finger that changes from when it was recorded on. Less its mean, it
-    is one that the model has absorbed.
+    A course begins at 0: the finger changes from the start of the session on. The same course less its mean
+    is another form, since a model may have absorbed the mean.
 
     A line and an exponential are also tried in the time that was recorded: with long pauses, such as
     nights, a finger that changes while it is used does not follow the clock. d is constant after the end
@@ -143,7 +143,7 @@ def _exponential(tau: float, unit: str, observations: Observations) -> Candidate
 
 def _steps(times: Floats, observations: Observations) -> Floats:
     """(m,) shares of the fit part's rows before the steps that are tried; its rows are at times (k,), s."""
-    # Where a part is held out, as well.
+    # Also at rows that are held out: a step among them is placed by `_step`.
     gaps = np.flatnonzero(np.diff(times) > 1.5 * TICK_S) + 1
     begins = np.union1d(gaps, np.searchsorted(times, _starts(observations))) / len(times)
     if not len(begins):

@@ -51,7 +51,7 @@ ELECTRODES_ALIKE: Final = Fitting(
 )
 """All electrodes share their weights, and the pressure sensor has none."""
 
-ALIKE: Final[Mapping[str, Fitting]] = {
+SHARED_WEIGHTS: Final[Mapping[str, Fitting]] = {
     "all channels alike": Fitting(pooled=True),
     "all electrodes alike": ELECTRODES_ALIKE,
 }

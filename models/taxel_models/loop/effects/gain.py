@@ -9,7 +9,7 @@ from typing_extensions import override
 from taxel.corrections import ONE
 from taxel_models.loop.effects.course import along, has_long_pauses, recorded
 from taxel_models.loop.effects.effect import (
-    ALIKE,
+    SHARED_WEIGHTS,
     Candidate,
     Driver,
     Effect,
@@ -27,7 +27,7 @@ PIECES: Final = 4
 AGEING_S: Final = 60.0
 """Shorter recordings are not searched for ageing."""
 
-_CHANNELS: Final = {**ALIKE, "by channel": Fitting()}
+_CHANNELS: Final = {**SHARED_WEIGHTS, "by channel": Fitting()}
 """Which channels share the weights, by what a form's name says of it."""
 
 

@@ -14,7 +14,7 @@ from taxel.corrections import Saturation as SaturationTerm
 from taxel.corrections import saturation_design
 from taxel.windows.history import TOUCH_N
 from taxel_models.loop.basis import Floats, Own
-from taxel_models.loop.effects.effect import ALIKE, Candidate, Effect, Fitting, Online, Remaining
+from taxel_models.loop.effects.effect import SHARED_WEIGHTS, Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.observations import Observations
 
 QUANTILES: Final = (0.35, 0.5, 0.65, 0.8, 0.9, 0.95)
@@ -44,7 +44,7 @@ class Saturation(Effect):
             return
         for quantile, level in zip(QUANTILES, levels, strict=True):
             if quantile >= SHARED_FROM:
-                for alike, fitting in ALIKE.items():
+                for alike, fitting in SHARED_WEIGHTS.items():
                     yield self._with(
                         f"beyond {quantile:.0%} of the signal, {alike}", level, fitting, observations
                     )

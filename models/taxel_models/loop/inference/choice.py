@@ -31,8 +31,8 @@ def choose(able: Sequence[Score], untried: Sequence[Score], constants: Constants
     if not best.effect.is_predictable:
         # Offsets of contacts contain whatever is steady within them.
         return next((score for score in able if score.effect.is_steady), best)
-    simplest_one = _simplest(best, able, constants)
-    return constant if constant and _is_mostly(constant, simplest_one, constants) else simplest_one
+    best = _simplest(best, able, constants)
+    return constant if constant and _is_mostly(constant, best, constants) else best
 
 
 def casts_doubt(other: Score, best: Score, constants: Constants) -> bool:

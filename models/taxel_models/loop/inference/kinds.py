@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS
 from taxel.held_out_residual import (
-    AGEING,
-    ALIKE,
     HeldOutResidual,
     KindResidual,
     KnownKind,
     OwnStructure,
     OwnWave,
+    known_as,
 )
 from taxel.manifest import Manifest
 from taxel_models.loop.basis import Floats
@@ -146,7 +145,8 @@ def _of_known_kinds(
         few = herfindahl(values) - one.herfindahl
         alone = max(few, 0.0) / (1.0 - one.herfindahl)
         for name in list(usual.figures):
-            told = _told_as(name, one.structure)
+            # Few rows of a kind tell nothing of what ages.
+            told = known_as(name, one.structure)
             if told is not None:
                 unit = counted(name, np.array(reference.std), scale)
                 usual.mix(name, rows.figures_of(told, scale) / unit, alone, [one.structure])
@@ -166,12 +166,6 @@ def _of_known_kinds(
 
 def _of_energy(wave: OwnWave, factor: float) -> OwnWave:
     return wave.model_copy(update={"energy": tuple(factor * energy for energy in wave.energy)})
-
-
-def _told_as(name: str, structure: Mapping[str, OwnStructure]) -> str | None:
-    """Under which name a structure has an effect: few rows of a kind tell nothing of what ages."""
-    names = (name, name.replace(AGEING, ""), name.replace(AGEING, "").removesuffix(ALIKE))
-    return next((one for one in names if one in structure), None)
 
 
 @dataclass(frozen=True)

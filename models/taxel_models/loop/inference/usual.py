@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.held_out_residual import AGEING, ALIKE, HeldOutResidual, OwnStructure
+from taxel.held_out_residual import AGEING, ALIKE, HeldOutResidual, OwnStructure, known_as
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.effects.gain import Gain
@@ -57,14 +57,12 @@ class Usual:
 
     def _of(self, effect: str, candidate: Candidate | None) -> OwnStructure | None:
         """What the model's own residual has of a form, by what is known of forms with as much freedom."""
-        names = [effect]
-        if candidate is not None and candidate.ages:
-            names.append(effect + AGEING)
-        if candidate is not None and candidate.fitting.pooled:
-            names += [name + ALIKE for name in names]
-        own = next((self._structure[name] for name in reversed(names) if name in self._structure), None)
-        form = "" if candidate is None else candidate.form_itself
-        return own if own is not None and own.has(form) else None
+        name, form = effect, ""
+        if candidate is not None:
+            name += AGEING * candidate.ages + ALIKE * candidate.fitting.pooled
+            form = candidate.form_itself
+        known = known_as(name, self._structure)
+        return self._structure[known] if known and self._structure[known].has(form) else None
 
 
 def _with_load(structure: Mapping[str, OwnStructure]) -> Mapping[str, OwnStructure]:

@@ -113,6 +113,20 @@ def test_a_constant_comes_behind_what_explains_more(
     assert in_order([named[1], named[0]])[0].name == "gain"
 
 
+def in_a_place(
+    name: str, log_evidence: float, freedom: int, *, constant: bool = False, needs_constant: bool = False
+) -> Any:
+    """A score that another one may replace, or that may replace another one."""
+    return SimpleNamespace(
+        name=name,
+        effect=SimpleNamespace(is_predictable=True, is_constant=constant),
+        form=SimpleNamespace(candidate=SimpleNamespace(moves=False)),
+        freedom=freedom,
+        log_evidence=log_evidence,
+        needs_constant=needs_constant,
+    )
+
+
 @pytest.mark.parametrize(
     ("evidence", "freedom", "constant", "proven", "replaced"),
     [
@@ -128,19 +142,8 @@ def test_a_constant_comes_behind_what_explains_more(
 def test_a_named_effect_gives_way_to_a_likelier_or_a_simpler_one(
     evidence: float, freedom: int, constant: bool, proven: bool, replaced: bool
 ) -> None:
-    def score(name: str, log_evidence: float, freedom: int, constant: bool) -> Any:
-        effect = SimpleNamespace(is_predictable=True, is_constant=constant)
-        form = SimpleNamespace(candidate=SimpleNamespace(moves=False))
-        return SimpleNamespace(
-            name=name,
-            effect=effect,
-            form=form,
-            freedom=freedom,
-            log_evidence=log_evidence,
-            needs_constant=False,
-        )
-
-    own, other = score("named", 100.0, 294, False), score("other", evidence, freedom, constant)
+    own = in_a_place("named", 100.0, 294)
+    other = in_a_place("other", evidence, freedom, constant=constant)
     selection: Any = SimpleNamespace(proves_itself=lambda *_: proven)
     assert JointSelection._replaces(selection, other, own) is replaced
     assert not JointSelection._replaces(selection, own, own)
@@ -151,19 +154,8 @@ def test_a_named_effect_gives_way_to_a_likelier_or_a_simpler_one(
 def test_what_needs_a_constant_beside_it_does_not_take_a_constants_place(needs_constant: bool) -> None:
     """A skin that contact warms within seconds is nearly as steady, with one figure in place of 21."""
 
-    def score(name: str, log_evidence: float, freedom: int, needs: bool) -> Any:
-        effect = SimpleNamespace(is_predictable=True, is_constant=name == "offset")
-        form = SimpleNamespace(candidate=SimpleNamespace(moves=False))
-        return SimpleNamespace(
-            name=name,
-            effect=effect,
-            form=form,
-            freedom=freedom,
-            log_evidence=log_evidence,
-            needs_constant=needs,
-        )
-
-    own, other = score("offset", 100.0, 21, False), score("temperature", 130.0, 1, needs_constant)
+    own = in_a_place("offset", 100.0, 21, constant=True)
+    other = in_a_place("temperature", 130.0, 1, needs_constant=needs_constant)
     selection: Any = SimpleNamespace(proves_itself=lambda *_: True)
     assert JointSelection._replaces(selection, other, own) is not needs_constant
 
