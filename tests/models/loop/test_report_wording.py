@@ -20,19 +20,21 @@ from taxel_models.loop.findings import (
 )
 from taxel_models.loop.report.contents import SECTIONS, Told
 from taxel_models.loop.report.document import Note
+from taxel_models.loop.report.numbers import (
+    chance,
+    key_parameters,
+    needs,
+    number,
+    parameter,
+)
 from taxel_models.loop.report.table import findings_table
 from taxel_models.loop.report.wording import (
-    chance,
     confounded,
     headline,
-    key_parameters,
     left,
-    needs,
     next_recordings,
-    number,
     opening,
     paired,
-    parameter,
     runs_along,
     unconfirmed_effects,
 )

@@ -7,7 +7,7 @@ from matplotlib.path import Path as Curve
 
 from taxel_models.loop.findings import Findings
 from taxel_models.loop.report.drawing import AFTER, NOISE, Drawing
-from taxel_models.loop.report.wording import percent
+from taxel_models.loop.report.numbers import percent
 
 _FREE = "told apart from all others"
 

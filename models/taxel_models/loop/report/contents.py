@@ -20,20 +20,22 @@ from taxel_models.loop.report.document import (
     Picture,
     Table,
 )
-from taxel_models.loop.report.wording import (
+from taxel_models.loop.report.numbers import (
     chance,
-    confounded,
-    headline,
     interval,
     key_parameters,
     listed,
-    looks_wrong,
     minutes,
     needs,
-    no_reference,
     number,
-    opening,
     percent,
+)
+from taxel_models.loop.report.wording import (
+    confounded,
+    headline,
+    looks_wrong,
+    no_reference,
+    opening,
     unconfirmed_effects,
 )
 

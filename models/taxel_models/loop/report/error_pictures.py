@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from taxel.channels import CHANNELS
 from taxel_models.loop.findings import Findings
 from taxel_models.loop.report.drawing import AFTER, BEFORE, NOISE, STRUCTURE, Drawing
-from taxel_models.loop.report.wording import percent
+from taxel_models.loop.report.numbers import percent
 
 
 def draw_channels(findings: Findings, noise: tuple[float, ...]) -> Drawing:

@@ -5,11 +5,11 @@ from rich.table import Table
 from rich.text import Text
 
 from taxel_models.loop.findings import Findings
+from taxel_models.loop.report.numbers import key_parameters, percent
 from taxel_models.loop.report.wording import (
     anyway,
     confounded,
     corrects,
-    key_parameters,
     left,
     new_kinds,
     next_recordings,
@@ -17,7 +17,6 @@ from taxel_models.loop.report.wording import (
     nothing_to_add,
     one_kind,
     paired,
-    percent,
     runs_along,
     unconfirmed_effects,
     unnamed,
