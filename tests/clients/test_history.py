@@ -18,6 +18,7 @@ from taxel.windows import (
     Friction,
     HistoryFeature,
     Load,
+    LoadAbove,
     Play,
     Rate,
     Relaxation,
@@ -46,6 +47,8 @@ FEATURES: tuple[HistoryFeature, ...] = (
     Friction(of="force", width_n=0.4),
     Friction(of="fy", width_n=3.0),
     Load(of="fz"),
+    LoadAbove(of="force", above_n=0.8),
+    LoadAbove(of="fx", above_n=0.3),
     Warmth(of="force", warming_s=0.3, cooling_s=2.0),
     Warmth(of="fz", warming_s=5.0, cooling_s=0.2),
     Warmth(of="force", warming_s=0.3, cooling_s=2.0, starts="rest"),
@@ -110,6 +113,8 @@ def obvious(feature: HistoryFeature, samples: Samples, t: int) -> float:
 
     if isinstance(feature, Load):
         return u(t)
+    if isinstance(feature, LoadAbove):
+        return max(u(t) - feature.above_n, 0.0)
     if isinstance(feature, Lagged):
         rate = (u(t) - u(max(t - 3, segment.start))) / 0.03
         if isinstance(feature, BoundedRate):

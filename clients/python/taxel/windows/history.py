@@ -269,6 +269,19 @@ class Load(Lagged):
         return followed(self.of, now)
 
 
+class LoadAbove(Lagged):
+    """What of u lies above a level, max(u - above_n, 0), N: the skin meets the core there."""
+
+    kind: Literal["load_above"] = "load_above"
+    of: Followed
+    above_n: Positive
+    lag: ClassVar[int] = 0
+
+    @override
+    def value(self, now: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.maximum(followed(self.of, now) - self.above_n, 0.0)
+
+
 class _Changing(Lagged):
     of: Followed
     lag: ClassVar[int] = 3
@@ -352,6 +365,7 @@ HistoryFeature = Annotated[
     | Friction
     | Warmth
     | Load
+    | LoadAbove
     | Rate
     | BoundedRate
     | Direction

@@ -122,7 +122,7 @@ def _of_pieces(observations: Observations, remaining: Remaining) -> Candidate:
     course = np.concatenate([[0.0], np.cumsum(slopes @ vectors[:, -1] * np.diff(edges))])
     course /= max(float(np.abs(course).max()), 1e-12)
     fitting = Fitting(beforehand=len(edges) - 2)
-    return _along(observations, f"{PIECES} pieces", edges, course, fitting=fitting)
+    return _along(observations, f"{PIECES} straight pieces", edges, course, fitting=fitting)
 
 
 def _exponential(tau: float, unit: str, observations: Observations) -> Candidate:

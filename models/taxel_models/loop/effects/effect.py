@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS, ELECTRODE_COLUMNS
 from taxel.corrections import ONE, Frame, Shape, Term, Weighted
 from taxel.held_out_residual import OwnWave
-from taxel.windows import Elapsed, ExtraFeature, HistoryFeature, Load, Relaxation
+from taxel.windows import Elapsed, ExtraFeature, HistoryFeature, Load, LoadAbove, Relaxation
 from taxel_models.loop.basis import AboutMean, Basis, Floats, Shared
 from taxel_models.loop.observations import Observations
 
@@ -272,12 +272,13 @@ class Effect(ABC):
 class Driver:
     """A feature that weights multiply, with its name in corrections.
 
-    `extra` is None for a column of the window.
+    `extra` is None for a column of the window. `weight_name` is its own name, if it is empty.
     """
 
     name: str
     values: Floats
     extra: ExtraFeature | None = None
+    weight_name: str = ""
 
 
 def past(observations: Observations, feature: HistoryFeature, name: str, unit: str) -> Driver:
@@ -286,7 +287,7 @@ def past(observations: Observations, feature: HistoryFeature, name: str, unit: s
     What has the load itself in it, and does not end at 0, has its mean.
     """
     values = observations.history(feature)
-    has_load = isinstance(feature, Load) or (isinstance(feature, Relaxation) and feature.whole)
+    has_load = isinstance(feature, Load | LoadAbove) or (isinstance(feature, Relaxation) and feature.whole)
     default = float(values.mean()) if has_load else 0.0
     extra = ExtraFeature(name=name, unit=unit, default=default, history=feature, taken_by="effects")
     return Driver(name, values, extra)
@@ -302,15 +303,13 @@ def evenly_filled(observations: Observations, pieces: int) -> Floats:
 def elapsed(observations: Observations, edges: Floats) -> list[Driver]:
     """The session's time between edges, s: one driver for each piece of a piecewise linear function."""
     digits = 0 if np.diff(edges).min() >= 1.0 else 2
-    return [
-        past(
-            observations,
-            Elapsed(start_s=float(start), end_s=float(end)),
-            f"elapsed[{start:.{digits}f}:{end:.{digits}f}s]",
-            "s",
-        )
-        for start, end in pairwise(edges)
-    ]
+    drivers = []
+    for start, end in pairwise(edges):
+        span = Elapsed(start_s=float(start), end_s=float(end))
+        first, last = f"{start:.{digits}f}", f"{end:.{digits}f}"
+        driver = past(observations, span, f"elapsed[{first}:{last}s]", "s")
+        drivers.append(replace(driver, weight_name=f"slope from {first} to {last} s"))
+    return drivers
 
 
 def given(observations: Observations, name: str, unit: str) -> Driver:
@@ -370,7 +369,7 @@ def weighted(
         )
         return Online((term,), tuple(driver.extra for driver in drivers if driver.extra is not None))
 
-    others.setdefault("weight_names", names)
+    others.setdefault("weight_names", tuple(driver.weight_name or driver.name for driver in drivers))
     return Candidate(
         effect,
         form,

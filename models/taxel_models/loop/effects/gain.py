@@ -63,12 +63,12 @@ class Gain(Effect):
                     yield weighted(
                         observations,
                         self.name,
-                        f"ageing in {pieces} pieces, {channels}",
+                        f"ageing along {_course(pieces)}, {channels}",
                         "signal",
                         [constant, *ageing],
                         centred=False,
                         fitting=fitting,
-                        weight_names=("gain", *(driver.name for driver in ageing)),
+                        weight_names=("gain", *(driver.weight_name for driver in ageing)),
                         weight_units=("relative", *("relative/s",) * len(ageing)),
                         ages=True,
                     )
@@ -89,3 +89,7 @@ class Gain(Effect):
                         weight_units=("relative",),
                         ages=True,
                     )
+
+
+def _course(pieces: int) -> str:
+    return "a line" if pieces == 1 else f"{pieces} straight pieces"

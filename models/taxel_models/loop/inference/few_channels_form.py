@@ -117,7 +117,7 @@ class ChannelForms:
         fitting = replace(candidate.fitting, allowed=included, few_channels=True, compared=compared)
         kept = replace(
             candidate,
-            form=f"{candidate.form}: {names}, beside all others",
+            form=f"{candidate.form}: only {names}",
             fitting=fitting,
             # Its regressors hold what was measured, which other predictions do not change.
             again=None,

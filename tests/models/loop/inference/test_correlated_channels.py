@@ -162,7 +162,7 @@ def test_a_channel_that_gives_more_than_it_has_is_no_leak(
     """A leak of half is found; one of one and a half, no wire can make."""
     for share, names in ((0.5, {"crosstalk"}), (1.5, set())):
         found = named(smooth, leaks(recording, "e4", "e9", share), reference)
-        leaking = {name for name, form in found if name == "crosstalk" and "beside all others" in form}
+        leaking = {name for name, form in found if name == "crosstalk" and ": only " in form}
         assert leaking == names, found
 
 
@@ -200,7 +200,7 @@ def test_a_change_of_one_electrode_stands_out_from_errors_that_all_have(
     dying = weaker(recording, "e4", 0.25)
     ((name, form),) = named(smooth, dying, reference)
     assert name == "gain"
-    assert "e4, beside all others" in form
+    assert "only e4" in form
     alone = reference.model_copy(update={"correlated": None})
     assert named(smooth, dying, alone) == []
 
@@ -319,7 +319,7 @@ def test_gains_of_kinds_are_no_rival_of_a_gain_that_they_contain(
     about = recording.channels - recording.channels.mean(axis=0)
     other = replace(recording, channels=np.rint(recording.channels + gains[kinds] * about))
     found = named(smooth, weaker(other, "e9", 0.2), reference, "covariate:material")
-    assert any(name == "gain" and "e9" in form and "beside all others" in form for name, form in found)
+    assert any(name == "gain" and "e9" in form and ": only " in form for name, form in found)
 
 
 @pytest.mark.parametrize("seed", [7, 8, 9])
@@ -333,7 +333,7 @@ def test_an_electrode_is_weighed_beside_what_a_named_effect_may_be_in_it(
     changed = weaker(replace(recording, channels=np.rint(crept)), "e4", 0.3)
     (creep, _), gain = named(smooth, changed, reference, "creep", "load")
     assert creep == "creep"
-    assert gain == ("gain", "by channel: e4, beside all others")
+    assert gain == ("gain", "by channel: only e4")
 
 
 def test_what_one_electrode_shows_by_itself_alone_is_left(
@@ -356,7 +356,7 @@ def test_a_leak_is_told_from_the_measured_signal_of_its_source(
 ) -> None:
     (name, form), *_ = named(smooth, leaks(recording, "e8", "e9", 0.25), reference)
     assert name == "crosstalk"
-    assert "e9, beside all others" in form
+    assert "only e9" in form
 
 
 def test_nothing_is_named_where_nothing_changed(
@@ -403,7 +403,7 @@ def test_what_shakes_all_channels_is_no_change_of_a_few(
 ) -> None:
     """Each channel follows the others, but not what the model gives of them."""
     found = named(smooth, shaken(recording, seed), reference)
-    assert not [form for _, form in found if "beside all others" in form]
+    assert not [form for _, form in found if ": only " in form]
 
 
 @pytest.mark.parametrize(("drifts", "rises"), [(10.0, True), (0.0, False)])
