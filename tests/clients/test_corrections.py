@@ -347,12 +347,21 @@ class TestFrame:
         found = Correction(effects, SPEC, EXTRAS).apply(base, windows)
         np.testing.assert_allclose(found[:, 0], windows[:, 0], rtol=1e-6)
 
-    def test_what_is_no_rotation_is_refused(self) -> None:
+    def test_an_axis_may_have_the_wrong_sign(self) -> None:
         mirror = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0))
+        frame = Frame(position_rotation=mirror, position_translation=(0, 0, 0), force_rotation=IDENTITY)
+        windows = np.arange(SPEC.length, dtype=np.float32)[None]
+        moved = frame.turn(windows, SPEC)
+        positions = 3 * len(SPEC.positions)
+        signs = np.tile([1.0, 1.0, -1.0], len(SPEC.positions))
+        np.testing.assert_array_equal(moved[0, :positions], signs * windows[0, :positions])
+        np.testing.assert_array_equal(moved[0, positions:], windows[0, positions:])
+
+    def test_what_is_no_rotation_is_refused(self) -> None:
         stretch = ((1.1, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
         # Its product with its transpose is no number.
         endless = ((1e200, -1e200, 0.0), (1e200, 1e200, 0.0), (0.0, 0.0, 1.0))
-        for matrix in (mirror, stretch, endless):
+        for matrix in (stretch, endless):
             with pytest.raises(ValidationError, match="expected a rotation"):
                 Frame(position_rotation=matrix, position_translation=(0, 0, 0), force_rotation=IDENTITY)
 

@@ -1,5 +1,6 @@
 """The motion of inputs that explains a residual, beside the weights of named effects."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -102,9 +103,12 @@ def test_the_slow_part_of_a_motion_is_its_mean_over_a_second_of_a_segment(
         ("forces shifted", (0.3, -0.8, 0.5), 0.05),
         ("forces scaled", (0.2,), 0.02),
         ("forces scaled", (-0.45,), 0.02),
+        ("forces mirrored", (0.0, 0.0, 0.0), 0.05),
+        ("both mirrored alike", (0.0, 0.0, 3.1), 0.05),
+        ("positions shifted", (0.001, -0.006, 0.002), 0.001),
     ],
 )
-def test_a_force_sensors_zero_and_gain_are_found(
+def test_what_was_wrong_with_the_inputs_is_found(
     observations: Observations, kind: str, vector: tuple[float, ...], precise: float
 ) -> None:
     (motion,) = [one for one in MOTION_KINDS if one.name == kind]
@@ -115,6 +119,50 @@ def test_a_force_sensors_zero_and_gain_are_found(
     assert found is not None
     assert found.kind is motion
     np.testing.assert_allclose(found.vector, vector, atol=precise)
+
+
+class OfSurfaces:
+    """A model that knows a few heights, as a forest that was trained on a few surfaces."""
+
+    def __init__(self, model: Any, column: int, heights: np.ndarray) -> None:
+        self.manifest, self._model, self._column, self._heights = model.manifest, model, column, heights
+
+    def predict(self, windows: np.ndarray) -> np.ndarray:
+        nearest = np.abs(windows[:, self._column, None] - self._heights).argmin(axis=1)
+        return np.asarray(self._model.predict(windows) + 300.0 * np.cos(2.0 * nearest)[:, None], np.float32)
+
+
+def test_a_shift_is_found_where_no_small_step_leads_to_it(observations: Observations) -> None:
+    heights = observations.position[:, 2].mean() + np.array([-2, -1, 0, 1, 2]) * 1e-3
+    rows = np.arange(len(observations))
+    position = observations.position.copy()
+    position[:, 2] = heights[rows // 50 % 5]
+    spec = observations.manifest.spec
+    windows = observations.windows.copy()
+    columns = range(2, 3 * len(spec.positions), 3)
+    windows[:, columns] = position[:, 2, None]
+    model: Any = OfSurfaces(observations.model, columns[0], heights)
+    true = model.predict(windows)
+    windows[:, columns] += 0.0045
+    position[:, 2] += 0.0045
+    moved = replace(
+        observations, model=model, windows=windows, position=position, predicted=model.predict(windows)
+    )
+    found = fit_motion(moved, remaining(moved, true - moved.predicted))
+    assert found is not None
+    assert found.kind.name == "positions shifted"
+    np.testing.assert_allclose(found.vector[2], -0.0045, atol=5e-4)
+
+
+def test_a_mirror_is_told_by_its_normal() -> None:
+    (kind,) = [one for one in MOTION_KINDS if one.name == "positions mirrored"]
+    turned = kind.parameters(np.radians([0.0, 0.0, 180.0]))
+    # x is mirrored, then x and y are: y is left.
+    assert [round(abs(turned[f"mirrored along {axis}"][0]), 6) for axis in "xyz"] == [0, 1, 0]
+    assert turned["angle"] == (pytest.approx(0.0, abs=1e-4), "deg")
+    about = kind.parameters(np.radians([30.0, 0.0, 0.0]))
+    assert about["mirrored along x"][0] == pytest.approx(1.0)
+    assert about["angle"] == (pytest.approx(30.0), "deg")
 
 
 def test_what_is_reported_is_what_is_applied() -> None:

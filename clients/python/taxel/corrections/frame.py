@@ -17,12 +17,10 @@ _ORTHONORMAL: Final = 1e-6
 def _rotation(matrix: Matrix) -> Matrix:
     array = np.array(matrix)
     # No entry of a rotation is above 1; products of very large ones would be no numbers.
-    if (
-        np.abs(array).max() > 1 + _ORTHONORMAL
-        or np.abs(array @ array.T - np.eye(3)).max() > _ORTHONORMAL
-        or np.linalg.det(array) < 0
-    ):
-        raise ValueError(f"{[list(row) for row in matrix]}: expected a rotation")
+    if np.abs(array).max() > 1 + _ORTHONORMAL or np.abs(array @ array.T - np.eye(3)).max() > _ORTHONORMAL:
+        raise ValueError(
+            f"{[list(row) for row in matrix]}: expected a rotation, or a rotation of a mirror image"
+        )
     return matrix
 
 
@@ -34,6 +32,8 @@ class Frame(Schema):
 
     position' = position_rotation @ position + position_translation, m;
     force' = force_scale * force_rotation @ force + force_translation, N.
+
+    Where an axis has the wrong sign, a rotation is one of the mirror image: its determinant is -1.
     """
 
     position_rotation: Rotation

@@ -17,6 +17,8 @@ from taxel_models.model import predict_all
 LEAST_SCALE: Final = 0.1
 """Of forces."""
 
+LEAST_SPREAD_M: Final = 1e-4
+
 FIT_ROWS: Final = 2_400
 """All channels share one motion, so it is fitted to at most so many rows."""
 
@@ -41,6 +43,12 @@ AS_GOOD: Final = 0.8
 Parameters = dict[str, tuple[float, str]]
 
 
+SPREADS: Final = np.concatenate([np.arange(1, 17) / 4, np.arange(9, 17) / 2])
+"""Shifts along an axis that are tried, over the spread of the positions along it. A forest does not change
+with positions that it never saw, so no small step leads back from there; where its places are heights of
+few surfaces, a shift is found only from very near."""
+
+
 def _great_turns() -> Floats:
     """(k, 3) rotation vectors, rad: no turn, quarter and half turns, and smaller turns about many axes."""
     corners = np.array([axis for axis in product((-1.0, 0.0, 1.0), repeat=3) if any(axis)])
@@ -52,6 +60,12 @@ def _great_turns() -> Floats:
 TURNS: Final = _great_turns()
 SCALES: Final = np.linspace(-0.5, 0.75, 11)[:, None]
 NOTHING: Final = np.zeros((1, 3))
+SHIFTS: Final = np.concatenate(
+    [NOTHING, *(size * np.eye(3) for size in np.concatenate([-SPREADS, SPREADS]))]
+)
+MIRROR: Final = np.diag([-1.0, 1.0, 1.0])
+"""What mirrors, with any turn after it."""
+
 STILL: Final[dict[str, Any]] = {
     "position_rotation": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
     "position_translation": (0.0, 0.0, 0.0),
@@ -69,6 +83,7 @@ class MotionKind(NamedTuple):
         step: of the finite differences: a forest's prediction is constant over smaller steps.
         frame: the motion of a vector.
         parameters: of a vector, for a report, with their units.
+        by_spread: whether starts and step are in units of the spread of the positions along each axis.
     """
 
     name: str
@@ -76,6 +91,7 @@ class MotionKind(NamedTuple):
     step: float
     frame: Callable[[Floats], Frame]
     parameters: Callable[[Floats], Parameters]
+    by_spread: bool = False
 
 
 def _turn(name: str, *parts: str) -> MotionKind:
@@ -88,6 +104,24 @@ def _turn(name: str, *parts: str) -> MotionKind:
     def parameters(vector: Floats) -> Parameters:
         angle = float(np.degrees(np.linalg.norm(vector)))
         return {"angle": (angle, "deg"), **_by_axis("", np.degrees(vector), "deg")}
+
+    return MotionKind(name, TURNS, float(np.radians(2.0)), frame, parameters)
+
+
+def _mirrored(name: str, *parts: str) -> MotionKind:
+    """One axis of some parts has the wrong sign, and they may be turned, too: vectors as of `_turn`."""
+
+    def frame(vector: Floats) -> Frame:
+        matrix = (Rotation.from_rotvec(vector).as_matrix() @ MIRROR).tolist()
+        return Frame(**{**STILL, **dict.fromkeys(parts, matrix)})
+
+    def parameters(vector: Floats) -> Parameters:
+        matrix = Rotation.from_rotvec(vector).as_matrix() @ MIRROR
+        # A reflection turns nothing: its trace is 1, and it turns the normal round.
+        angle = np.degrees(np.arccos(np.clip((np.trace(matrix) + 1.0) / 2.0, -1.0, 1.0)))
+        _, _, directions = np.linalg.svd(matrix + np.eye(3))
+        normal = directions[-1] * np.sign(directions[-1][np.abs(directions[-1]).argmax()])
+        return {"angle": (float(angle), "deg"), **_by_axis("mirrored along ", normal, "")}
 
     return MotionKind(name, TURNS, float(np.radians(2.0)), frame, parameters)
 
@@ -112,10 +146,18 @@ MOTION_KINDS: Final = (
     _turn("forces turned", "force_rotation"),
     _turn("positions turned", "position_rotation"),
     MotionKind(
-        "positions shifted", NOTHING, 3e-4, _shifted, lambda vector: _by_axis("", vector * 1e3, "mm")
+        "positions shifted",
+        SHIFTS,
+        0.1,
+        _shifted,
+        lambda vector: _by_axis("", vector * 1e3, "mm"),
+        by_spread=True,
     ),
     _turn("both turned alike", "position_rotation", "force_rotation"),
     # As by a force sensor's wrong zero, and by its wrong gain.
+    _mirrored("forces mirrored", "force_rotation"),
+    _mirrored("positions mirrored", "position_rotation"),
+    _mirrored("both mirrored alike", "position_rotation", "force_rotation"),
     MotionKind("forces shifted", NOTHING, 0.1, _pushed, lambda vector: _by_axis("force ", vector, "N")),
     MotionKind(
         "forces scaled",
@@ -153,7 +195,7 @@ def fit_motion(observations: Observations, remaining: Remaining) -> Motion | Non
     every, few, scan = (Misfit(observations, remaining, rows[::step]) for step in (1, FEW, FEW * SCANNED))
     rough: list[Motion] = []
     for kind in MOTION_KINDS:
-        starts = kind.starts
+        starts = kind.starts * every.unit(kind)
         if len(starts) > BEST_STARTS:
             starts = starts[np.argsort(scan.of(scan.changes(kind, starts)))[:BEST_STARTS]]
         near = [_gauss_newton(few, kind, start, ROUGH_STEPS) for start in starts]
@@ -190,6 +232,12 @@ class Misfit:
         self._directions = _directions(remaining.beside, rows, self._counted)
         self.target = self._without(target * self._counted)
         self.energy = float((self.target**2).sum())
+
+    def unit(self, kind: MotionKind) -> Floats:
+        """What a kind's starts and steps are multiples of, (3,) or a number."""
+        if not kind.by_spread:
+            return np.ones(())
+        return np.asarray(np.maximum(self._observations.position.std(axis=0), LEAST_SPREAD_M))
 
     def changes(self, kind: MotionKind, vectors: Floats) -> Floats:
         """(k, n, 21) the change by each motion (k, 3) or (k, 1) of a kind, weighted as the target is."""
@@ -229,12 +277,12 @@ def rows_of(fit: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 def _gauss_newton(misfit: Misfit, kind: MotionKind, vector: Floats, steps: int) -> Motion:
     """The best motion downhill from a start (3,) or (1,), by finite differences."""
-    step = kind.step
+    step = np.broadcast_to(kind.step * misfit.unit(kind), vector.shape)
     change = misfit.changes(kind, vector[None])[0]
     least = float(misfit.of(change[None])[0])
     for _ in range(steps):
         moved = misfit.changes(kind, vector + np.eye(len(vector)) * step)
-        slopes = ((moved - change) / step).reshape(len(vector), -1).T
+        slopes = ((moved - change) / step[:, None, None]).reshape(len(vector), -1).T
         towards = np.linalg.lstsq(slopes, (misfit.target - change).ravel(), rcond=None)[0]
         for shorter in (1.0, 0.5, 0.25):
             tried = misfit.changes(kind, (vector + shorter * towards)[None])[0]
@@ -245,6 +293,6 @@ def _gauss_newton(misfit: Misfit, kind: MotionKind, vector: Floats, steps: int) 
             break
         small = least - left < ENOUGH * misfit.energy
         vector, change, least = vector + shorter * towards, tried, left
-        if small or np.linalg.norm(shorter * towards) < 0.1 * step:
+        if small or np.linalg.norm(shorter * towards / step) < 0.1:
             break
     return Motion(kind, vector, misfit.energy - least)
