@@ -21,7 +21,52 @@ NEARLY_ALL: Final = 0.8
 """Share of the stretches in which the others' predictions have to be nearer."""
 
 
-def crossed_channels(measured: Floats, predicted: Floats) -> NDArray[np.int64]:
+MUCH_OF_PART: Final = 0.5
+"""Likewise, of a part of a recording. Which part is chosen, and it tells less."""
+
+LATE: Final = 0.3
+"""The last part of a recording, by which channels are found that were crossed in its course."""
+
+
+def crossed_since(measured: Floats, predicted: Floats) -> tuple[NDArray[np.int64], int]:
+    """Which channels are crossed at the end of a recording, and the row (of n) since when.
+
+    Where all of it is not crossed, its last part may be: the moment is the one that leaves the least
+    squares of both sides. Before it, each channel must hold its own signal as clearly as another one after.
+
+    Args:
+        measured: (n, 21) counts.
+        predicted: (n, 21) counts, from the model.
+    """
+    late = whole = crossed_channels(measured, predicted)
+    own, begins = np.arange(len(whole)), int((1.0 - LATE) * len(measured))
+    if (whole == own).all():
+        late = crossed_channels(measured[begins:], predicted[begins:], MUCH_OF_PART)
+    moved = np.flatnonzero(late != own)
+    if not len(moved):
+        return own, 0
+    # About the means of the parts that are surely on either side, so that offsets tell nothing.
+    early = slice(0, len(measured) // 10)
+
+    def squares(channels: NDArray[np.int64], part: slice) -> Floats:
+        wrong = measured[:, moved] - predicted[:, channels]
+        wrong = wrong - wrong[part].mean(axis=0)
+        return np.asarray((wrong**2 / np.maximum(measured[:, moved].var(axis=0), 1e-9)).sum(axis=1))
+
+    gained = squares(moved, early) - squares(late[moved], slice(begins, None))
+    # (n + 1,) what is left if it began at each row.
+    left = np.concatenate([[0.0], np.cumsum(gained)])
+    since = int(left.argmin())
+    if since <= early.stop:
+        return whole, 0
+    before = crossed_channels(measured[:since, late], predicted[:since], MUCH_OF_PART)
+    for cycle in _cycles(late):
+        if (before[cycle] != late[cycle]).any():
+            late[cycle] = cycle
+    return late, since
+
+
+def crossed_channels(measured: Floats, predicted: Floats, much: float = MUCH) -> NDArray[np.int64]:
     """(21,) the channel whose signal each channel holds; its own number where it holds its own.
 
     Which channels are crossed is an assignment (Kuhn 1955). It must hold for the shapes of the signals,
@@ -30,6 +75,7 @@ def crossed_channels(measured: Floats, predicted: Floats) -> NDArray[np.int64]:
     Args:
         measured: (n, 21) counts.
         predicted: (n, 21) counts, from the model.
+        much: see `MUCH`.
     """
     own = np.arange(measured.shape[1])
     parts = [part for part in np.array_split(np.arange(len(measured)), STRETCHES) if len(part) > 1]
@@ -59,7 +105,7 @@ def crossed_channels(measured: Floats, predicted: Floats) -> NDArray[np.int64]:
         falls = relative[:, channels, others].sum(axis=1) < relative[:, channels, channels].sum(axis=1)
         crossed = shape[channels, others].sum() * whole[channels, others].sum()
         uncrossed = shape[channels, channels].sum() * whole[channels, channels].sum()
-        return bool(crossed <= MUCH**2 * uncrossed and falls.mean() >= NEARLY_ALL)
+        return bool(crossed <= much**2 * uncrossed and falls.mean() >= NEARLY_ALL)
 
     found, assigned = own.copy(), own.copy()
     assigned[live] = live[linear_sum_assignment(shape[np.ix_(live, live)])[1]]

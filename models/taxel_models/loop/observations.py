@@ -214,8 +214,12 @@ class Observations:
         starts = np.diff(self.segment, prepend=-1) != 0
         return int((self.pressed[starts] > TOUCH_N).sum()) >= FEWEST_CONTACTS
 
-    def rows_before(self, ticks: int) -> NDArray[np.int64]:
-        """(n,) the row so many ticks before each, in its segment; the row itself where there is none."""
+    def rows_before(self, ticks: int | NDArray[np.int64]) -> NDArray[np.int64]:
+        """(n,) the row so many ticks before each, in its segment; the row itself where there is none.
+
+        Args:
+            ticks: of all rows, or of each (n,).
+        """
         rows = np.arange(len(self))
         there = np.clip(rows - ticks, 0, len(self) - 1)
         same = self.segment[there] == self.segment

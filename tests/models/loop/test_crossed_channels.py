@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from taxel_models.loop.crossed_channels import crossed_channels
+from taxel_models.loop.crossed_channels import crossed_channels, crossed_since
 from taxel_models.loop.pipeline import LoopSettings, run_loop
 from taxel_models.recordings import Recording
 
@@ -92,6 +92,35 @@ def test_the_order_of_another_driver_is_weighed_beside_other_effects(smooth: Any
     (found,) = run_loop(smooth, [other], LoopSettings()).findings.effects
     assert found.name == "fault"
     assert found.form.count(" holds ") == (order != OWN).sum()
+
+
+@pytest.mark.parametrize("begins", [300, 1_000, 1_300])
+def test_the_moment_since_when_channels_are_crossed_is_found(begins: int) -> None:
+    predicted, holds = signals(), exchanged(4, 11)
+    measured = predicted + np.random.default_rng(1).normal(size=predicted.shape) + 20.0
+    measured[begins:] = measured[begins:, holds]
+    found, since = crossed_since(measured, predicted)
+    np.testing.assert_array_equal(found, holds)
+    assert abs(since - begins) <= 20
+    whole, start = crossed_since(predicted[:, holds], predicted)
+    np.testing.assert_array_equal(whole, holds)
+    assert start == 0
+    for rows in (0, 1, 2_000):
+        np.testing.assert_array_equal(crossed_since(predicted[:rows], predicted[:rows])[0], OWN)
+
+
+def test_a_channel_that_holds_another_one_is_not_said_to_have_lost_sensitivity(
+    smooth: Any, make: Make
+) -> None:
+    recording = make(9_000, seed=3)
+    counts = recording.channels.copy()
+    counts[5_000:] = counts[5_000:, exchanged(4, 11)]
+    result = run_loop(smooth, [replace(recording, channels=counts)], LoopSettings())
+    (found,) = result.findings.effects
+    assert found.form.startswith("crossed: e3 holds e10, e10 holds e3, from ")
+    assert int(found.form.split()[-3]) == pytest.approx(50, abs=1)
+    assert found.channels == ("e3", "e10")
+    assert result.changes == ()
 
 
 def test_the_loop_names_the_channels_and_changes_no_model(smooth: Any, make: Make) -> None:

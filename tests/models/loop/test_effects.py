@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from taxel.channels import CHANNELS
 from taxel.corrections import Correction
-from taxel.windows import Relaxation, WindowSpec
+from taxel.windows import Load, LoadAbove, Relaxation, WindowSpec
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.crosstalk import Crosstalk
 from taxel_models.loop.effects.drift import _exponential, _of_pieces
@@ -302,6 +302,21 @@ def test_what_relaxes_within_a_tenth_of_a_second_is_a_rate(
     np.testing.assert_allclose(served(smooth, case), case.result.after, atol=0.02)
 
 
+def test_what_begins_above_a_force_is_a_load(smooth: Any, make: Make) -> None:
+    injection = Injection.into(make(12_000), 4, np.full(21, STRENGTH))
+    injection.begin("load", 1.0)
+    level = float(np.quantile(injection.history(Load(of="force")), 0.8))
+    above = injection.history(LoadAbove(of="force", above_n=level))
+    weights = injection.random.normal(size=21) * STRENGTH / above.std()
+    injection.add(above[:, None] * weights, {"weight": weights})
+    case = Case(run_loop(smooth, [injection.recording], LoopSettings()), {}, np.empty(0))
+    (effect,) = case.result.findings.effects
+    assert effect.name == "load"
+    (told,) = [figure.value for figure in effect.parameters if figure.name == "level"]
+    assert told == pytest.approx(level, rel=0.25)
+    np.testing.assert_allclose(served(smooth, case), case.result.after, atol=0.02)
+
+
 def test_a_delay_of_half_a_tick_is_named_and_not_served(smooth: Any, make: Make) -> None:
     recording = make(12_000, noise=1.0)
     late = recording.channels.copy()
@@ -310,6 +325,19 @@ def test_a_delay_of_half_a_tick_is_named_and_not_served(smooth: Any, make: Make)
     (effect,) = result.findings.effects
     assert (effect.name, effect.form, effect.served) == ("lag", "5 ms", False)
     assert result.findings.after == result.findings.before
+
+
+def test_a_clock_that_runs_too_fast_is_a_delay_that_grows(smooth: Any, make: Make) -> None:
+    recording = make(12_000)
+    rows = np.arange(len(recording.channels))
+    late = recording.channels[np.maximum(rows - rows * 12 // len(rows), 0)]
+    result = run_loop(smooth, [replace(recording, channels=late)], LoopSettings())
+    first = result.findings.effects[0]
+    assert first.name == "lag"
+    assert first.form.startswith("growing from 0 to ")
+    (end,) = [figure.value for figure in first.parameters]
+    assert end == pytest.approx(0.12, rel=0.3)
+    assert not first.served
 
 
 def test_a_channel_that_an_offset_takes_to_the_end_of_its_counts_is_not_broken(

@@ -10,7 +10,7 @@ from typing_extensions import override
 from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel.corrections import Fault as FaultTerm
 from taxel_models.loop.basis import Floats, Own
-from taxel_models.loop.crossed_channels import crossed_channels
+from taxel_models.loop.crossed_channels import crossed_since
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.loose_contacts import loose_contacts
 from taxel_models.loop.observations import Observations, runs
@@ -132,6 +132,11 @@ def _hardly_ever(stuck: StuckChannel) -> bool:
     return bool(stuck.kind == "intermittent" and seldom)
 
 
+def is_crossed(form: str) -> bool:
+    """Whether a form of a fault says that channels are crossed."""
+    return form.startswith(_CROSSED)
+
+
 class Fault(Effect):
     """A channel keeps a value: always, from some time on, or off and on.
 
@@ -168,9 +173,10 @@ class Fault(Effect):
             some = [stuck for stuck in (*others, *loose) if stuck.kind == kind]
             if some:
                 yield self._with(some, kind, remaining.residual)
-        crossed = crossed_channels(observations.measured, observations.predicted)
+        crossed, since = crossed_since(observations.measured, observations.predicted)
         if (crossed != np.arange(len(CHANNELS))).any():
-            yield self._crossed(crossed, observations)
+            since_s = float(observations.time_s[since]) if since else 0.0
+            yield self._crossed(crossed, since_s, observations)
         repeated = repeated_frames(observations)
         if repeated.any():
             yield self._repeating(repeated, observations)
@@ -178,13 +184,19 @@ class Fault(Effect):
     @override
     @classmethod
     def why_only_reported(cls, form: str) -> str:
-        if form.startswith(_CROSSED):
+        if is_crossed(form):
             return "put the channels in their order where they are read, or in the recording"
         return super().why_only_reported(form)
 
-    def _crossed(self, holds: NDArray[np.int64], observations: Observations) -> Candidate:
-        """It is only reported: what is wrong is the order of the channels, which belongs in no model."""
+    def _crossed(self, holds: NDArray[np.int64], since_s: float, observations: Observations) -> Candidate:
+        """It is only reported: what is wrong is the order of the channels, which belongs in no model.
+
+        Args:
+            since_s: of the session; 0 where they were crossed all the time.
+        """
         change = observations.predicted[:, holds] - observations.predicted
+        change[observations.time_s < since_s] = 0.0
+        when = f", from {since_s:.0f} s on" if since_s else ""
         pairs = [
             f"{name} holds {CHANNELS[other]}"
             for name, other in zip(CHANNELS, holds, strict=True)
@@ -192,11 +204,12 @@ class Fault(Effect):
         ]
         return Candidate(
             self.name,
-            f"{_CROSSED}: {', '.join(pairs)}",
+            f"{_CROSSED}: {', '.join(pairs)}{when}",
             Own(change[:, :, None].astype(np.float32)),
             fitting=Fitting(fixed=True, beforehand=len(pairs)),
             certain=len(pairs) <= FEW_CROSSED,
-            again=lambda other: self._crossed(holds, other),
+            ages=since_s > 0.0,
+            again=lambda other: self._crossed(holds, since_s, other),
         )
 
     def _repeating(self, repeated: NDArray[np.bool_], observations: Observations) -> Candidate:

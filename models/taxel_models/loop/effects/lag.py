@@ -20,6 +20,15 @@ TICKS: Final = (*range(-5, 0), 0.5, 1, 1.5, *range(2, 16))
 NEAR: Final = range(-3, 4)
 """Ticks around the likeliest delay, of which single rows tell the one with the least squared error."""
 
+GROWING: Final = tuple(sign * ticks for ticks in (4, 8, 16, 32) for sign in (-1.0, 1.0))
+"""Delays at the end of a session that had none at its start, as where one of two clocks runs too fast."""
+
+GROWING_S: Final = 60.0
+"""In a shorter session, no clock goes wrong by a tick."""
+
+FINER: Final = (0.75, 1.25)
+"""A delay that grows, over the likeliest one."""
+
 SMOOTHED_ROWS: Final = 11
 """0.1 s: a forest's prediction jumps from row to row, and only its slower changes follow the channel."""
 
@@ -27,12 +36,15 @@ SMOOTHED_TICKS: Final = 2
 """Over a longer delay the prediction changes by more than it jumps."""
 
 
+_AT_THE_END: Final = "lag at the end"
+
+
 class Lag(Effect):
     """The channels show the model's prediction for an earlier or later time."""
 
     name = "lag"
     fits_nothing = True
-    equation = "measured_c(t) = model_c(t - d), one d for all channels"
+    equation = "measured_c(t) = model_c(t - d), one d for all channels, or one that grows with t"
     source = "LASA: electrodes trail the force by 2 to 3 rows; clocks of two devices"
     signature = "the residual is the prediction's own change over time, the same delay in every channel"
 
@@ -42,16 +54,31 @@ class Lag(Effect):
         for ticks in TICKS:
             short = abs(ticks) <= SMOOTHED_TICKS
             yield self._late(ticks, smooth if short else observations.predicted, observations)
+        if observations.time_s.max() > GROWING_S:
+            for ticks in GROWING:
+                yield self._growing(ticks, observations)
+
+    @override
+    def finer(
+        self, observations: Observations, best: Candidate, fit: NDArray[np.bool_]
+    ) -> Iterable[Candidate]:
+        if _AT_THE_END in best.form_parameters:
+            for factor in FINER:
+                yield self._growing(factor * best.form_parameters[_AT_THE_END][0] / TICK_S, observations)
 
     @override
     @classmethod
     def why_only_reported(cls, form: str) -> str:
+        if form.startswith("growing"):
+            return "no model knows when its session began; set the clocks right"
         return "windows move by whole ticks of 10 ms; set the clocks right"
 
     @override
     def by_rows(
         self, observations: Observations, best: Candidate, residual: Floats, fit: NDArray[np.bool_]
     ) -> Candidate:
+        if "lag" not in best.form_parameters:
+            return best
         ticks = best.form_parameters["lag"][0] / TICK_S
         predicted = observations.predicted
 
@@ -87,6 +114,21 @@ class Lag(Effect):
             online=partial(_online, int(ticks)) if whole else lambda _: Online(),
             moved=partial(_moved, int(ticks)) if whole else None,
             again=None if whole else lambda other: self._late(ticks, _smoothed(other), other),
+        )
+
+    def _growing(self, ticks: float, observations: Observations) -> Candidate:
+        """A delay that is 0 at the session's start and so many ticks at its end."""
+        share = observations.time_s / observations.time_s.max()
+        smooth = _smoothed(observations)
+        before = observations.rows_before(np.rint(ticks * share).astype(np.int64))
+        return Candidate(
+            self.name,
+            f"growing from 0 to {ticks * 10:.0f} ms",
+            Own((smooth[before] - smooth)[:, :, None].astype(np.float32)),
+            fitting=Fitting(fixed=True),
+            form_parameters={_AT_THE_END: (ticks * TICK_S, "s")},
+            ages=True,
+            again=lambda other: self._growing(ticks, other),
         )
 
 

@@ -66,12 +66,18 @@ def test_what_was_chosen_among_many_must_be_surer(compared: int, t: float, stand
 
 
 def score_of(
-    effect: Any, fitting: Fitting, *, t: float, worth: np.ndarray, channel_t: np.ndarray | None = None
+    effect: Any,
+    fitting: Fitting,
+    *,
+    t: float,
+    worth: np.ndarray,
+    channel_t: np.ndarray | None = None,
+    ages: bool = False,
 ) -> Any:
     """A score on eight folds that changes all channels."""
     return SimpleNamespace(
         effect=effect,
-        form=SimpleNamespace(candidate=SimpleNamespace(fitting=fitting)),
+        form=SimpleNamespace(candidate=SimpleNamespace(fitting=fitting, ages=ages)),
         weighed=SimpleNamespace(changes=np.ones(21, bool)),
         folds=8,
         chance=1.0 / fitting.compared,
@@ -155,6 +161,12 @@ def test_a_delay_that_repeats_needs_no_share_of_the_error(
     """Beside a named effect it must be the surer, the less it removes."""
     score = score_of(Lag(), Fitting(fixed=True), t=t, worth=np.full(21, worth))
     assert proof.stands(score, beside, DECLARED) is stands
+
+
+@pytest.mark.parametrize(("worth", "stands"), [(0.005, False), (0.1, True)])
+def test_a_delay_that_grows_needs_a_share_as_others_do(worth: float, stands: bool) -> None:
+    score = score_of(Lag(), Fitting(fixed=True), t=9.0, worth=np.full(21, worth), ages=True)
+    assert proof.stands(score, False, DECLARED) is stands
 
 
 @pytest.mark.parametrize(
