@@ -6,6 +6,7 @@ from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from taxel.errors import RecordingError
 from taxel.held_out_residual import CorrelatedResidual, KindResidual, KnownKind, OwnStructure, OwnWave
@@ -32,7 +33,16 @@ FEWEST_KINDS: Final = 3
 """To tell how far kinds differ."""
 
 DEVIATIONS: Final = 2.0
-"""Standard deviations above the mean over kinds: what nearly all kinds stay below."""
+"""Standard deviations above the mean over kinds: what nearly all of these kinds stay below."""
+
+FURTHER_KIND: Final = 0.995
+"""That a further kind shows no more of an effect: there are about ten, and each may be wrong."""
+
+OF_ALL_EFFECTS: Final = 4
+"""Kinds that the mean over effects counts for, where it is told how far kinds differ."""
+
+LEAST_PART: Final = 0.01
+"""Of the largest gain of an effect: kinds that show less show as good as none."""
 
 OF_ALL_KINDS: Final = 4
 """Contacts of a kind that the mean over kinds counts for."""
@@ -146,7 +156,8 @@ def residual_of_one_kind(
         )
     return KindResidual(
         std=tuple(np.sqrt(np.mean([one.std**2 for one in told], axis=0)).tolist()),
-        structure=of_figures(_any_may_show([_figures_of(one) for one in structures]), structures),
+        # A further kind may show any form.
+        structure=of_figures(_any_may_show([_figures_of(one) for one in structures]), []),
         herfindahl=herfindahl(values),
         correlated=of_figures(_any_may_show(whole), beside),
         kinds=known,
@@ -165,11 +176,41 @@ def _squared_counts(std: Floats) -> Floats:
 
 
 def _any_may_show(kinds: Sequence[Mapping[str, Floats]]) -> dict[str, Floats]:
-    """Of each effect, what nearly all kinds show."""
+    """Of each effect, what a further kind may show: the upper end of a prediction interval.
+
+    Kinds differ by factors, so logarithms of their gains are taken as normal. A few kinds tell badly how
+    far they differ: their variance is moderated by the mean over effects (Smyth 2004).
+    """
+    found = _by_effect(kinds)
+    logs = {name: _log_gains(own) for name, own in found.items()}
+    spread = [own.var(ddof=1) for own in logs.values()]
     return {
-        name: found.mean(axis=0) + DEVIATIONS * found.std(axis=0, ddof=1)
-        for name, found in _by_effect(kinds).items()
+        name: np.maximum(
+            own.mean(axis=0) + DEVIATIONS * own.std(axis=0, ddof=1),
+            own.mean(axis=0) * _times_for_a_further(logs[name], float(np.mean(spread))),
+        )
+        for name, own in found.items()
     }
+
+
+def _log_gains(own: Floats) -> Floats:
+    """(kinds,) logarithms of an effect's gains, mean over channels, of figures (kinds, 2, 21)."""
+    gains = own[:, 1].mean(axis=1)
+    return np.asarray(np.log(np.maximum(gains, max(LEAST_PART * gains.max(), 1e-12))))
+
+
+def _times_for_a_further(logs: Floats, usual: float) -> float:
+    """How many times their mean gain a further kind may show.
+
+    Args:
+        logs: (kinds,) logarithms of the gains.
+        usual: variance of such logarithms, mean over effects.
+    """
+    kinds = len(logs)
+    freedom = OF_ALL_EFFECTS + kinds - 1
+    variance = (OF_ALL_EFFECTS * usual + (kinds - 1) * logs.var(ddof=1)) / freedom
+    above = stats.t.ppf(FURTHER_KIND, freedom) * np.sqrt(variance * (1.0 + 1.0 / kinds))
+    return float(np.exp(logs.mean() + above) / np.exp(logs).mean())
 
 
 def _may_show(

@@ -138,6 +138,9 @@ def _likely_forms(scoring: Scoring, score: Score, confidence: float) -> list[_Fo
             if (form.candidate.ages, form.candidate.fitting.pooled) == freedom
         ]
         most = max((own.log_evidence for _, own in own_kind), default=0.0)
+        if score.effect.fits_nothing and most <= 0.0:
+            # No weight could make it smaller: the recordings speak against it.
+            continue
         least = min(most, max(LIKELY * most, 0.0))
         likely += [(form, own) for form, own in own_kind if own.log_evidence >= least]
     return [

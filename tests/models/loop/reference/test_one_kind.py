@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from taxel_models.loop.reference.gain_limit import RECORDED
-from taxel_models.loop.reference.one_kind import OF_ALL_KINDS, moderated_limit
+from taxel_models.loop.reference.one_kind import FURTHER_KIND, OF_ALL_KINDS, _any_may_show, moderated_limit
 
 
 @pytest.mark.parametrize("contacts", [1, 2, 5, 12])
@@ -20,6 +20,26 @@ def test_recordings_of_kinds_that_scatter_stay_below_it_as_often_as_it_says(cont
     many = stats.chi2.ppf(0.95, RECORDED) / RECORDED
     limit = many * moderated_limit(own, np.ones(draws), contacts)
     assert np.mean(recorded > limit) == pytest.approx(0.05, abs=0.004)
+
+
+@pytest.mark.parametrize(("kinds", "differ"), [(3, 0.5), (6, 1.0), (12, 0.3)])
+def test_a_further_kind_stays_below_what_it_may_show(kinds: int, differ: float) -> None:
+    """Gains of kinds differ by factors, and a kind more is as those are."""
+    random = np.random.default_rng(7)
+    beyond, draws = 0, 3_000
+    for _ in range(draws):
+        gains = np.exp(differ * random.normal(size=(kinds + 1, 8)))
+        known = [
+            {f"effect{one}": np.full((2, 21), gain) for one, gain in enumerate(own)} for own in gains[:-1]
+        ]
+        limits = _any_may_show(known)
+        beyond += sum(gains[-1, one] > limits[f"effect{one}"][1, 0] for one in range(8))
+    assert beyond / (8 * draws) <= 1.5 * (1.0 - FURTHER_KIND)
+
+
+def test_what_no_kind_shows_a_further_one_does_not() -> None:
+    nothing = _any_may_show([{"fault": np.zeros((2, 21))} for _ in range(4)])
+    np.testing.assert_array_equal(nothing["fault"], 0.0)
 
 
 def test_many_contacts_tell_what_their_kind_has() -> None:
