@@ -264,6 +264,8 @@ class Findings(Schema):
         effects: in the order in which they were named; a fault behind those that explain more.
         before: errors of the model on the evaluation part, as `taxel predict` reports them.
         after: errors of the corrected model there, by the forms that are served.
+        error_ratio: for each channel, RMS residual of the model on the evaluation part over that of what
+            its training held out; empty where its manifest does not tell it.
         looks_wrong: in the recordings, as `taxel recording` tells it; none in an earlier version.
         changes: a sentence for each channel whose sensitivity, or else whose reading, changed.
         one_kind: columns with one value here, of which the model's own held-out residual had several.
@@ -290,6 +292,7 @@ class Findings(Schema):
     after: dict[str, Any]
     test: PairedTest
     unexplained: Unexplained
+    error_ratio: dict[str, float] = Field(default_factory=dict)
     looks_wrong: tuple[str, ...] = ()
     changes: tuple[str, ...] = ()
     one_kind: tuple[str, ...] = ()

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from taxel.channels import CHANNELS
 from taxel.corrections import Parameter
 from taxel.held_out_residual import HeldOutResidual
 from taxel_models.evaluation.metrics import ErrorMetrics
@@ -15,7 +16,7 @@ from taxel_models.loop.blocks import FOLDS, Blocks, cut
 from taxel_models.loop.channel_history import ReadingChange, SensitivityChange, changed_channels
 from taxel_models.loop.confounding import confounding
 from taxel_models.loop.correction import NewEffects, corrected, served_windows
-from taxel_models.loop.effects.fault import Fault
+from taxel_models.loop.effects.fault import Fault, is_crossed
 from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.effects.registry import candidates
 from taxel_models.loop.evaluation_part import found_effects, paired_test
@@ -270,7 +271,9 @@ def _left(observations: Observations, attribution: Attribution, new: NewEffects,
 def _changes(given: _Given, attribution: Attribution) -> tuple[SensitivityChange | ReadingChange, ...]:
     """Of single channels, beside what named effects other than their own explain."""
     others = [
-        named.contribution for named in attribution.named if named.name not in (Gain.name, Fault.name)
+        named.contribution
+        for named in attribution.named
+        if named.name not in (Gain.name, Fault.name) or is_crossed(named.candidate.form)
     ]
     explained = np.sum(others, axis=0) if others else np.zeros_like(given.observations.residual)
     known = ~np.any(list(given.new_kinds.values()), axis=0) if given.new_kinds else None
@@ -311,6 +314,15 @@ def _told(given: _Given) -> tuple[NewKinds, ...]:
         )
         for column, rows in given.new_kinds.items()
     )
+
+
+def _error_ratio(given: _Given) -> dict[str, float]:
+    """Of each channel that its training held out, how many times as much the model is off by here."""
+    if given.own is None:
+        return {}
+    off_by = np.sqrt((given.observations.residual[given.blocks.evaluation] ** 2).mean(axis=0))
+    pairs = zip(CHANNELS, off_by.tolist(), given.own.std, strict=True)
+    return {name: here / usual for name, here, usual in pairs if usual > 0.0}
 
 
 def _findings(
@@ -355,6 +367,7 @@ def _findings(
         after=ErrorMetrics.of(measured, found.after[rows], output_std).report(),
         test=paired_test(observations, blocks, found.after, output_std),
         unexplained=diagnose_residual(observations, found.left, noise, rows),
+        error_ratio=_error_ratio(given),
         looks_wrong=_looks_wrong(given),
         changes=tuple(change.sentence() for change in changes),
         one_kind=_one_kind(given),

@@ -130,7 +130,7 @@ def test_many_parameters_fold_away_in_both_forms(folder: Path) -> None:
         folded, after = folded.split("</details>")
         for channel in ("e1", "e6", "e10"):
             assert f"offset {channel}" in folded
-        assert "elapsed[0:70s]" in after
+        assert "slope from 0 to 70 s" in after
         assert "offset e1 " not in before + after
 
 

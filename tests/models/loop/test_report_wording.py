@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, Parameter
-from taxel.windows import ExtraFeature, Relaxation
+from taxel.windows import Elapsed, ExtraFeature, Relaxation
 from taxel_models.loop.findings import (
     ChannelGain,
     Findings,
@@ -29,8 +29,10 @@ from taxel_models.loop.report.numbers import (
 )
 from taxel_models.loop.report.table import findings_table
 from taxel_models.loop.report.wording import (
+    beside_training,
     confounded,
     headline,
+    inverted,
     left,
     next_recordings,
     opening,
@@ -87,6 +89,41 @@ def findings(*effects: FoundEffect, p_value: float = 0.0001) -> Findings:
 @given(st.floats(-1e6, 1e6).filter(lambda value: abs(value) > 1e-9))
 def test_numbers_keep_three_digits(value: float) -> None:
     assert float(number(value)) == pytest.approx(value, rel=0.0051)
+
+
+def test_the_session_s_time_is_told_once() -> None:
+    pieces = [
+        ExtraFeature(
+            name=f"elapsed[{start}:{start + 9}s]", unit="s", history=Elapsed(start_s=start, end_s=start + 9)
+        )
+        for start in (0, 9, 18)
+    ]
+    told = needs(effect("drift", needed=tuple(piece.name for piece in pieces)), pieces)
+    assert told == "needs the session's time, which the window builder computes from past samples"
+
+
+def test_the_error_is_compared_with_that_in_training() -> None:
+    assert beside_training(findings()) == []
+    known = findings().model_copy(update={"error_ratio": {"e1": 1.1, "e2": 0.9, "e3": 4.0, "e4": 1.0}})
+    (told,) = beside_training(known)
+    assert told.startswith(
+        "The RMS residual of the model is 1.1 times that on recordings that its training "
+    )
+    assert told.endswith("(median of the channels; e3 4.0 times).")
+    worse = findings().model_copy(update={"error_ratio": {"e1": 2.0, "e2": 2.2, "e3": 2.1}})
+    assert beside_training(worse)[0].endswith(
+        " 2.1 times that on recordings that its training held out (median of the channels)."
+    )
+
+
+def test_a_channel_that_is_turned_round_is_said_to_be() -> None:
+    gains = (
+        Parameter(name="gain e8", value=-1.96, unit="relative", low=-2.1, high=-1.8),
+        Parameter(name="gain e9", value=-1.1, unit="relative", low=-1.3, high=-0.9),
+    )
+    found = findings(effect("gain").model_copy(update={"parameters": gains}))
+    assert inverted(found) == ["The signal of e8 has the wrong sign."]
+    assert inverted(findings(effect("drift"))) == []
 
 
 def test_chance_is_not_written_as_zero() -> None:

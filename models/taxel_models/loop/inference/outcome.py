@@ -151,4 +151,6 @@ class Outcome:
             return AS_USUAL
         if score.worth.mean() <= 0.0:
             return "held-out blocks are further off with it"
-        return "too little to matter, or not sure enough for so little"
+        if score.worth.mean() >= self._scoring.constants.least_share:
+            return "not sure enough for how little it takes off the error"
+        return "takes too little off the error to matter"

@@ -33,7 +33,9 @@ from taxel_models.loop.report.numbers import (
 from taxel_models.loop.report.wording import (
     confounded,
     headline,
+    inverted,
     looks_wrong,
+    new_kinds,
     no_reference,
     opening,
     unconfirmed_effects,
@@ -81,7 +83,9 @@ def _first_screen(told: Told) -> list[Block]:
     lines = (
         *looks_wrong(findings),
         *no_reference(findings),
+        *new_kinds(findings),
         *unconfirmed_effects(findings),
+        *inverted(findings),
         *findings.changes,
     )
     changed: list[Block] = [Note(lines)] if lines else []

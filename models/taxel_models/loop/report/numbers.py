@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, Parameter
-from taxel.windows import ExtraFeature
+from taxel.windows import Elapsed, ExtraFeature
 from taxel_models.loop.effects.registry import why_only_reported
 from taxel_models.loop.findings import FoundEffect
 
@@ -82,7 +82,9 @@ def needs(effect: FoundEffect, extras: Iterable[ExtraFeature]) -> str:
         doubtful = effect.explained < -HARMFUL
         return f"is only reported{'' if doubtful else f': {why_only_reported(effect.name, effect.form)}'}"
     taken = [extra for extra in extras if extra.name in effect.needs]
-    past = [extra.name for extra in taken if extra.history is not None]
+    past = [extra.name for extra in taken if not isinstance(extra.history, Elapsed | None)]
+    if any(isinstance(extra.history, Elapsed) for extra in taken):
+        past.append("the session's time")
     calibrated = any(extra in CALIBRATION_EXTRAS for extra in taken)
     given = [
         f"{extra.name} ({number(extra.default)} where it is not known)"

@@ -8,8 +8,10 @@ from taxel_models.loop.findings import Findings
 from taxel_models.loop.report.numbers import key_parameters, percent
 from taxel_models.loop.report.wording import (
     anyway,
+    beside_training,
     confounded,
     corrects,
+    inverted,
     left,
     new_kinds,
     next_recordings,
@@ -29,7 +31,9 @@ def findings_table(findings: Findings) -> RenderableType:
         *anyway(findings),
         *no_reference(findings),
         _errors(findings),
+        *beside_training(findings),
         *unconfirmed_effects(findings),
+        *inverted(findings),
         *one_kind(findings),
         *new_kinds(findings),
         *confounded(findings),

@@ -1,10 +1,12 @@
 """Findings in words: the sentences that a report opens with."""
 
+import statistics
 from collections.abc import Sequence
 from typing import Final
 
 from taxel.windows import ExtraFeature
 from taxel_models.loop.attribution import AS_USUAL
+from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.findings import Findings, PairedTest
 from taxel_models.loop.report.numbers import (
     HARMFUL,
@@ -23,6 +25,11 @@ RUNS_ALONG: Final = 0.5
 """A quantity runs along with another that predicts this share of its variance."""
 
 _MOST_PAIRS: Final = 4
+
+_STANDS_OUT: Final = 1.5
+"""A channel whose error rose by so many times as much as that of most is told."""
+
+_MOST_CHANNELS: Final = 3
 
 
 def headline(findings: Findings) -> str:
@@ -48,8 +55,10 @@ def opening(findings: Findings, extras: Sequence[ExtraFeature]) -> str:
     """One paragraph that a reader can act on."""
     sentences = [
         _outcome(findings),
+        *beside_training(findings),
         *_named(findings, extras),
         *unconfirmed_effects(findings),
+        *inverted(findings),
         *one_kind(findings),
         *new_kinds(findings),
         *confounded(findings),
@@ -101,6 +110,23 @@ def _outcome(findings: Findings) -> str:
         f"{is_off} ({before['mae']:.1f} counts), and {corrected}: {fell}; {noise}. "
         f"Block by block, {paired(test)}."
     )
+
+
+def beside_training(findings: Findings) -> list[str]:
+    """How the model's error compares with that in training, as a sentence; none where that is not known."""
+    ratios = findings.error_ratio
+    if not ratios:
+        return []
+    usual = statistics.median(ratios.values())
+    above = sorted(
+        ((ratio, name) for name, ratio in ratios.items() if ratio > _STANDS_OUT * max(usual, 1.0)),
+        reverse=True,
+    )
+    most = listed([f"{name} {ratio:.1f} times" for ratio, name in above[:_MOST_CHANNELS]])
+    return [
+        f"The RMS residual of the model is {usual:.1f} times that on recordings that its training held out "
+        f"(median of the channels{f'; {most}' if above else ''})."
+    ]
 
 
 def paired(test: PairedTest) -> str:
@@ -194,6 +220,18 @@ def unconfirmed_effects(findings: Findings) -> list[str]:
                 "above it."
             )
     return sentences
+
+
+def inverted(findings: Findings) -> list[str]:
+    """A sentence on channels whose gain turns their signal round; none where none does."""
+    names = [
+        figure.name.removeprefix("gain ")
+        for effect in findings.effects
+        if effect.name == Gain.name
+        for figure in effect.parameters
+        if figure.name.startswith("gain ") and figure.high is not None and figure.high < -1.0
+    ]
+    return [f"The signal of {listed(names)} has the wrong sign."] if names else []
 
 
 def looks_wrong(findings: Findings) -> list[str]:

@@ -13,7 +13,8 @@ from taxel_models.loop.inference.constants import DECLARED
 from taxel_models.loop.inference.outcome import DOUBTED, Outcome
 from taxel_models.loop.observations import Observations
 
-TOO_LITTLE = "too little to matter, or not sure enough for so little"
+TOO_LITTLE = "takes too little off the error to matter"
+UNSURE = "not sure enough for how little it takes off the error"
 
 
 def score(worth: float, t: float, *, predictable: bool = True, rows: bool = False) -> Any:
@@ -50,7 +51,7 @@ def score(worth: float, t: float, *, predictable: bool = True, rows: bool = Fals
         (score(0.7, 6.0, rows=True), "single rows are further off with it"),
         (score(-0.6, 6.0), "held-out blocks are further off with it"),
         (score(0.01, 6.0), TOO_LITTLE),
-        (score(0.04, 2.6), TOO_LITTLE),
+        (score(0.04, 2.6), UNSURE),
         (score(0.3, 6.0, predictable=False), AS_USUAL),
         (score(0.01, 6.0, predictable=False), TOO_LITTLE),
         (score(0.7, 1.0), "does not repeat over the held-out folds"),
