@@ -123,6 +123,15 @@ def test_a_channel_that_holds_another_one_is_not_said_to_have_lost_sensitivity(
     assert result.changes == ()
 
 
+def test_channels_of_one_recording_may_be_crossed_in_the_next_one(smooth: Any, make: Make) -> None:
+    first, second = make(9_000, seed=3), make(6_000, seed=4)
+    crossed = replace(second, channels=second.channels[:, exchanged(4, 11)])
+    result = run_loop(smooth, [first, crossed], LoopSettings())
+    (found,) = result.findings.effects
+    assert found.form.startswith("crossed: e3 holds e10, e10 holds e3, from ")
+    assert not result.findings.unexplained.structured
+
+
 def test_the_loop_names_the_channels_and_changes_no_model(smooth: Any, make: Make) -> None:
     recording = make(9_000, seed=3)
     crossed = replace(recording, channels=recording.channels[:, exchanged(4, 11)])

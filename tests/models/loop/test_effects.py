@@ -10,12 +10,14 @@ from scipy.spatial.transform import Rotation
 
 from taxel.channels import CHANNELS
 from taxel.corrections import Correction
-from taxel.windows import Load, LoadAbove, Relaxation, WindowSpec
+from taxel.windows import Load as LoadFeature
+from taxel.windows import LoadAbove, Relaxation, WindowSpec
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.crosstalk import Crosstalk
 from taxel_models.loop.effects.drift import _exponential, _of_pieces
 from taxel_models.loop.effects.effect import ABOUT_MEAN, Remaining
 from taxel_models.loop.effects.fault import Fault
+from taxel_models.loop.effects.load import Load
 from taxel_models.loop.effects.registry import NAMES
 from taxel_models.loop.observations import Observations, gather
 from taxel_models.loop.pipeline import LoopResult, LoopSettings, run_loop
@@ -305,7 +307,7 @@ def test_what_relaxes_within_a_tenth_of_a_second_is_a_rate(
 def test_what_begins_above_a_force_is_a_load(smooth: Any, make: Make) -> None:
     injection = Injection.into(make(12_000), 4, np.full(21, STRENGTH))
     injection.begin("load", 1.0)
-    level = float(np.quantile(injection.history(Load(of="force")), 0.8))
+    level = float(np.quantile(injection.history(LoadFeature(of="force")), 0.8))
     above = injection.history(LoadAbove(of="force", above_n=level))
     weights = injection.random.normal(size=21) * STRENGTH / above.std()
     injection.add(above[:, None] * weights, {"weight": weights})
@@ -315,6 +317,21 @@ def test_what_begins_above_a_force_is_a_load(smooth: Any, make: Make) -> None:
     (told,) = [figure.value for figure in effect.parameters if figure.name == "level"]
     assert told == pytest.approx(level, rel=0.25)
     np.testing.assert_allclose(served(smooth, case), case.result.after, atol=0.02)
+
+
+def test_a_constant_force_has_one_level(smooth: Any, make: Make) -> None:
+    recording = make(3_000).ticks()
+    force = np.zeros_like(recording.samples.force)
+    force[500:2_500, 2] = -2.0
+    recording = replace(recording, samples=replace(recording.samples, force=force))
+    observations = gather(smooth, [recording])
+    rows = len(observations)
+    remaining = Remaining(observations.residual, np.ones(rows, np.bool_), np.ones(rows))
+    forms = [form.form for form in Load().forms(observations, remaining)]
+    assert forms == ["by force", "by force above 2 N"]
+    # Nothing is above it.
+    result = run_loop(smooth, [recording], LoopSettings())
+    assert "load" not in [effect.name for effect in result.findings.effects]
 
 
 def test_a_delay_of_half_a_tick_is_named_and_not_served(smooth: Any, make: Make) -> None:

@@ -175,8 +175,7 @@ class Fault(Effect):
                 yield self._with(some, kind, remaining.residual)
         crossed, since = crossed_since(observations.measured, observations.predicted)
         if (crossed != np.arange(len(CHANNELS))).any():
-            since_s = float(observations.time_s[since]) if since else 0.0
-            yield self._crossed(crossed, since_s, observations)
+            yield self._crossed(crossed, since, observations)
         repeated = repeated_frames(observations)
         if repeated.any():
             yield self._repeating(repeated, observations)
@@ -188,15 +187,15 @@ class Fault(Effect):
             return "put the channels in their order where they are read, or in the recording"
         return super().why_only_reported(form)
 
-    def _crossed(self, holds: NDArray[np.int64], since_s: float, observations: Observations) -> Candidate:
+    def _crossed(self, holds: NDArray[np.int64], since: int, observations: Observations) -> Candidate:
         """It is only reported: what is wrong is the order of the channels, which belongs in no model.
 
         Args:
-            since_s: of the session; 0 where they were crossed all the time.
+            since: the first row; 0 where they were crossed all the time.
         """
         change = observations.predicted[:, holds] - observations.predicted
-        change[observations.time_s < since_s] = 0.0
-        when = f", from {since_s:.0f} s on" if since_s else ""
+        change[:since] = 0.0
+        when = f", from {observations.time_s[since]:.0f} s on" if since else ""
         pairs = [
             f"{name} holds {CHANNELS[other]}"
             for name, other in zip(CHANNELS, holds, strict=True)
@@ -208,8 +207,8 @@ class Fault(Effect):
             Own(change[:, :, None].astype(np.float32)),
             fitting=Fitting(fixed=True, beforehand=len(pairs)),
             certain=len(pairs) <= FEW_CROSSED,
-            ages=since_s > 0.0,
-            again=lambda other: self._crossed(holds, since_s, other),
+            ages=since > 0,
+            again=lambda other: self._crossed(holds, since, other),
         )
 
     def _repeating(self, repeated: NDArray[np.bool_], observations: Observations) -> Candidate:

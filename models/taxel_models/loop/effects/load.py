@@ -36,17 +36,16 @@ class Load(Effect):
         force = past(observations, LoadFeature(of="force"), "force", "N")
         yield weighted(observations, self.name, "by force", "unit", [force], weight_units=("counts/N",))
         touched = remaining.fit & (observations.pressed > TOUCH_N)
-        levels = np.quantile(observations.pressed[touched], QUANTILES) if touched.any() else ()
-        for level in levels:
-            name = f"force[{level:.3g}N:]"
-            above = past(observations, LoadAbove(of="force", above_n=float(f"{level:.3g}")), name, "N")
+        levels = np.quantile(observations.pressed[touched], QUANTILES) if touched.any() else np.empty(0)
+        for text in dict.fromkeys(f"{level:.3g}" for level in levels):
+            above = LoadAbove(of="force", above_n=float(text))
             yield weighted(
                 observations,
                 self.name,
-                f"by force above {level:.3g} N",
+                f"by force above {text} N",
                 "unit",
-                [above],
-                form_parameters={"level": (float(f"{level:.3g}"), "N")},
+                [past(observations, above, f"force[{text}N:]", "N")],
+                form_parameters={"level": (above.above_n, "N")},
                 weight_names=("slope",),
                 weight_units=("counts/N",),
             )
