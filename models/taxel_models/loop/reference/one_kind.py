@@ -157,9 +157,9 @@ def residual_of_one_kind(
     return KindResidual(
         std=tuple(np.sqrt(np.mean([one.std**2 for one in told], axis=0)).tolist()),
         # A further kind may show any form.
-        structure=of_figures(_any_may_show([_figures_of(one) for one in structures]), []),
+        structure=of_figures(_further_may_show([_figures_of(one) for one in structures]), []),
         herfindahl=herfindahl(values),
-        correlated=of_figures(_any_may_show(whole), beside),
+        correlated=of_figures(_further_may_show(whole), beside),
         kinds=known,
     )
 
@@ -175,7 +175,15 @@ def _squared_counts(std: Floats) -> Floats:
     return np.array([np.ones_like(std), np.maximum(std**2, 1e-9)])
 
 
-def _any_may_show(kinds: Sequence[Mapping[str, Floats]]) -> dict[str, Floats]:
+def _nearly_all_show(kinds: Sequence[Mapping[str, Floats]]) -> dict[str, Floats]:
+    """Of each effect, what nearly all of these kinds show."""
+    return {
+        name: found.mean(axis=0) + DEVIATIONS * found.std(axis=0, ddof=1)
+        for name, found in _by_effect(kinds).items()
+    }
+
+
+def _further_may_show(kinds: Sequence[Mapping[str, Floats]]) -> dict[str, Floats]:
     """Of each effect, what a further kind may show: the upper end of a prediction interval.
 
     Kinds differ by factors, so logarithms of their gains are taken as normal. A few kinds tell badly how
@@ -184,10 +192,10 @@ def _any_may_show(kinds: Sequence[Mapping[str, Floats]]) -> dict[str, Floats]:
     found = _by_effect(kinds)
     logs = {name: _log_gains(own) for name, own in found.items()}
     spread = [own.var(ddof=1) for own in logs.values()]
+    usual = _nearly_all_show(kinds)
     return {
         name: np.maximum(
-            own.mean(axis=0) + DEVIATIONS * own.std(axis=0, ddof=1),
-            own.mean(axis=0) * _times_for_a_further(logs[name], float(np.mean(spread))),
+            usual[name], own.mean(axis=0) * _times_for_a_further(logs[name], float(np.mean(spread)))
         )
         for name, own in found.items()
     }
@@ -230,7 +238,7 @@ def _may_show(
         for name, mean in means.items()
         if name in own
     }
-    return {**_any_may_show(kinds), **moderated}
+    return {**_nearly_all_show(kinds), **moderated}
 
 
 def _by_effect(kinds: Sequence[Mapping[str, Floats]]) -> dict[str, Floats]:

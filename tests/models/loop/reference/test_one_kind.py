@@ -5,7 +5,12 @@ import pytest
 from scipy import stats
 
 from taxel_models.loop.reference.gain_limit import RECORDED
-from taxel_models.loop.reference.one_kind import FURTHER_KIND, OF_ALL_KINDS, _any_may_show, moderated_limit
+from taxel_models.loop.reference.one_kind import (
+    FURTHER_KIND,
+    OF_ALL_KINDS,
+    _further_may_show,
+    moderated_limit,
+)
 
 
 @pytest.mark.parametrize("contacts", [1, 2, 5, 12])
@@ -32,13 +37,13 @@ def test_a_further_kind_stays_below_what_it_may_show(kinds: int, differ: float) 
         known = [
             {f"effect{one}": np.full((2, 21), gain) for one, gain in enumerate(own)} for own in gains[:-1]
         ]
-        limits = _any_may_show(known)
+        limits = _further_may_show(known)
         beyond += sum(gains[-1, one] > limits[f"effect{one}"][1, 0] for one in range(8))
     assert beyond / (8 * draws) <= 1.5 * (1.0 - FURTHER_KIND)
 
 
 def test_what_no_kind_shows_a_further_one_does_not() -> None:
-    nothing = _any_may_show([{"fault": np.zeros((2, 21))} for _ in range(4)])
+    nothing = _further_may_show([{"fault": np.zeros((2, 21))} for _ in range(4)])
     np.testing.assert_array_equal(nothing["fault"], 0.0)
 
 
