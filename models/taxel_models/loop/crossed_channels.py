@@ -17,12 +17,11 @@ MUCH: Final = 0.7
 mean of shapes and sizes: where they leave more, the channels are alike, or something else is wrong. Signals
 of neighbours have much the same shape, and other sizes."""
 
+MUCH_OF_PART: Final = 0.5
+"""The same of a part of a recording: it tells less, and which part it is was chosen."""
+
 NEARLY_ALL: Final = 0.8
 """Share of the stretches in which the others' predictions have to be nearer."""
-
-
-MUCH_OF_PART: Final = 0.5
-"""Likewise, of a part of a recording. Which part is chosen, and it tells less."""
 
 LATE: Final = 0.3
 """The last part of a recording, by which channels are found that were crossed in its course."""
@@ -38,7 +37,7 @@ def crossed_since(measured: Floats, predicted: Floats) -> tuple[NDArray[np.int64
         measured: (n, 21) counts.
         predicted: (n, 21) counts, from the model.
     """
-    late = whole = crossed_channels(measured, predicted)
+    whole = late = crossed_channels(measured, predicted)
     own, begins = np.arange(len(whole)), int((1.0 - LATE) * len(measured))
     if (whole == own).all():
         late = crossed_channels(measured[begins:], predicted[begins:], MUCH_OF_PART)
@@ -60,10 +59,11 @@ def crossed_since(measured: Floats, predicted: Floats) -> tuple[NDArray[np.int64
     if since <= early.stop:
         return whole, 0
     before = crossed_channels(measured[:since, late], predicted[:since], MUCH_OF_PART)
+    found = own.copy()
     for cycle in _cycles(late):
-        if (before[cycle] != late[cycle]).any():
-            late[cycle] = cycle
-    return late, since
+        if (before[cycle] == late[cycle]).all():
+            found[cycle] = late[cycle]
+    return (found, since) if (found != own).any() else (whole, 0)
 
 
 def crossed_channels(measured: Floats, predicted: Floats, much: float = MUCH) -> NDArray[np.int64]:

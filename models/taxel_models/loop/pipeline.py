@@ -270,6 +270,7 @@ def _left(observations: Observations, attribution: Attribution, new: NewEffects,
 
 def _changes(given: _Given, attribution: Attribution) -> tuple[SensitivityChange | ReadingChange, ...]:
     """Of single channels, beside what named effects other than their own explain."""
+    # A channel that holds another one's signal has not changed.
     others = [
         named.contribution
         for named in attribution.named
@@ -317,7 +318,7 @@ def _told(given: _Given) -> tuple[NewKinds, ...]:
 
 
 def _error_ratio(given: _Given) -> dict[str, float]:
-    """Of each channel that its training held out, how many times as much the model is off by here."""
+    """Of each channel, how many times as much the model is off by here as on what training held out."""
     if given.own is None:
         return {}
     off_by = np.sqrt((given.observations.residual[given.blocks.evaluation] ** 2).mean(axis=0))

@@ -105,6 +105,12 @@ def test_the_moment_since_when_channels_are_crossed_is_found(begins: int) -> Non
     whole, start = crossed_since(predicted[:, holds], predicted)
     np.testing.assert_array_equal(whole, holds)
     assert start == 0
+    # What is unclear at the start does not hide what is clear over all of it.
+    doubtful = predicted[:, holds].copy()
+    doubtful[:300] = 0.55 * predicted[:300] + 0.45 * predicted[:300, holds]
+    found, since = crossed_since(doubtful, predicted)
+    np.testing.assert_array_equal(found, holds)
+    assert since == 0
     for rows in (0, 1, 2_000):
         np.testing.assert_array_equal(crossed_since(predicted[:rows], predicted[:rows])[0], OWN)
 

@@ -14,17 +14,15 @@ _ORTHONORMAL: Final = 1e-6
 """How far a rotation times its transpose may be from the identity."""
 
 
-def _rotation(matrix: Matrix) -> Matrix:
+def _orthogonal(matrix: Matrix) -> Matrix:
     array = np.array(matrix)
     # No entry of a rotation is above 1; products of very large ones would be no numbers.
     if np.abs(array).max() > 1 + _ORTHONORMAL or np.abs(array @ array.T - np.eye(3)).max() > _ORTHONORMAL:
-        raise ValueError(
-            f"{[list(row) for row in matrix]}: expected a rotation, or a rotation of a mirror image"
-        )
+        raise ValueError(f"{[list(row) for row in matrix]}: expected a rotation, which may also mirror")
     return matrix
 
 
-Rotation = Annotated[Matrix, AfterValidator(_rotation)]
+Orthogonal = Annotated[Matrix, AfterValidator(_orthogonal)]
 
 
 class Frame(Schema):
@@ -33,12 +31,12 @@ class Frame(Schema):
     position' = position_rotation @ position + position_translation, m;
     force' = force_scale * force_rotation @ force + force_translation, N.
 
-    Where an axis has the wrong sign, a rotation is one of the mirror image: its determinant is -1.
+    Where an axis has the wrong sign, a rotation also mirrors: its determinant is -1.
     """
 
-    position_rotation: Rotation
+    position_rotation: Orthogonal
     position_translation: Vector
-    force_rotation: Rotation
+    force_rotation: Orthogonal
     force_translation: Vector = (0.0, 0.0, 0.0)
     force_scale: PositiveFloat = 1.0
 

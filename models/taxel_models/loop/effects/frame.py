@@ -49,7 +49,8 @@ class FrameEffect(Effect):
         "rigid motion, and a force sensor's zero and gain; Gauss-Newton on finite differences of the model"
     )
     signature = (
-        "turning, shifting or scaling the inputs explains all channels with at most three parameters"
+        "turning, mirroring, shifting or scaling the inputs explains all channels with at most three "
+        "parameters"
     )
 
     @override

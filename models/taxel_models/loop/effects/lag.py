@@ -38,6 +38,9 @@ SMOOTHED_TICKS: Final = 2
 
 _AT_THE_END: Final = "lag at the end"
 
+_GROWING: Final = "growing"
+"""How the form of a delay begins that grows."""
+
 
 class Lag(Effect):
     """The channels show the model's prediction for an earlier or later time."""
@@ -56,20 +59,21 @@ class Lag(Effect):
             yield self._late(ticks, smooth if short else observations.predicted, observations)
         if observations.time_s.max() > GROWING_S:
             for ticks in GROWING:
-                yield self._growing(ticks, observations)
+                yield self._growing(ticks, smooth, observations)
 
     @override
     def finer(
         self, observations: Observations, best: Candidate, fit: NDArray[np.bool_]
     ) -> Iterable[Candidate]:
         if _AT_THE_END in best.form_parameters:
+            ticks, smooth = best.form_parameters[_AT_THE_END][0] / TICK_S, _smoothed(observations)
             for factor in FINER:
-                yield self._growing(factor * best.form_parameters[_AT_THE_END][0] / TICK_S, observations)
+                yield self._growing(factor * ticks, smooth, observations)
 
     @override
     @classmethod
     def why_only_reported(cls, form: str) -> str:
-        if form.startswith("growing"):
+        if form.startswith(_GROWING):
             return "no model knows when its session began; set the clocks right"
         return "windows move by whole ticks of 10 ms; set the clocks right"
 
@@ -116,19 +120,22 @@ class Lag(Effect):
             again=None if whole else lambda other: self._late(ticks, _smoothed(other), other),
         )
 
-    def _growing(self, ticks: float, observations: Observations) -> Candidate:
-        """A delay that is 0 at the session's start and so many ticks at its end."""
+    def _growing(self, ticks: float, smooth: Floats, observations: Observations) -> Candidate:
+        """A delay that is 0 at the session's start and so many ticks at its end.
+
+        Args:
+            smooth: (n, 21) the predictions without their jumps, counts.
+        """
         share = observations.time_s / observations.time_s.max()
-        smooth = _smoothed(observations)
         before = observations.rows_before(np.rint(ticks * share).astype(np.int64))
         return Candidate(
             self.name,
-            f"growing from 0 to {ticks * 10:.0f} ms",
+            f"{_GROWING} from 0 to {ticks * 10:.0f} ms",
             Own((smooth[before] - smooth)[:, :, None].astype(np.float32)),
             fitting=Fitting(fixed=True),
             form_parameters={_AT_THE_END: (ticks * TICK_S, "s")},
             ages=True,
-            again=lambda other: self._growing(ticks, other),
+            again=lambda other: self._growing(ticks, _smoothed(other), other),
         )
 
 

@@ -18,6 +18,7 @@ LEAST_SCALE: Final = 0.1
 """Of forces."""
 
 LEAST_SPREAD_M: Final = 1e-4
+"""Along an axis on which all positions are alike."""
 
 FIT_ROWS: Final = 2_400
 """All channels share one motion, so it is fitted to at most so many rows."""
@@ -79,7 +80,7 @@ class MotionKind(NamedTuple):
 
     Attributes:
         name: in words.
-        starts: (k, 3) or (k, 1) where fits begin: if the model is not smooth, small steps do not lead far.
+        starts: (k, 3) or (k, 1), where fits begin: if the model is not smooth, small steps do not lead far.
         step: of the finite differences: a forest's prediction is constant over smaller steps.
         frame: the motion of a vector.
         parameters: of a vector, for a report, with their units.
@@ -98,8 +99,7 @@ def _turn(name: str, *parts: str) -> MotionKind:
     """Turns of some parts of a frame: vectors are rotation vectors (3,), rad."""
 
     def frame(vector: Floats) -> Frame:
-        matrix = Rotation.from_rotvec(vector).as_matrix().tolist()
-        return Frame(**{**STILL, **dict.fromkeys(parts, matrix)})
+        return _with(Rotation.from_rotvec(vector).as_matrix(), parts)
 
     def parameters(vector: Floats) -> Parameters:
         angle = float(np.degrees(np.linalg.norm(vector)))
@@ -111,19 +111,24 @@ def _turn(name: str, *parts: str) -> MotionKind:
 def _mirrored(name: str, *parts: str) -> MotionKind:
     """One axis of some parts has the wrong sign, and they may be turned, too: vectors as of `_turn`."""
 
-    def frame(vector: Floats) -> Frame:
-        matrix = (Rotation.from_rotvec(vector).as_matrix() @ MIRROR).tolist()
-        return Frame(**{**STILL, **dict.fromkeys(parts, matrix)})
+    def turned(vector: Floats) -> Floats:
+        return np.asarray(Rotation.from_rotvec(vector).as_matrix() @ MIRROR)
 
     def parameters(vector: Floats) -> Parameters:
-        matrix = Rotation.from_rotvec(vector).as_matrix() @ MIRROR
+        matrix = turned(vector)
         # A reflection turns nothing: its trace is 1, and it turns the normal round.
         angle = np.degrees(np.arccos(np.clip((np.trace(matrix) + 1.0) / 2.0, -1.0, 1.0)))
         _, _, directions = np.linalg.svd(matrix + np.eye(3))
         normal = directions[-1] * np.sign(directions[-1][np.abs(directions[-1]).argmax()])
         return {"angle": (float(angle), "deg"), **_by_axis("mirrored along ", normal, "")}
 
-    return MotionKind(name, TURNS, float(np.radians(2.0)), frame, parameters)
+    step = float(np.radians(2.0))
+    return MotionKind(name, TURNS, step, lambda vector: _with(turned(vector), parts), parameters)
+
+
+def _with(matrix: Floats, parts: Sequence[str]) -> Frame:
+    """A frame that turns some of its parts by a matrix (3, 3)."""
+    return Frame(**{**STILL, **dict.fromkeys(parts, matrix.tolist())})
 
 
 def _by_axis(what: str, vector: Floats, unit: str) -> Parameters:

@@ -27,8 +27,8 @@ def stands(score: Score, beside_others: bool, constants: Constants) -> bool:
     part = score.chance * min(1.0, worth / constants.clear_share)
     surer = score.t >= constants.least_t(score.folds, part)
     if score.effect.fits_nothing and not score.form.candidate.ages:
-        # It has no weights that could take what another cause left, and needs no share. How fast one grows
-        # is chosen.
+        # It has no weights that could take what another cause left, and needs no share. One that grows may:
+        # it fits where other causes grow, too.
         return worth > 0 and (surer or not beside_others)
     if worth >= share and surer:
         return True

@@ -36,13 +36,14 @@ DEVIATIONS: Final = 2.0
 """Standard deviations above the mean over kinds: what nearly all of these kinds stay below."""
 
 FURTHER_KIND: Final = 0.995
-"""That a further kind shows no more of an effect: there are about ten, and each may be wrong."""
+"""The confidence that a further kind shows no more of an effect. About ten effects are looked for, and each
+may be wrong."""
 
 OF_ALL_EFFECTS: Final = 4
-"""Kinds that the mean over effects counts for, where it is told how far kinds differ."""
+"""How far kinds differ in one effect: the mean over all effects counts as much as so many kinds."""
 
 LEAST_PART: Final = 0.01
-"""Of the largest gain of an effect: kinds that show less show as good as none."""
+"""Of the largest gain of an effect: a kind with less counts as one with this part."""
 
 OF_ALL_KINDS: Final = 4
 """Contacts of a kind that the mean over kinds counts for."""

@@ -117,15 +117,15 @@ def beside_training(findings: Findings) -> list[str]:
     ratios = findings.error_ratio
     if not ratios:
         return []
-    usual = statistics.median(ratios.values())
+    median = statistics.median(ratios.values())
     above = sorted(
-        ((ratio, name) for name, ratio in ratios.items() if ratio > _STANDS_OUT * max(usual, 1.0)),
+        ((ratio, name) for name, ratio in ratios.items() if ratio > _STANDS_OUT * max(median, 1.0)),
         reverse=True,
     )
     most = listed([f"{name} {ratio:.1f} times" for ratio, name in above[:_MOST_CHANNELS]])
     return [
-        f"The RMS residual of the model is {usual:.1f} times that on recordings that its training held out "
-        f"(median of the channels{f'; {most}' if above else ''})."
+        f"The RMS residual of the model is {median:.1f} times that on recordings that its training held "
+        f"out (median of the channels{f'; {most}' if above else ''})."
     ]
 
 
