@@ -23,7 +23,7 @@ from taxel_models.loop.basis import Floats, Rows
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.correction import NewEffects, feature_columns
 from taxel_models.loop.effects.covariate import Covariate, kind_extra
-from taxel_models.loop.effects.effect import given_extra
+from taxel_models.loop.effects.drivers import given_extra
 from taxel_models.loop.effects.temperature import TDC, Temperature
 from taxel_models.loop.findings import ChannelGain, FoundResidualModel
 from taxel_models.loop.observations import Observations

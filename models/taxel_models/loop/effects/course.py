@@ -9,7 +9,8 @@ from scipy.linalg import block_diag
 from taxel.corrections import Shape
 from taxel.windows import PERIOD_NS
 from taxel_models.loop.basis import Floats, Shared
-from taxel_models.loop.effects.effect import Candidate, Driver, elapsed, evenly_filled, weighted
+from taxel_models.loop.effects.drivers import Driver, elapsed, evenly_filled, weighted
+from taxel_models.loop.effects.effect import Candidate
 from taxel_models.loop.observations import Observations
 
 RECORDED: Final = 16

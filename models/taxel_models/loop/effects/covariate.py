@@ -9,7 +9,8 @@ from typing_extensions import override
 
 from taxel.windows import ExtraFeature
 from taxel_models.loop.basis import Floats, Joined
-from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Online, Remaining, given, weighted
+from taxel_models.loop.effects.drivers import Driver, given, weighted
+from taxel_models.loop.effects.effect import Candidate, Effect, Online, Remaining
 from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.observations import Observations
 from taxel_models.recordings.kinds import are_kinds

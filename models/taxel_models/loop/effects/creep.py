@@ -9,7 +9,8 @@ from typing_extensions import override
 
 from taxel.windows import Relaxation, RelaxationShare
 from taxel.windows.history import TICK_S, Followed, Starts
-from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past, weighted
+from taxel_models.loop.effects.drivers import past, weighted
+from taxel_models.loop.effects.effect import Candidate, Effect, Remaining
 from taxel_models.loop.observations import Observations
 
 SHORTEST_S: Final = 0.08

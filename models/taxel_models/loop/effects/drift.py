@@ -10,15 +10,8 @@ from typing_extensions import override
 from taxel.windows.history import TICK_S
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.course import along, has_long_pauses, recorded
-from taxel_models.loop.effects.effect import (
-    Candidate,
-    Effect,
-    Fitting,
-    Remaining,
-    elapsed,
-    evenly_filled,
-    weighted,
-)
+from taxel_models.loop.effects.drivers import elapsed, evenly_filled, weighted
+from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Remaining
 from taxel_models.loop.observations import Observations
 
 PIECES: Final = 6

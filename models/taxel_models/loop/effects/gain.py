@@ -8,17 +8,8 @@ from typing_extensions import override
 
 from taxel.corrections import ONE
 from taxel_models.loop.effects.course import along, has_long_pauses, recorded
-from taxel_models.loop.effects.effect import (
-    SHARED_WEIGHTS,
-    Candidate,
-    Driver,
-    Effect,
-    Fitting,
-    Remaining,
-    elapsed,
-    evenly_filled,
-    weighted,
-)
+from taxel_models.loop.effects.drivers import Driver, elapsed, evenly_filled, weighted
+from taxel_models.loop.effects.effect import SHARED_WEIGHTS, Candidate, Effect, Fitting, Remaining
 from taxel_models.loop.observations import Observations
 
 PIECES: Final = 4

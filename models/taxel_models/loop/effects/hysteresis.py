@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from taxel.windows import Direction, Friction, HistoryFeature, Play
-from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past, weighted
+from taxel_models.loop.effects.drivers import past, weighted
+from taxel_models.loop.effects.effect import Candidate, Effect, Remaining
 from taxel_models.loop.observations import Observations
 
 PLAYS_N: Final = tuple(np.geomspace(0.05, 2.0, 12).tolist())

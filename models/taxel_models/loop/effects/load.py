@@ -9,7 +9,8 @@ from typing_extensions import override
 from taxel.windows import Load as LoadFeature
 from taxel.windows import LoadAbove
 from taxel.windows.history import TOUCH_N
-from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past, weighted
+from taxel_models.loop.effects.drivers import past, weighted
+from taxel_models.loop.effects.effect import Candidate, Effect, Remaining
 from taxel_models.loop.observations import Observations
 
 QUANTILES: Final = (0.35, 0.5, 0.65, 0.8, 0.9)

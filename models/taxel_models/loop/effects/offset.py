@@ -10,7 +10,8 @@ from typing_extensions import override
 from taxel.channels import CHANNELS
 from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, ONE, Calibrated, Weighted
 from taxel_models.loop.basis import Basis, Floats, Joined, Own, Shared
-from taxel_models.loop.effects.effect import Candidate, Driver, Effect, Fitting, Online, Remaining, weighted
+from taxel_models.loop.effects.drivers import Driver, weighted
+from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.observations import Observations, TakenCalibration
 
 FADING_S: Final = (0.5, 1.0, 2.0, 4.0)

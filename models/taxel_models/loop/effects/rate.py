@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from taxel.windows import BoundedRate, Relaxation, Speed, history
-from taxel_models.loop.effects.effect import Candidate, Effect, Remaining, past, weighted
+from taxel_models.loop.effects.drivers import past, weighted
+from taxel_models.loop.effects.effect import Candidate, Effect, Remaining
 from taxel_models.loop.observations import Observations
 
 HALVES_N_S: Final = tuple(np.geomspace(0.5, 32.0, 7).tolist())

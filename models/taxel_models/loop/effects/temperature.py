@@ -9,17 +9,8 @@ from typing_extensions import override
 from taxel.windows import Relaxation, Warmth
 from taxel.windows.history import Starts
 from taxel_models.loop.effects.drift import PIECES, SHORTEST_S
-from taxel_models.loop.effects.effect import (
-    ELECTRODES_ALIKE,
-    Candidate,
-    Effect,
-    Remaining,
-    elapsed,
-    evenly_filled,
-    given,
-    past,
-    weighted,
-)
+from taxel_models.loop.effects.drivers import elapsed, evenly_filled, given, past, weighted
+from taxel_models.loop.effects.effect import ELECTRODES_ALIKE, Candidate, Effect, Remaining
 from taxel_models.loop.observations import Observations
 
 TDC: Final = "tdc"
