@@ -1,6 +1,7 @@
 """Ensembles: trained together, exported as one file, served with the spread of their members."""
 
 import asyncio
+from collections.abc import Callable
 from pathlib import Path
 
 import msgpack
@@ -14,10 +15,11 @@ from taxel_exporters.export import export
 from taxel_models.families.registry import family, resolve
 from taxel_models.training import trained as trained_models
 from taxel_models.training.split import SplitSettings
-from taxel_models.training.train import TrainingSettings, train
+from taxel_models.training.train import TrainingSettings
 from taxel_models.training.trained import TrainedModel
-from taxel_models.twin import simulate
 from taxel_server.transports.memory import MemoryServer
+
+SaveTrained = Callable[[Path, TrainingSettings], Path]
 
 OVERRIDES = {
     "members": "ffnn:2,network-b:1,xgb:1",
@@ -31,13 +33,11 @@ OVERRIDES = {
 
 
 @pytest.fixture(scope="module")
-def repository(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def repository(save_trained: SaveTrained, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A repository with an ensemble of three families, and the model it was exported from."""
     folder = tmp_path_factory.mktemp("ensemble")
-    settings = TrainingSettings("ensemble", 1, SplitSettings("chunks"), overrides=OVERRIDES)
-    model, kept = train([simulate(4000, 3)], settings)
-    trained_models.save(model, kept, folder / "trained")
-    manifest = export(folder / "trained", folder / "repository")
+    settings = TrainingSettings("ensemble", 1, SplitSettings("sessions"), overrides=OVERRIDES)
+    manifest = export(save_trained(folder / "trained", settings), folder / "repository")
     assert manifest.gives_spread
     return folder / "repository"
 
@@ -93,13 +93,13 @@ def test_remote_and_local_agree_on_the_spread(repository: Path, windows: np.ndar
     np.testing.assert_array_equal(alone, found[0])
 
 
-def test_a_measured_temperature_reaches_only_the_members_that_take_it(tmp_path: Path) -> None:
+def test_a_measured_temperature_reaches_only_the_members_that_take_it(
+    save_trained: SaveTrained, tmp_path: Path
+) -> None:
     settings = TrainingSettings(
-        "ensemble", 1, SplitSettings("chunks"), overrides=OVERRIDES, extras="measured"
+        "ensemble", 1, SplitSettings("sessions"), overrides=OVERRIDES, extras="measured"
     )
-    model, kept = train([simulate(4000, 3)], settings)
-    trained_models.save(model, kept, tmp_path / "trained")
-    manifest = export(tmp_path / "trained", tmp_path / "repository")
+    manifest = export(save_trained(tmp_path / "trained", settings), tmp_path / "repository")
     assert manifest.window.features[-1] == "tdc"
     assert manifest.parity is not None
     assert manifest.parity.largest_difference < 0.01

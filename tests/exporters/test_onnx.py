@@ -1,5 +1,6 @@
 """ONNX files against the library that trained them: torch on networks, XGBoost on trees."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,10 @@ from taxel_exporters.onnx_file import IR_VERSION, OPSET
 from taxel_exporters.onnx_trees import trees_onnx
 from taxel_models.training import trained as trained_models
 from taxel_models.training.split import SplitSettings
-from taxel_models.training.train import TrainingSettings, train
+from taxel_models.training.train import TrainingSettings
 from taxel_models.training.trained import TrainedModel
-from taxel_models.twin import simulate
+
+SaveTrained = Callable[[Path, TrainingSettings], Path]
 
 QUICK = {"epochs": 1, "patience": 0, "batch_size": 512, "learning_rate": 0.001}
 NETWORKS: dict[str, dict[str, Any]] = {
@@ -33,20 +35,17 @@ NETWORKS: dict[str, dict[str, Any]] = {
 }
 
 
-def train_network(folder: Path, name: str, **changes: Any) -> Path:
+def network(name: str, combination: int = 1, **changes: Any) -> TrainingSettings:
     overrides = {**NETWORKS[name], **QUICK}
-    settings = TrainingSettings(
-        name, changes.pop("combination", 1), SplitSettings("chunks"), overrides=overrides, **changes
-    )
-    model, kept = train([simulate(4000, 3)], settings)
-    trained_models.save(model, kept, folder / "trained")
-    return folder / "trained"
+    return TrainingSettings(name, combination, SplitSettings("sessions"), overrides=overrides, **changes)
 
 
 @pytest.mark.parametrize("name", NETWORKS)
 @pytest.mark.parametrize("combination", [1, 8])
-def test_a_network_predicts_the_same_when_served(name: str, combination: int, tmp_path: Path) -> None:
-    folder = train_network(tmp_path, name, combination=combination)
+def test_a_network_predicts_the_same_when_served(
+    name: str, combination: int, save_trained: SaveTrained, tmp_path: Path
+) -> None:
+    folder = save_trained(tmp_path / "trained", network(name, combination))
     manifest = export(folder, tmp_path / "repository")
     assert manifest.platform == "onnxruntime_onnx"
     assert manifest.normalisation.folded
@@ -64,8 +63,10 @@ def test_a_network_predicts_the_same_when_served(name: str, combination: int, tm
             )
 
 
-def test_a_measured_temperature_is_a_named_input_with_a_default(tmp_path: Path) -> None:
-    folder = train_network(tmp_path, "network-b", extras="measured")
+def test_a_measured_temperature_is_a_named_input_with_a_default(
+    save_trained: SaveTrained, tmp_path: Path
+) -> None:
+    folder = save_trained(tmp_path / "trained", network("network-b", extras="measured"))
     manifest = export(folder, tmp_path / "repository")
     (extra,) = manifest.window.extras
     assert (extra.name, manifest.window.features[-1]) == ("tdc", "tdc")
@@ -80,8 +81,8 @@ def test_a_measured_temperature_is_a_named_input_with_a_default(tmp_path: Path) 
     assert np.abs(given - trained.predict(windows)).max() > 0.1
 
 
-def test_the_file_is_pinned_plain_and_whole(tmp_path: Path) -> None:
-    folder = train_network(tmp_path, "transformer")
+def test_the_file_is_pinned_plain_and_whole(save_trained: SaveTrained, tmp_path: Path) -> None:
+    folder = save_trained(tmp_path / "trained", network("transformer"))
     export(folder, tmp_path / "a")
     export(folder, tmp_path / "b")
     first, second = (tmp_path / name / "transformer" / "1" / "model.onnx" for name in "ab")
