@@ -17,7 +17,7 @@ from taxel.commands.cli import failing_clearly
 from taxel.errors import InputWarning, RecordingError
 from taxel_models.commands.recording import recording as command
 from taxel_models.recordings import Recording, read_recording, write_ruppel
-from taxel_models.recordings.findings import recording_findings
+from taxel_models.recordings.findings import check_units, recording_findings
 from taxel_models.recordings.glitches import GLITCH_ROWS, jumps
 from taxel_models.twin import simulate
 
@@ -163,6 +163,23 @@ def test_slide_recordings_are_in_another_frame() -> None:
     assert names(replace(flipped(moved), format="biotac_slide")) == []
     assert names(replace(in_millimetres(slide), format="biotac_slide")) == ["millimetres"]
     assert "grams" in names(replace(in_grams(slide), format="biotac_slide"))
+
+
+def test_units_are_judged_by_most_samples() -> None:
+    check_units(TWINS[0], None)
+    with pytest.raises(RecordingError, match="most places are in millimetres: expected metres"):
+        check_units(in_millimetres(TWINS[0]), None)
+    with pytest.raises(RecordingError, match="most forces are in grams: expected newtons"):
+        check_units(in_grams(TWINS[0]), None)
+    position, force = TWINS[0].samples.position.copy(), TWINS[0].samples.force.copy()
+    touched = np.flatnonzero(np.linalg.norm(force, axis=1) > 1.0)
+    position[touched[:50]] *= 1e3
+    force[touched[-50:]] *= 1e3
+    for glitches in (with_samples(TWINS[0], position=position), with_samples(TWINS[0], force=force)):
+        assert {"millimetres", "millinewtons"} & set(names(glitches))
+        check_units(glitches, None)
+    # Nothing is touched.
+    check_units(with_samples(TWINS[0], force=0.0 * force, position=1e3 * position), None)
 
 
 def test_reading_warns_and_is_strict_if_asked(tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ from taxel_models.loop.resting import check_scale
 from taxel_models.loop.status import StatusCallback, silent
 from taxel_models.model import Model
 from taxel_models.recordings import Recording
-from taxel_models.recordings.findings import recording_findings
+from taxel_models.recordings.findings import check_units, recording_findings
 
 
 @dataclass(frozen=True)
@@ -164,8 +164,8 @@ def run_loop(
         reference: the model's own held-out residual, in place of that of its manifest.
 
     Raises:
-        RecordingError: the recordings are too short to hold anything out, lack a column, or have tared
-            counts where the model has raw ones, or the other way round.
+        RecordingError: the recordings are too short to hold anything out, lack a column, have places or
+            forces in another unit, or tared counts where the model has raw ones, or the other way round.
     """
     progress("predicting")
     observations = _observed(model, recordings, settings)
@@ -209,6 +209,8 @@ def run_loop(
 
 
 def _observed(model: Model, recordings: Sequence[Recording], settings: LoopSettings) -> Observations:
+    for recording in recordings:
+        check_units(recording, model.manifest.trained_contacts)
     observations = gather(model, recordings, withheld=settings.withheld)
     check_scale(model.manifest.label, observations.pressed, observations.base, observations.measured)
     return observations.calibrated(settings.calibration_s) if settings.calibration_s else observations

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from taxel.channels import CHANNELS, COUNTS_MAX
 from taxel.errors import RecordingError
-from taxel.input_checks import Finding, contact_findings, rate_findings, warn
+from taxel.input_checks import FORCE_UNITS, Finding, contact_findings, rate_findings, warn
 from taxel.skin import Fingertip
 from taxel.trained_contacts import TOUCHED_N, Range, TrainedContacts
 from taxel_models.recordings.glitches import jumps
@@ -41,6 +41,11 @@ IN_A_ROBOTS_FRAME: Final = PLAUSIBLE.model_copy(
 _TIME_UNITS: Final = {"milliseconds": 1e6, "microseconds": 1e3}
 """Other units of time, in ns."""
 
+_OTHER_UNITS: Final = frozenset({"millimetres", *FORCE_UNITS})
+
+_USUAL: Final = 0.9
+"""The share of the samples in touch that tells the unit, without the strongest and farthest."""
+
 _FASTEST_NS, _SLOWEST_NS = 2e5, 2e8
 """Intervals between samples of any sensor or simulator, ns."""
 
@@ -63,7 +68,7 @@ def recording_findings(recording: Recording, trained: TrainedContacts | None = N
     """
     if not len(recording):
         return []
-    known = trained or (IN_A_ROBOTS_FRAME if recording.format == "biotac_slide" else PLAUSIBLE)
+    known = trained or _plausible(recording)
     samples = recording.samples
     found = _time_findings(recording, known)
     found += contact_findings(known, samples.position, samples.force)
@@ -89,6 +94,34 @@ def check_recording(
         raise RecordingError(f"{recording.name}: {'; '.join(texts)}")
     for text in texts:
         warn(f"{recording.name}: {text}")
+
+
+def check_units(recording: Recording, trained: TrainedContacts | None) -> None:
+    """Check that places are in metres and forces in newtons; single samples may be wrong.
+
+    Args:
+        trained: as of `recording_findings`.
+
+    Raises:
+        RecordingError: most samples in touch look like another unit.
+    """
+    samples = recording.samples
+    force, place = (np.linalg.norm(values, axis=1) for values in (samples.force, samples.position))
+    usual = force >= TOUCHED_N
+    if not usual.any():
+        return
+    usual &= (force <= np.quantile(force[usual], _USUAL)) & (place <= np.quantile(place[usual], _USUAL))
+    known = trained or _plausible(recording)
+    for unit, _ in contact_findings(known, samples.position[usual], samples.force[usual]):
+        if unit in _OTHER_UNITS:
+            what = "places are in millimetres: expected metres"
+            if unit in FORCE_UNITS:
+                what = f"forces are in {unit}: expected newtons"
+            raise RecordingError(f"{recording.name}: most {what}, as the model takes them")
+
+
+def _plausible(recording: Recording) -> TrainedContacts:
+    return IN_A_ROBOTS_FRAME if recording.format == "biotac_slide" else PLAUSIBLE
 
 
 def _time_findings(recording: Recording, trained: TrainedContacts) -> list[Finding]:

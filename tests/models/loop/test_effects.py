@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from taxel.channels import CHANNELS
 from taxel.corrections import Correction
+from taxel.errors import RecordingError
 from taxel.windows import Load as LoadFeature
 from taxel.windows import LoadAbove, Relaxation, WindowSpec
 from taxel_models.loop.blocks import cut
@@ -344,16 +345,27 @@ def test_a_delay_of_half_a_tick_is_named_and_not_served(smooth: Any, make: Make)
     assert result.findings.after == result.findings.before
 
 
-def test_a_clock_that_runs_too_fast_is_a_delay_that_grows(smooth: Any, make: Make) -> None:
+@pytest.mark.parametrize("ticks", [-23, 27])
+def test_clocks_that_nobody_compared_are_told_and_not_served(smooth: Any, make: Make, ticks: int) -> None:
+    recording = make(12_000)
+    moved = recording.channels[np.clip(np.arange(12_000) - ticks, 0, 11_999)]
+    result = run_loop(smooth, [replace(recording, channels=moved)], LoopSettings())
+    first = result.findings.effects[0]
+    assert (first.name, first.form, first.served) == ("lag", f"{ticks * 10} ms", False)
+    assert result.findings.after == result.findings.before
+
+
+@pytest.mark.parametrize("ticks", [12, -50])
+def test_a_clock_that_runs_too_fast_is_a_delay_that_grows(smooth: Any, make: Make, ticks: int) -> None:
     recording = make(12_000)
     rows = np.arange(len(recording.channels))
-    late = recording.channels[np.maximum(rows - rows * 12 // len(rows), 0)]
+    late = recording.channels[np.clip(rows - rows * ticks // len(rows), 0, len(rows) - 1)]
     result = run_loop(smooth, [replace(recording, channels=late)], LoopSettings())
     first = result.findings.effects[0]
     assert first.name == "lag"
     assert first.form.startswith("growing from 0 to ")
     (end,) = [figure.value for figure in first.parameters]
-    assert end == pytest.approx(0.12, rel=0.3)
+    assert end == pytest.approx(0.01 * ticks, rel=0.2)
     assert not first.served
 
 
@@ -386,3 +398,9 @@ def test_leaks_of_nothing_are_not_served(smooth: Any, recording: Recording) -> N
     assert form.fitting.compared == 20
     assert form.online(np.full((21, 1), 0.1)).changes_something
     assert not form.online(np.zeros((21, 1))).changes_something
+
+
+def test_nothing_is_looked_for_in_another_unit(smooth: Any, recording: Recording) -> None:
+    samples = replace(recording.samples, position=1e3 * recording.samples.position)
+    with pytest.raises(RecordingError, match="most places are in millimetres"):
+        run_loop(smooth, [replace(recording, samples=samples)], LoopSettings())

@@ -14,13 +14,21 @@ from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online,
 from taxel_models.loop.observations import Observations, runs
 from taxel_models.loop.running_mean import mean_within
 
-TICKS: Final = (*range(-5, 0), 0.5, 1, 1.5, *range(2, 16))
-"""Delays that are tried. A window moves by whole ticks, so others are named and not served."""
+SERVED: Final = (*range(-5, 0), *range(1, 16))
+"""Delays that a window moves by, ticks. Others are named and not served."""
+
+FAR: Final = (*range(-40, -5, 2), *range(16, 41, 2))
+"""Longer delays that are tried: clocks that nobody compared."""
+
+TICKS: Final = (*SERVED, 0.5, 1.5, *FAR)
+"""Delays that are tried."""
+
+_LONGEST: Final = 40
 
 NEAR: Final = range(-3, 4)
 """Ticks around the likeliest delay, of which single rows tell the one with the least squared error."""
 
-GROWING: Final = tuple(sign * ticks for ticks in (4, 8, 16, 32) for sign in (-1.0, 1.0))
+GROWING: Final = tuple(sign * ticks for ticks in (4, 6, 8, 11, 16, 23, 32, 45, 64) for sign in (-1.0, 1.0))
 """Delays at the end of a session that had none at its start, as where one of two clocks runs too fast."""
 
 GROWING_S: Final = 60.0
@@ -75,7 +83,8 @@ class Lag(Effect):
     def why_only_reported(cls, form: str) -> str:
         if form.startswith(_GROWING):
             return "no model knows when its session began; set the clocks right"
-        return "windows move by whole ticks of 10 ms; set the clocks right"
+        least, most = 10 * min(SERVED), 10 * max(SERVED)
+        return f"windows move by whole ticks of 10 ms, from {least} to {most} ms; set the clocks right"
 
     @override
     def by_rows(
@@ -98,26 +107,26 @@ class Lag(Effect):
         # The lowest point of a parabola through the least and its neighbours.
         bend = before - 2.0 * least + after
         found = near[place] + (np.clip(0.5 * (before - after) / bend, -1, 1) if bend > 0 else 0.0)
-        allowed = [each for each in TICKS if each * ticks > 0]
+        allowed = [each for each in (*TICKS, *range(-_LONGEST, _LONGEST + 1)) if each * ticks > 0]
         nearest = min(allowed, key=lambda each: abs(each - found))
         if nearest == ticks:
             return best
-        half = not float(nearest).is_integer()
-        return self._late(nearest, _smoothed(observations) if half else predicted, observations)
+        whole = float(nearest).is_integer()
+        return self._late(nearest, predicted if whole else _smoothed(observations), observations)
 
     def _late(self, ticks: float, counts: Floats, observations: Observations) -> Candidate:
         before, after = (counts[observations.rows_before(part)] for part in _around(ticks))
         change = 0.5 * (before + after) - counts
-        whole = float(ticks).is_integer()
+        served = ticks in SERVED
         return Candidate(
             self.name,
             f"{ticks * 10:g} ms",
             Own(change[:, :, None].astype(np.float32)),
             fitting=Fitting(fixed=True),
             form_parameters={"lag": (ticks * TICK_S, "s")},
-            online=partial(_online, int(ticks)) if whole else lambda _: Online(),
-            moved=partial(_moved, int(ticks)) if whole else None,
-            again=None if whole else lambda other: self._late(ticks, _smoothed(other), other),
+            online=partial(_online, int(ticks)) if served else lambda _: Online(),
+            moved=partial(_moved, int(ticks)) if served else None,
+            again=None if served else lambda other: self._late(ticks, _smoothed(other), other),
         )
 
     def _growing(self, ticks: float, smooth: Floats, observations: Observations) -> Candidate:
