@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from taxel.windows.history import TICK_S, TOUCH_N
+from taxel.windows.history import TICK_S, TOUCH_N, Friction, HistoryFeature, Starts, Warmth
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.effects.temperature import TDC
 from taxel_models.loop.findings import RunsAlong
@@ -23,7 +23,13 @@ CELLS: Final = 10
 FEWEST: Final = 8
 """Contacts, for a share that means something."""
 
-TIME, ORDER, PHASE = "time", "order of contacts", "phase within a contact"
+TIME, ORDER, PHASE, CONSTANT = "time", "order of contacts", "phase within a contact", "a constant"
+
+_WIDTH: Final = 0.25
+"""Of the friction that is looked at, over the force that 95 % of the rows stay below."""
+
+_WARMING_S: Final = 3.0
+"""Of the warmth that is looked at."""
 
 
 class _Quantity(NamedTuple):
@@ -39,6 +45,9 @@ def confounding(observations: Observations) -> tuple[RunsAlong, ...]:
     The other ones are time, the order of contacts, the phase within a contact, and every further column.
     The share is epsilon squared (Kelley 1935) over cells of the other quantity; only rows in
     contact count, and contacts are taken as independent.
+
+    Of what friction and warming by contact would do, also the share of the squares that a constant has:
+    where the force hardly falls, or the skin stays as warm, they would look like an offset.
     """
     touched = observations.pressed > TOUCH_N
     contact, phase = _contacts(observations, touched)
@@ -63,7 +72,23 @@ def confounding(observations: Observations) -> tuple[RunsAlong, ...]:
             if name != along and {name, along} != {TIME, ORDER}:
                 share = _predicted_share(quantity.values, other.cells, contacts)
                 found.append(RunsAlong(quantity=name, along=along, share=share))
+    found += _mostly_constant(observations)
     return tuple(sorted(found, key=lambda one: -one.share))
+
+
+def _mostly_constant(observations: Observations) -> list[RunsAlong]:
+    width = _WIDTH * float(np.quantile(observations.pressed, 0.95))
+    start: Starts = "rest" if observations.starts_pressed else "settled"
+    features: dict[str, HistoryFeature] = {
+        "friction": Friction(of="force", width_n=width),
+        "warming by contact": Warmth(of="force", warming_s=_WARMING_S, cooling_s=_WARMING_S, starts=start),
+    }
+    found = []
+    for name, feature in features.items():
+        values = observations.history(feature)
+        share = float(values.mean() ** 2 / max((values**2).mean(), 1e-12))
+        found.append(RunsAlong(quantity=name, along=CONSTANT, share=share))
+    return found
 
 
 def _contacts(observations: Observations, touched: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Floats]:

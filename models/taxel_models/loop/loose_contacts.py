@@ -50,10 +50,11 @@ def loose_contacts(measured: Floats, predicted: Floats, segment: NDArray[np.int6
     steps = np.abs(np.diff(measured, axis=0, prepend=measured[:1]))
     steps[starts] = 0.0
     edges = [*np.flatnonzero(starts).tolist(), len(measured)]
+    usual = np.array([_usual_step(sizes) for sizes in steps.T])
     finest = np.array([_resolution(values) for values in measured.T])
     found: dict[int, StuckChannel] = {}
     for noise in NOISE:
-        least = np.maximum(JUMP * steps.mean(axis=0), CLEAR * np.maximum(noise, finest))
+        least = np.maximum(JUMP * usual, CLEAR * np.maximum(noise, finest))
         jumps = steps > least
         jumps &= (jumps.sum(axis=1) < TOGETHER)[:, None]
         for channel in ELECTRODES:
@@ -70,6 +71,15 @@ def loose_contacts(measured: Floats, predicted: Floats, segment: NDArray[np.int6
             if times >= FEWEST_TIMES:
                 found.setdefault(channel, StuckChannel(channel, rows, float(level), "intermittent"))
     return [found[channel] for channel in sorted(found)]
+
+
+def _usual_step(sizes: Floats) -> float:
+    """The mean of a channel's steps (n,), counts, while it moves: one that sticks has few, and no jumps."""
+    still = np.flatnonzero(np.diff(sizes == 0.0, prepend=False, append=False)).reshape(-1, 2)
+    moves = np.ones(len(sizes), np.bool_)
+    for start, stop in still:
+        moves[start:stop] = stop - start < SHORTEST
+    return float(sizes[moves].mean()) if moves.any() else 0.0
 
 
 def _resolution(values: Floats) -> float:

@@ -89,6 +89,18 @@ def test_spikes_are_no_return() -> None:
     assert found(measured, predicted) == []
 
 
+@pytest.mark.parametrize("play", [6.0, 12.0, 20.0])
+def test_channels_that_stick_and_follow_come_back_by_no_jump(play: float) -> None:
+    """Most of their steps are 0, so that those of their movements are large beside the mean."""
+    measured, predicted = pressed_and_slid()
+    noisy = measured + 4.0 * np.random.default_rng(1).standard_normal(measured.shape)
+    stuck = noisy.copy()
+    for row in range(1, ROWS):
+        if SEGMENT[row] == SEGMENT[row - 1]:
+            stuck[row] = np.clip(stuck[row - 1], noisy[row] - play, noisy[row] + play)
+    assert found(np.rint(stuck), predicted) == []
+
+
 def test_nothing_is_found_in_nothing() -> None:
     few = np.full((3, len(CHANNELS)), 2500.0)
     assert loose_contacts(few, few, np.zeros(3, np.int64)) == []

@@ -223,7 +223,7 @@ def test_no_effect_reads_well(result: LoopResult) -> None:
     assert lines[2].endswith("and no effect was named.")
     opening = lines[lines.index("## In words") + 2]
     assert "No effect was named" in opening
-    assert "There is nothing to add to the model." in opening
+    assert "Nothing was found that the model lacks." in opening
     assert "once corrected" not in opening
 
 

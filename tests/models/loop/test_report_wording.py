@@ -34,6 +34,7 @@ from taxel_models.loop.report.wording import (
     headline,
     inverted,
     left,
+    like_an_offset,
     next_recordings,
     opening,
     paired,
@@ -151,6 +152,16 @@ def test_key_parameters_are_what_settles_it_and_the_largest() -> None:
     )
 
 
+def test_parameters_of_a_form_that_are_nothing_are_left_out() -> None:
+    turned = [
+        Parameter(name=axis, value=value, unit="deg")
+        for axis, value in zip("xyz", (0, 0, -25), strict=True)
+    ]
+    assert key_parameters(effect("frame").model_copy(update={"parameters": tuple(turned)})) == (
+        "z -25 deg; 2 more"
+    )
+
+
 def test_what_moves_together_is_said_once() -> None:
     both = findings(effect("drift", "temperature"), effect("temperature", "drift"))
     assert confounded(both) == ["drift and temperature cannot be told apart here: they move together."]
@@ -200,7 +211,7 @@ def test_the_headline_says_what_was_added() -> None:
 def test_causes_that_cannot_be_simulated_are_not_said_to_have_failed() -> None:
     untold = NextRecording(causes=("frame", "drift"), can_be_simulated=False)
     (told,) = next_recordings(findings().model_copy(update={"next_recordings": (untold,)}))
-    assert told.startswith("What would tell frame from drift is not known")
+    assert told.startswith("What would tell frame from drift cannot be worked out")
 
 
 def test_many_needs_are_shortened() -> None:
@@ -239,7 +250,7 @@ def test_nothing_that_can_be_served_is_nothing_to_add() -> None:
     text = opening(findings(effect("fault", served=False)), [])
     assert "None of this can be added to the model." in text
     assert "once corrected" not in text
-    assert "There is nothing to add to the model." in opening(findings(), [])
+    assert "Nothing was found that the model lacks." in opening(findings(), [])
 
 
 def test_what_raises_the_error_on_held_out_blocks_is_told() -> None:
@@ -283,8 +294,22 @@ def test_the_terminal_table_tells_the_same() -> None:
     assert "25 %" in text
     assert "Normalised MAE 0.200 before, 0.100 after (noise: 0.050)" in text
     assert "No effect was named." in text
-    assert "Normalised MAE 0.200 (noise: 0.050). There is nothing to add to the model." in text
+    assert "Normalised MAE 0.200 (noise: 0.050). Nothing was found that the model lacks." in text
     assert "Normalised MAE 0.200 (noise: 0.050). None of this can be added to the model." in text
+
+
+def test_what_would_look_like_an_offset_is_told_where_one_is_named() -> None:
+    along = (
+        RunsAlong(quantity="friction", along="a constant", share=0.83),
+        RunsAlong(quantity="warming by contact", along="a constant", share=0.3),
+    )
+    found = findings(effect("offset")).model_copy(update={"confounding": along})
+    assert like_an_offset(found) == [
+        "In these recordings, friction (83 % of it is constant) would look mostly like an offset, too."
+    ]
+    assert runs_along(found) == []
+    assert like_an_offset(found.model_copy(update={"effects": (effect("gain"),)})) == []
+    assert like_an_offset(findings(effect("offset"))) == []
 
 
 def test_what_runs_along_most_is_told_and_the_others_are_counted() -> None:

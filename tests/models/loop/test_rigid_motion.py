@@ -158,10 +158,10 @@ def test_a_mirror_is_told_by_its_normal() -> None:
     (kind,) = [one for one in MOTION_KINDS if one.name == "positions mirrored"]
     turned = kind.parameters(np.radians([0.0, 0.0, 180.0]))
     # x is mirrored, then x and y are: y is left.
-    assert [round(abs(turned[f"mirrored along {axis}"][0]), 6) for axis in "xyz"] == [0, 1, 0]
+    assert [round(abs(turned[f"mirrored axis {axis}"][0]), 6) for axis in "xyz"] == [0, 1, 0]
     assert turned["angle"] == (pytest.approx(0.0, abs=1e-4), "deg")
     about = kind.parameters(np.radians([30.0, 0.0, 0.0]))
-    assert about["mirrored along x"][0] == pytest.approx(1.0)
+    assert about["mirrored axis x"][0] == pytest.approx(1.0)
     assert about["angle"] == (pytest.approx(30.0), "deg")
 
 

@@ -120,7 +120,7 @@ def _mirrored(name: str, *parts: str) -> MotionKind:
         angle = np.degrees(np.arccos(np.clip((np.trace(matrix) + 1.0) / 2.0, -1.0, 1.0)))
         _, _, directions = np.linalg.svd(matrix + np.eye(3))
         normal = directions[-1] * np.sign(directions[-1][np.abs(directions[-1]).argmax()])
-        return {"angle": (float(angle), "deg"), **_by_axis("mirrored along ", normal, "")}
+        return {**_by_axis("mirrored axis ", normal, ""), "angle": (float(angle), "deg")}
 
     step = float(np.radians(2.0))
     return MotionKind(name, TURNS, step, lambda vector: _with(turned(vector), parts), parameters)

@@ -14,6 +14,9 @@ HARMFUL: Final = 0.05
 _MOST_KEY_PARAMETERS: Final = 3
 _MOST_NEEDS: Final = 3
 
+_NOTHING: Final = 1e-6
+"""A smaller parameter of a form tells nothing, as of an axis that nothing turns about."""
+
 
 def number(value: float) -> str:
     """Three significant digits."""
@@ -49,14 +52,16 @@ def interval(figure: Parameter) -> str:
 
 
 def key_parameters(effect: FoundEffect) -> str:
-    """The parameters of the effect's form, then the largest of those that were fitted.
+    """The parameters of the effect's form that are not 0, then the largest of those that were fitted.
 
     One whose interval holds 0 comes behind those that are surely not 0. An effect without parameters is
     told by its form.
     """
     if not effect.parameters:
         return effect.form
-    of_form = [figure for figure in effect.parameters if figure.low is None]
+    of_form = [
+        figure for figure in effect.parameters if figure.low is None and abs(figure.value) > _NOTHING
+    ]
     fitted = sorted(
         (figure for figure in effect.parameters if figure.low is not None), key=_size, reverse=True
     )

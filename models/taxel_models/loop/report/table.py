@@ -13,6 +13,7 @@ from taxel_models.loop.report.wording import (
     corrects,
     inverted,
     left,
+    like_an_offset,
     new_kinds,
     next_recordings,
     no_reference,
@@ -28,15 +29,16 @@ from taxel_models.loop.report.wording import (
 def findings_table(findings: Findings) -> RenderableType:
     """The named effects, then lines on the error before and after and on what is left."""
     lines = [
-        *anyway(findings),
-        *no_reference(findings),
         _errors(findings),
         *beside_training(findings),
+        *anyway(findings),
+        *no_reference(findings),
         *unconfirmed_effects(findings),
         *inverted(findings),
         *one_kind(findings),
         *new_kinds(findings),
         *confounded(findings),
+        *like_an_offset(findings),
         *runs_along(findings),
         *next_recordings(findings),
         *findings.changes,
@@ -55,7 +57,7 @@ def _effects(findings: Findings) -> Table:
     for effect in findings.effects:
         table.add_row(
             Text(effect.name if effect.served else f"{effect.name} (only reported)"),
-            Text(f"{effect.form}\n{key_parameters(effect)}"),
+            Text(effect.form + (f"\n{key_parameters(effect)}" if effect.parameters else "")),
             percent(effect.explained),
             f"{effect.p_value:.2g}",
             Text(", ".join(effect.confounded_with)),

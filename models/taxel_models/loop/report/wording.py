@@ -6,7 +6,9 @@ from typing import Final
 
 from taxel.windows import ExtraFeature
 from taxel_models.loop.attribution import AS_USUAL
+from taxel_models.loop.confounding import CONSTANT
 from taxel_models.loop.effects.gain import Gain
+from taxel_models.loop.effects.offset import Offset
 from taxel_models.loop.findings import Findings, PairedTest
 from taxel_models.loop.report.numbers import (
     HARMFUL,
@@ -23,6 +25,9 @@ SIGNIFICANT: Final = 0.05
 
 RUNS_ALONG: Final = 0.5
 """A quantity runs along with another that predicts this share of its variance."""
+
+MOSTLY_CONSTANT: Final = 0.75
+"""What has this share of a constant would look like an offset."""
 
 _MOST_PAIRS: Final = 4
 
@@ -62,6 +67,7 @@ def opening(findings: Findings, extras: Sequence[ExtraFeature]) -> str:
         *one_kind(findings),
         *new_kinds(findings),
         *confounded(findings),
+        *like_an_offset(findings),
         *runs_along(findings),
         *next_recordings(findings),
         _rejected(findings),
@@ -81,7 +87,7 @@ def nothing_to_add(findings: Findings) -> str:
     """Where nothing was found that a model can have."""
     if findings.effects:
         return "None of this can be added to the model."
-    return "There is nothing to add to the model."
+    return "Nothing was found that the model lacks."
 
 
 def unnamed(findings: Findings) -> list[str]:
@@ -168,8 +174,8 @@ def anyway(findings: Findings) -> list[str]:
     if not names:
         return []
     return [
-        f"Of {listed(names)}, these recordings show no more than the model itself gets wrong, "
-        "as its training recordings tell: --no-reference looks for that, too."
+        f"{listed(names)} may be there, but cannot be told from what the model itself gets wrong, as its "
+        f"training recordings tell: --no-reference looks for {'it' if len(names) == 1 else 'them'}, too."
     ]
 
 
@@ -256,11 +262,23 @@ def confounded(findings: Findings) -> list[str]:
     return sentences
 
 
+def like_an_offset(findings: Findings) -> list[str]:
+    """A sentence on what would look mostly like an offset in these recordings, where one is named."""
+    if not any(effect.name == Offset.name for effect in findings.effects):
+        return []
+    told = [
+        f"{one.quantity} ({percent(one.share)} of it is constant)"
+        for one in findings.confounding
+        if one.along == CONSTANT and one.share >= MOSTLY_CONSTANT
+    ]
+    return [f"In these recordings, {listed(told)} would look mostly like an offset, too."] if told else []
+
+
 def runs_along(findings: Findings) -> list[str]:
     """A sentence on what runs along with something else, so that no fit could separate the two."""
     told: dict[frozenset[str], str] = {}
     for one in sorted(findings.confounding, key=lambda one: -one.share):
-        if one.share >= RUNS_ALONG:
+        if one.share >= RUNS_ALONG and one.along != CONSTANT:
             pair = frozenset({one.quantity, one.along})
             told.setdefault(pair, f"{one.quantity} with {one.along} ({percent(one.share)})")
     if not told:
@@ -280,8 +298,8 @@ def next_recordings(findings: Findings) -> list[str]:
             sentences.append(
                 f"None of the known protocols tells {first} from {second} reliably."
                 if one.can_be_simulated
-                else f"What would tell {first} from {second} is not known: what one of them did in these "
-                "recordings says nothing of others."
+                else f"What would tell {first} from {second} cannot be worked out: what one of the two did "
+                "here does not say what it would do in another recording."
             )
         else:
             sentences.append(
