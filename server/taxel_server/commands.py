@@ -8,6 +8,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from threading import Event, Timer
@@ -134,7 +135,11 @@ def serve(
     except TaxelError:
         loader.close()
         raise
-    _announce(settings.listen, service, engine.models(), as_json)
+    try:
+        _announce(settings.listen, service, engine.models(), as_json)
+    except OSError as error:
+        _LOG.warning("stdout takes no announcement: %s; serving all the same", error)
+        sys.stdout = os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8")
     manager = ServiceManager()
     manager.tell("READY=1", f"STATUS=serving {len(engine.loaded())} versions")
     while _serve_until(stop, hangup, service, loader, manager) and not _has_gone(terminal):
@@ -267,6 +272,7 @@ def _leave_within(seconds: float, abandon: Callable[[], None]) -> None:
 
 def _exit_now(code: int) -> None:
     """Exit without cleaning up: nothing open needs it."""
-    sys.stdout.flush()
-    sys.stderr.flush()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError):
+            stream.flush()
     os._exit(code)

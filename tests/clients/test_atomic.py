@@ -1,6 +1,7 @@
 """Files and folders appear whole or not at all."""
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -34,6 +35,31 @@ def test_a_failed_file_leaves_the_old_one(tmp_path: Path) -> None:
         raise RuntimeError
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_link_stays_one_and_its_file_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    path, link = tmp_path / "there" / "out.csv", tmp_path / "link.csv"
+    path.write_text("old")
+    link.symlink_to(path)
+    write_text(link, "new")
+    assert link.is_symlink()
+    assert path.read_text() == "new"
+    assert [each.name for each in path.parent.iterdir()] == ["out.csv"]
+    path.unlink()
+    write_text(link, "again")
+    assert (link.is_symlink(), path.read_text()) == (True, "again")
+
+
+def test_a_device_or_a_pipe_is_not_replaced(tmp_path: Path) -> None:
+    pipe, link = tmp_path / "pipe", tmp_path / "link"
+    os.mkfifo(pipe)
+    link.symlink_to(os.devnull)
+    for place in (pipe, link):
+        with pytest.raises(SettingsError, match="is a device or a pipe: expected the name of a file"):
+            write_text(place, "new")
+    assert pipe.is_fifo()
+    assert link.is_char_device()
 
 
 def test_a_file_in_no_folder_is_refused(tmp_path: Path) -> None:

@@ -1,5 +1,7 @@
 """How many requests a connection has under way, and what it refuses itself."""
 
+from threading import Thread
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -25,6 +27,23 @@ def room_in(requests: OpenRequests, most: int = 1000) -> int:
     for end in sent:
         end(None)
     return len(sent)
+
+
+def test_a_signals_handler_may_send_one_while_another_is_counted() -> None:
+    """A handler runs in the middle of whatever its thread does, also where that holds a lock."""
+    told: list[int] = []
+
+    def count() -> None:
+        requests = OpenRequests()
+        signal_comes = requests.begin
+        with requests._lock:
+            signal_comes(100)(None)
+        told.append(room_in(requests))
+
+    thread = Thread(target=count, daemon=True)
+    thread.start()
+    thread.join(10)
+    assert told == [1000]
 
 
 def test_there_is_no_limit_before_the_server_has_refused() -> None:

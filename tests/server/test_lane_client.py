@@ -1,5 +1,6 @@
 """The client on a lane: which transport it takes, and what it does when the lane is lost."""
 
+import signal
 import socket
 import time
 from collections.abc import Callable, Iterator
@@ -277,6 +278,40 @@ def imposter(tmp_path: Path) -> Iterator[Callable[[bytes], Lane]]:
 def test_a_silent_lane_exceeds_the_deadline(imposter: Callable[[bytes], Lane], reply: bytes) -> None:
     with pytest.raises(DeadlineExceeded, match=r"no answer within 0\.1 s"):
         imposter(reply).infer("v2/models/skin/infer", np.zeros((1, 6), np.float32), 0.1, 0.1, spread=False)
+
+
+@pytest.mark.parametrize("reply", [b"", b"TXL1\x20\0\0\0"])
+def test_signals_put_no_deadline_off(imposter: Callable[[bytes], Lane], reply: bytes) -> None:
+    """Each interrupts the wait, which must not begin anew."""
+    lane, seen = imposter(reply), []
+
+    def tick(*_: object) -> None:
+        seen.append(None)
+        if len(seen) > 100:
+            raise RuntimeError("the deadline did not come in 50 times its time")
+
+    before = signal.signal(signal.SIGALRM, tick)
+    signal.setitimer(signal.ITIMER_REAL, 0.1, 0.1)
+    try:
+        with pytest.raises(DeadlineExceeded, match=r"no answer within 0\.2 s"):
+            lane.infer("v2/models/skin/infer", np.zeros((1, 6), np.float32), 0.2, 0.2, spread=False)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.parametrize("transport", ["lane", "zenoh"])
+@pytest.mark.parametrize("rows", [1, 3, 3000])
+def test_counts_are_the_callers_to_change(
+    service: Service, endpoint: str, make_windows: WindowMaker, transport: str, rows: int
+) -> None:
+    with taxel.connect(endpoint, transport=transport) as source:
+        predictor = source.predictor("skin")
+        for _ in range(3):
+            counts = predictor.predict(make_windows(rows))
+            counts -= counts.mean(axis=0)
+        again = predictor.predict(make_windows(rows))
+    assert np.abs(again).mean() > np.abs(counts).mean()
 
 
 def test_nonsense_on_a_lane_counts_as_lost(imposter: Callable[[bytes], Lane]) -> None:

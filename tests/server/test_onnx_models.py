@@ -1,5 +1,8 @@
 """The ONNX Runtime runtime: what it takes, what it refuses."""
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from threading import Thread
@@ -100,3 +103,20 @@ def test_an_unknown_provider_is_refused(write: Callable[..., Path]) -> None:
 def test_a_normalisation_outside_the_file_is_refused(write: Callable[..., Path]) -> None:
     with pytest.raises(ArtifactError, match="folded in"):
         OnnxRuntime(write(), FOLDED.model_copy(update={"folded": False}))
+
+
+def test_onnx_runtime_measures_nobody(write: Callable[..., Path], tmp_path: Path) -> None:
+    """By itself, it writes a number for the machine and what it measured into the user's cache."""
+    model = write()
+    home = tmp_path / "home"
+    home.mkdir()
+    code = (
+        "import sys; from pathlib import Path; from taxel.manifest import Normalisation; "
+        "from taxel_server.runtimes.onnx_models import OnnxRuntime; "
+        "ones = (1.0,); OnnxRuntime(Path(sys.argv[1]), Normalisation(input_mean=ones * 6, "
+        "input_std=ones * 6, output_mean=ones * 21, output_std=ones * 21, folded=True))"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "ORT_DISABLE_TELEMETRY"}
+    environment |= {"HOME": str(home), "XDG_CACHE_HOME": str(home / ".cache")}
+    subprocess.run([sys.executable, "-c", code, str(model)], env=environment, check=True)
+    assert not list(home.rglob("*onnxruntime*"))

@@ -2,9 +2,12 @@
 
 import json
 import os
+import shlex
 import signal
+import socket
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -238,3 +241,45 @@ def test_it_tells_people_what_it_serves(run: Starter, repository: Path, endpoint
         assert lines[-1], process.stderr.read()
     assert lines[-1] == f"listening on {endpoint}\n"
     assert sum("READY" in line for line in lines) == 3
+
+
+def wait_until_it_serves(endpoint: str, process: subprocess.Popen[str]) -> None:
+    """For a server that says nowhere when it is ready."""
+    host, port = endpoint.removeprefix("tcp/").split(":")
+    ends = time.monotonic() + HANG_S
+    while True:
+        try:
+            # Where nobody listens, this fails at once.
+            socket.create_connection((host, int(port))).close()
+            with taxel.connect(endpoint) as client:
+                client.models()
+        except (ConnectionRefusedError, Unavailable):
+            assert process.poll() is None
+            assert time.monotonic() < ends
+            time.sleep(0.05)
+        else:
+            return
+
+
+@pytest.mark.parametrize("stdout", [">&-", "> /dev/full"])
+def test_a_stdout_that_takes_nothing_stops_no_server(
+    repository: Path, endpoint: str, engine: Engine, make_windows: WindowMaker, stdout: str
+) -> None:
+    """As behind `| head -1`, or on a full disk."""
+    del engine
+    command = shlex.join([sys.executable, "-m", "taxel", "serve", "--repository", str(repository)])
+    process = subprocess.Popen(
+        ["sh", "-c", f"exec {command} --listen {endpoint} {stdout}"], stderr=subprocess.PIPE, text=True
+    )
+    try:
+        wait_until_it_serves(endpoint, process)
+        with taxel.connect(endpoint) as client:
+            assert client.predictor("skin").predict(make_windows(3)).shape == (3, 21)
+        process.terminate()
+        _, errors = process.communicate(timeout=HANG_S)
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 0
+    assert ("stdout takes no announcement" in errors) == (stdout == "> /dev/full")
+    assert "Traceback" not in errors

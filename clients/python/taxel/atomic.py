@@ -23,6 +23,8 @@ def whole_file(path: Path) -> Iterator[Path]:
         SettingsError: a file cannot be written at `path`.
     """
     check_file_place(path)
+    # A link stays one: the file that it leads to is replaced.
+    path = path.resolve() if path.is_symlink() else path
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         yield temporary
@@ -58,15 +60,19 @@ def check_file_place(path: Path, *, reads: Path | None = None) -> None:
         reads: a file or folder that is read, and must not be overwritten.
 
     Raises:
-        SettingsError: its folder does not exist or takes no file, it is a folder itself, or what is read.
+        SettingsError: its folder does not exist or takes no file, or it is a folder itself, a device, a
+            pipe, or what is read.
     """
     if path.is_dir():
         raise SettingsError(f"{path} is a folder: expected the name of a file to write")
-    if not path.parent.is_dir():
-        raise SettingsError(f"{path}: the folder {path.parent} does not exist")
+    if path.exists() and not path.is_file():
+        raise SettingsError(f"{path} is a device or a pipe: expected the name of a file to write")
+    folder = path.resolve().parent if path.is_symlink() else path.parent
+    if not folder.is_dir():
+        raise SettingsError(f"{path}: the folder {folder} does not exist")
     if reads is not None and path.exists() and reads.resolve() in (path.resolve(), *path.resolve().parents):
         raise SettingsError(f"{path} is what is read: expected another place to write to")
-    _check_takes_files(path, path.parent)
+    _check_takes_files(path, folder)
 
 
 def _check_takes_files(path: Path, folder: Path) -> None:

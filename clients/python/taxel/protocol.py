@@ -237,7 +237,8 @@ def _channels(tensor: object, name: str) -> NDArray[np.float32]:
     values = _tensor(_mapping(tensor, name), name, name, 2**31)
     if values.shape[1] != len(CHANNELS):
         raise InvalidArgument(f"{name}.shape: {values.shape}: expected (n, {len(CHANNELS)})")
-    return values
+    # The caller may change them, as those of a model in its own process.
+    return values.copy()
 
 
 def pack_error(error: RequestError) -> bytes:

@@ -6,6 +6,7 @@ colour and progress only on a terminal.
 """
 
 import json
+import os
 import sys
 import warnings
 from collections.abc import Callable
@@ -156,4 +157,13 @@ def _load(entry: EntryPoint) -> Callable[..., None] | typer.Typer:
 
 def main() -> None:
     """Entry point of the `taxel` command."""
+    _open_closed_streams()
     build()()
+
+
+def _open_closed_streams() -> None:
+    """Give stdout and stderr a place where there is none, as after `>&-`: Python has None for them then."""
+    if sys.stdout is None:
+        sys.stdout = os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8")
+    if sys.stderr is None:
+        sys.stderr = os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8")

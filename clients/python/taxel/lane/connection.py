@@ -61,6 +61,9 @@ class LaneConnection:
         self._poll_s = max(spin_us, POLL_US) / 1e6
         self._quick_s = math.inf if spin_us else 2 * self._poll_s
         self._polls = _DONT_WAIT is not None
+        if _DONT_WAIT is not None:
+            self._readable = select.poll()
+            self._readable.register(self.socket, select.POLLIN)
         self._wait_s = math.inf
         self._heads: dict[tuple[str, tuple[int, ...], float, bool], tuple[bytes, bytes]] = {}
         self._last_id = 0
@@ -127,7 +130,8 @@ class LaneConnection:
             raise self._late(wait_s) from None
         except OSError as error:
             raise ConnectionLost(str(error)) from None
-        received = self._some(wait_s, max(request.reply_size, _LEAST_BYTES))
+        ends = time.monotonic() + wait_s
+        received = self._some(wait_s, ends, max(request.reply_size, _LEAST_BYTES))
         counts = request.counts_in(received)
         if counts is None:
             self._received = received
@@ -147,12 +151,8 @@ class LaneConnection:
             DeadlineExceeded: it does not come in time.
             ConnectionLost: the server has gone.
         """
-        if began is None:
-            ends = time.monotonic() + wait_s
-        else:
-            ends = began + wait_s
-            self._wait_until(ends)
-        received: bytes | bytearray = self._received or self._some(wait_s)
+        ends = (time.monotonic() if began is None else began) + wait_s
+        received: bytes | bytearray = self._received or self._some(wait_s, ends)
         if len(received) < HEAD_BYTES:
             received = self._up_to(HEAD_BYTES, received, wait_s, ends)
         try:
@@ -212,12 +212,12 @@ class LaneConnection:
                 if happened[0][1] & select.POLLIN:
                     self._received += self.socket.recv(_RECEIVE_BYTES)
 
-    def _some(self, wait_s: float, most: int = _RECEIVE_BYTES) -> bytes:
+    def _some(self, wait_s: float, ends: float, most: int = _RECEIVE_BYTES) -> bytes:
         began = time.monotonic()
         try:
             received = self._polled(began) if self._polls else None
             if received is None:
-                received = self.socket.recv(most)
+                received = self._arrived(most, ends)
                 self._polls = _DONT_WAIT is not None and time.monotonic() - began < self._quick_s
         except (BlockingIOError, TimeoutError):
             raise self._late(wait_s) from None
@@ -238,15 +238,35 @@ class LaneConnection:
                 give_way()
         return None
 
+    def _arrived(self, most: int, ends: float) -> bytes:
+        """What arrives until then. A signal begins no wait anew, as it would in `recv`.
+
+        Raises:
+            BlockingIOError: nothing does.
+        """
+        if _DONT_WAIT is None:
+            self._wait_until(ends)
+            return self.socket.recv(most)
+        self._wait_to_receive(ends)
+        return self.socket.recv(most, _DONT_WAIT)
+
+    def _wait_to_receive(self, ends: float) -> None:
+        left = ends - time.monotonic()
+        self._readable.poll(None if left == math.inf else max(left, 0.0) * 1e3)
+
     def _up_to(self, size: int, received: bytes | bytearray, wait_s: float, ends: float) -> bytearray:
         """At least `size` bytes by a time, of which the first were received already."""
         whole = bytearray(size)
         whole[: len(received)] = received
         missing = memoryview(whole)[len(received) :]
         while missing:
-            self._wait_until(ends)
             try:
-                count = self.socket.recv_into(missing)
+                if _DONT_WAIT is None:
+                    self._wait_until(ends)
+                    count = self.socket.recv_into(missing)
+                else:
+                    self._wait_to_receive(ends)
+                    count = self.socket.recv_into(missing, 0, _DONT_WAIT)
             except (BlockingIOError, TimeoutError):
                 raise self._late(wait_s) from None
             except OSError as error:

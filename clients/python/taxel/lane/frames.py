@@ -235,7 +235,7 @@ def read_error(content: bytes | bytearray) -> RequestError:
 
 
 def read_counts(content: bytes | bytearray, head: ReplyHead) -> list[NDArray[np.float32]]:
-    """The counts (n, 21) of a reply, and its spread (n, 21) if it has it: views of its content.
+    """The counts (n, 21) of a reply, and its spread (n, 21) if it has it, for the caller to change.
 
     Raises:
         RequestError: the reply is an error.
@@ -243,6 +243,8 @@ def read_counts(content: bytes | bytearray, head: ReplyHead) -> list[NDArray[np.
     if head.kind == ERROR:
         raise read_error(content)
     counts = np.frombuffer(content, _FLOAT)
+    if not counts.flags.writeable:
+        counts = counts.copy()
     if not head.spread:
         return [counts.reshape(head.rows, _COLUMNS)]
     return list(counts.reshape(2, head.rows, _COLUMNS))

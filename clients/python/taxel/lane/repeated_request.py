@@ -55,11 +55,11 @@ class RepeatedRequest:
             and reply.startswith(self._reply_before)
             and reply.startswith(self._reply_after, ID_END)
         ):
-            return np.ndarray(self._counts_shape, _WIRE_FLOAT, reply, HEAD_BYTES)
+            return np.ndarray(self._counts_shape, _WIRE_FLOAT, reply, HEAD_BYTES).copy()
         return None
 
     def counts_in(self, reply: bytes) -> NDArray[np.float32] | None:
         """The counts (n, 21) of a reply; None if it is another one, or not all of it."""
         if len(reply) == self.reply_size and reply.startswith(self.reply_head):
-            return np.ndarray(self._counts_shape, _WIRE_FLOAT, reply, HEAD_BYTES)
+            return np.ndarray(self._counts_shape, _WIRE_FLOAT, reply, HEAD_BYTES).copy()
         return None

@@ -1,7 +1,7 @@
 """How many requests a connection has under way: no more than the server lets it queue."""
 
 from collections.abc import Callable
-from threading import Lock
+from threading import RLock
 
 from taxel.errors import RequestError, ResourceExhausted
 
@@ -20,7 +20,8 @@ class OpenRequests:
     """
 
     def __init__(self) -> None:
-        self._lock = Lock()
+        # A signal may come while its own thread holds it, and its handler may send a request, too.
+        self._lock = RLock()
         self._open = 0
         self._limit: int | None = None
         self._least_size = 0
