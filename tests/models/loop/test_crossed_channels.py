@@ -10,6 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from taxel_models.loop.crossed_channels import crossed_channels, crossed_since
+from taxel_models.loop.effects.effect import Remaining
+from taxel_models.loop.effects.fault import Fault
+from taxel_models.loop.observations import gather
 from taxel_models.loop.pipeline import LoopSettings, run_loop
 from taxel_models.recordings import Recording
 
@@ -127,6 +130,19 @@ def test_a_channel_that_holds_another_one_is_not_said_to_have_lost_sensitivity(
     assert int(found.form.split()[-3]) == pytest.approx(50, abs=1)
     assert found.channels == ("e3", "e10")
     assert result.changes == ()
+
+
+def test_few_contacts_tell_no_exchange_in_the_course(smooth: Any, make: Make) -> None:
+    """A weak model errs in them by as much as channels differ."""
+    recording = make(2_500, seed=3)
+    observations = gather(smooth, [recording])
+    late = int(np.searchsorted(observations.contact, np.unique(observations.contact)[-5]))
+    counts = recording.channels.copy()
+    counts[late:] = counts[late:, exchanged(4, 11)]
+    few = gather(smooth, [replace(recording, channels=counts)])
+    assert crossed_since(few.measured, few.predicted)[1] > 0
+    every = np.ones(len(few), np.bool_)
+    assert list(Fault().forms(few, Remaining(few.residual, every, np.ones(len(few))))) == []
 
 
 def test_channels_of_one_recording_may_be_crossed_in_the_next_one(smooth: Any, make: Make) -> None:

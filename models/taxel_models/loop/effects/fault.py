@@ -13,7 +13,7 @@ from taxel_models.loop.basis import Floats, Own
 from taxel_models.loop.crossed_channels import crossed_since
 from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online, Remaining
 from taxel_models.loop.loose_contacts import loose_contacts
-from taxel_models.loop.observations import Observations, runs
+from taxel_models.loop.observations import FEWEST_CONTACTS, Observations, runs
 from taxel_models.loop.repeated_frames import held, repeated_frames
 from taxel_models.loop.stuck_at import JUMP, Kind, StuckChannel, stuck_channels
 
@@ -132,6 +132,13 @@ def _hardly_ever(stuck: StuckChannel) -> bool:
     return bool(stuck.kind == "intermittent" and seldom)
 
 
+def _both_sides_tell(contact: NDArray[np.int64], since: int) -> bool:
+    """Whether enough contacts lie on both sides of a row: by chance, few show any order of the channels."""
+    return not since or all(
+        len(np.unique(side)) >= FEWEST_CONTACTS for side in (contact[:since], contact[since:])
+    )
+
+
 def is_crossed(form: str) -> bool:
     """Whether a form of a fault says that channels are crossed."""
     return form.startswith(_CROSSED)
@@ -174,7 +181,7 @@ class Fault(Effect):
             if some:
                 yield self._with(some, kind, remaining.residual)
         crossed, since = crossed_since(observations.measured, observations.predicted)
-        if (crossed != np.arange(len(CHANNELS))).any():
+        if (crossed != np.arange(len(CHANNELS))).any() and _both_sides_tell(observations.contact, since):
             yield self._crossed(crossed, since, observations)
         repeated = repeated_frames(observations)
         if repeated.any():
