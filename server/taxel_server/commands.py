@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import typer
 
-from taxel.commands.cli import ERR, OUT, Json, needs
+from taxel.commands.cli import ERR, OUT, Json, needs, nowhere
 from taxel.dependencies import SERVING
 from taxel.errors import ArtifactError, TaxelError
 from taxel.local import shipped_repository
@@ -139,7 +139,7 @@ def serve(
         _announce(settings.listen, service, engine.models(), as_json)
     except OSError as error:
         _LOG.warning("stdout takes no announcement: %s; serving all the same", error)
-        sys.stdout = os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8")
+        sys.stdout = nowhere()
     manager = ServiceManager()
     manager.tell("READY=1", f"STATUS=serving {len(engine.loaded())} versions")
     while _serve_until(stop, hangup, service, loader, manager) and not _has_gone(terminal):

@@ -35,9 +35,8 @@ def test_a_signals_handler_may_send_one_while_another_is_counted() -> None:
 
     def count() -> None:
         requests = OpenRequests()
-        signal_comes = requests.begin
         with requests._lock:
-            signal_comes(100)(None)
+            requests.begin(100)(None)
         told.append(room_in(requests))
 
     thread = Thread(target=count, daemon=True)

@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable
 from functools import wraps
 from importlib.metadata import EntryPoint, entry_points
-from typing import Annotated, Any, Final, TypeVar
+from typing import Annotated, Any, Final, TextIO, TypeVar
 
 import typer
 from rich.console import Console
@@ -164,6 +164,11 @@ def main() -> None:
 def _open_closed_streams() -> None:
     """Give stdout and stderr a place where there is none, as after `>&-`: Python has None for them then."""
     if sys.stdout is None:
-        sys.stdout = os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8")
+        sys.stdout = nowhere()
     if sys.stderr is None:
-        sys.stderr = os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8")
+        sys.stderr = nowhere()
+
+
+def nowhere() -> TextIO:
+    """A stream that keeps nothing."""
+    return os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8")

@@ -244,15 +244,16 @@ class LaneConnection:
         Raises:
             BlockingIOError: nothing does.
         """
-        if _DONT_WAIT is None:
-            self._wait_until(ends)
-            return self.socket.recv(most)
         self._wait_to_receive(ends)
-        return self.socket.recv(most, _DONT_WAIT)
+        return self.socket.recv(most, _DONT_WAIT or 0)
 
     def _wait_to_receive(self, ends: float) -> None:
+        """Wait until then; without the flag not to wait, let the next call wait, at least for a moment."""
         left = ends - time.monotonic()
-        self._readable.poll(None if left == math.inf else max(left, 0.0) * 1e3)
+        if _DONT_WAIT is not None:
+            self._readable.poll(None if left == math.inf else max(left, 0.0) * 1e3)
+        elif left < math.inf:
+            self._set_wait(max(left, 1e-6))
 
     def _up_to(self, size: int, received: bytes | bytearray, wait_s: float, ends: float) -> bytearray:
         """At least `size` bytes by a time, of which the first were received already."""
@@ -261,12 +262,8 @@ class LaneConnection:
         missing = memoryview(whole)[len(received) :]
         while missing:
             try:
-                if _DONT_WAIT is None:
-                    self._wait_until(ends)
-                    count = self.socket.recv_into(missing)
-                else:
-                    self._wait_to_receive(ends)
-                    count = self.socket.recv_into(missing, 0, _DONT_WAIT)
+                self._wait_to_receive(ends)
+                count = self.socket.recv_into(missing, 0, _DONT_WAIT or 0)
             except (BlockingIOError, TimeoutError):
                 raise self._late(wait_s) from None
             except OSError as error:
@@ -275,11 +272,6 @@ class LaneConnection:
                 raise ConnectionLost("the server closed the connection")
             missing = missing[count:]
         return whole
-
-    def _wait_until(self, ends: float) -> None:
-        """Let the next call of the system wait until then, and at least for a moment."""
-        if ends < math.inf:
-            self._set_wait(max(ends - time.monotonic(), 1e-6))
 
     def _set_wait(self, wait_s: float) -> None:
         self._wait_s = wait_s

@@ -17,13 +17,13 @@ from taxel_models.loop.running_mean import mean_within
 SERVED: Final = (*range(-5, 0), *range(1, 16))
 """Delays that a window moves by, ticks. Others are named and not served."""
 
-FAR: Final = (*range(-40, -5, 2), *range(16, 41, 2))
+_LONGEST: Final = 40
+
+FAR: Final = (*range(-_LONGEST, -5, 2), *range(16, _LONGEST + 1, 2))
 """Longer delays that are tried: clocks that nobody compared."""
 
 TICKS: Final = (*SERVED, 0.5, 1.5, *FAR)
 """Delays that are tried."""
-
-_LONGEST: Final = 40
 
 NEAR: Final = range(-3, 4)
 """Ticks around the likeliest delay, of which single rows tell the one with the least squared error."""
