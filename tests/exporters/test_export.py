@@ -65,7 +65,7 @@ def test_too_little_to_know_what_the_model_gets_wrong_anyway_is_told(
 def test_all_that_was_trained_with_tells_what_the_model_gets_wrong_anyway(tmp_path: Path) -> None:
     settings = TrainingSettings("xgb", 1, SplitSettings("chunks"), overrides={"n_estimators": 8})
     folder = tmp_path / "trained"
-    trained_models.save(*train([simulate(8000, 3)], settings), folder)
+    trained_models.save(*train([simulate(3_000, 3)], settings), folder)
     found = export(folder, tmp_path / "repository").held_out_residual
     assert found is not None
     parts = (trained_models.reference(folder), trained_models.fitted(folder))

@@ -48,7 +48,7 @@ def weigh(
         usual: (21,) log odds that each channel's residual gives the effect anyway.
     """
     base = products.base
-    gram, cross, energy = base.given(products.sums())
+    gram, cross, energy = products.sums().given_base()
     energy = np.maximum(energy, 0.0) + base.bins * base.quantum
     half, channels = 0.5 * base.bins, len(energy)
     allowed = np.ones(channels, bool) if fitting.allowed is None else fitting.allowed
@@ -156,7 +156,7 @@ def posterior_weights(
         kept: (folds,) or (choices, folds) that they are fitted to; all if None.
     """
     base, sums, changes = products.base, products.sums(kept), weighed.changes
-    gram, cross, _ = base.given(sums)
+    gram, cross, _ = sums.given_base()
     if fitting.fixed:
         weights = np.broadcast_to(changes[:, None], cross.shape).astype(np.float64)
     elif fitting.pooled:
@@ -170,8 +170,8 @@ def posterior_weights(
         weights = (inverse @ cross[..., None])[..., 0]
     if fitting.positive and not fitting.fixed:
         weights = np.maximum(weights, 0.0)
-    remaining = sums.base_cross - (sums.between @ weights[..., None])[..., 0]
-    return (inverse_of(sums.base_gram, base.precision) @ remaining[..., None])[..., 0], weights
+    remaining = sums.base.cross - (sums.between @ weights[..., None])[..., 0]
+    return (sums.base.inverse @ remaining[..., None])[..., 0], weights
 
 
 @dataclass(frozen=True)
@@ -204,10 +204,8 @@ def weights_by_fold(
     Args:
         seen: fit to all folds, in place of all but one.
     """
-    base, kept = products.base, ~np.eye(products.folds, dtype=bool) | seen
-    sums = products.sums(kept)
-    alone = (inverse_of(sums.base_gram, base.precision) @ sums.base_cross[..., None])[..., 0]
-    return alone, *posterior_weights(products, fitting, weighed, kept)
+    kept = ~np.eye(products.folds, dtype=bool) | seen
+    return products.base.sums(kept).weights, *posterior_weights(products, fitting, weighed, kept)
 
 
 def held_out(products: Products, fitting: Fitting, weighed: Weighed, *, seen: bool = False) -> HeldOut:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,22 @@ class Design:
     def beside(self, other: "Design") -> "Design":
         """Both together."""
         return Design(np.concatenate([self.values, other.values], axis=2), self.fold)
+
+
+class BaseSums(NamedTuple):
+    """A base's regression on some folds. For several choices of folds, the choices are the first axis.
+
+    Attributes:
+        cross: (…, 21, k) products with the residual.
+        inverse: (…, 21, k, k) of the products with themselves, and of the precision of weights.
+        weights: (…, 21, k) that fit the residual best.
+        energy: (…, 21) what they leave of the residual's sum of squares.
+    """
+
+    cross: Floats
+    inverse: Floats
+    weights: Floats
+    energy: Floats
 
 
 @dataclass(frozen=True)
@@ -83,9 +99,7 @@ class Base:
     @cached_property
     def noise(self) -> Floats:
         """(21,) mean square of the residual that the base leaves, rounding included."""
-        cross, inverse = self.cross.sum(axis=0), inverse_of(self.gram.sum(axis=0), self.precision)
-        left = self.energy.sum(axis=0) - bilinear(cross, inverse, cross)
-        return np.asarray(np.maximum(left / self.bins, 0.0) + self.quantum)
+        return np.asarray(np.maximum(self.sums().energy / self.bins, 0.0) + self.quantum)
 
     @property
     def counted_noise(self) -> Floats:
@@ -105,30 +119,40 @@ class Base:
         other.__dict__.update(gram=self.gram, cross=self.cross, energy=self.energy)
         return other
 
-    def given(self, sums: "Sums") -> tuple[Floats, Floats, Floats]:
-        """Products of new regressors with themselves and the residual, and its energy, given the base."""
-        inverse = inverse_of(sums.base_gram, self.precision)
-        half = inverse @ sums.between
-        return (
-            sums.gram - np.swapaxes(sums.between, -1, -2) @ half,
-            sums.cross - np.einsum("...bk,...b->...k", half, sums.base_cross),
-            sums.energy - bilinear(sums.base_cross, inverse, sums.base_cross),
-        )
+    @cached_property
+    def _known(self) -> dict[bytes | None, BaseSums]:
+        return {}
+
+    def sums(self, kept: NDArray[np.bool_] | None = None) -> BaseSums:
+        """Over all folds, or over those that are kept (folds,), or (choices, folds); each computed once."""
+        choice = None if kept is None else kept.tobytes()
+        if choice not in self._known:
+            gram, cross, energy = (over(kept, part) for part in (self.gram, self.cross, self.energy))
+            inverse = inverse_of(gram, self.precision)
+            weights = (inverse @ cross[..., None])[..., 0]
+            self._known[choice] = BaseSums(cross, inverse, weights, energy - (cross * weights).sum(axis=-1))
+        return self._known[choice]
 
 
-@dataclass(frozen=True)
-class Sums:
+class Sums(NamedTuple):
     """Products over some folds of a base and of new regressors: what all inference needs.
 
     For several choices of folds, the choices are the first axis of each.
     """
 
-    base_gram: Floats
-    base_cross: Floats
-    energy: Floats
+    base: BaseSums
     between: Floats
     gram: Floats
     cross: Floats
+
+    def given_base(self) -> tuple[Floats, Floats, Floats]:
+        """Products of new regressors with themselves and the residual, and its energy, given the base."""
+        across = np.swapaxes(self.between, -1, -2)
+        return (
+            self.gram - across @ (self.base.inverse @ self.between),
+            self.cross - (across @ self.base.weights[..., None])[..., 0],
+            self.base.energy,
+        )
 
 
 @dataclass(frozen=True)
@@ -165,12 +189,16 @@ class Products:
 
     def sums(self, kept: NDArray[np.bool_] | None = None) -> Sums:
         """Over all folds, or over those that are kept (folds,), or (choices, folds)."""
-        folds = np.ones(self.folds) if kept is None else kept.astype(np.float64)
-        base = self.base
-        parts = (base.gram, base.cross, base.energy, self.between, self.gram, self.cross)
-        flat = (folds @ part.reshape(len(part), -1) for part in parts)
-        shapes = ((*folds.shape[:-1], *part.shape[1:]) for part in parts)
-        return Sums(*(sums.reshape(shape) for sums, shape in zip(flat, shapes, strict=True)))
+        parts = (over(kept, part) for part in (self.between, self.gram, self.cross))
+        return Sums(self.base.sums(kept), *parts)
+
+
+def over(kept: NDArray[np.bool_] | None, parts: Floats) -> Floats:
+    """Sums of parts (folds, …) over all folds, or those that are kept (folds,) or (choices, folds)."""
+    if kept is None:
+        return np.asarray(parts.sum(axis=0))
+    sums = kept.astype(np.float64) @ parts.reshape(len(parts), -1)
+    return np.asarray(sums.reshape(*kept.shape[:-1], *parts.shape[1:]))
 
 
 def inverse_of(gram: Floats, precision: Floats) -> Floats:

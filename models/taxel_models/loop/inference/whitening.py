@@ -194,7 +194,7 @@ class Whitening:
         self.bins = bins
         self._shape = shape
         self._step = bins.seconds / constants.fading_s
-        self._factors: dict[int, Floats] = {}
+        self._known: dict[int, tuple[Floats, Floats]] = {}
         self._counts = np.ones((len(CHANNELS), len(bins)))
         self.scale = np.maximum(residual[bins.order].std(axis=0), rounding)
         self.quantum = (rounding / self.scale) ** 2
@@ -209,8 +209,8 @@ class Whitening:
         """(21, bins) errors, counts, of whitened ones (21, bins); blocks count as much as they do there."""
         errors = np.empty_like(white)
         for block in self.bins.blocks:
-            factor = self._factor(block.stop - block.start)
-            errors[:, block] = np.linalg.solve(factor, white[:, block, None])[..., 0]
+            _, root = self._factors(block.stop - block.start)
+            errors[:, block] = (root @ white[:, block, None])[..., 0]
         return np.asarray(errors * self.scale[:, None])
 
     def row_weights(self, rows: int) -> Floats:
@@ -224,18 +224,18 @@ class Whitening:
         """(21, bins, 1) a whitened constant of each channel, as large as its residual."""
         return self(np.broadcast_to(self.scale[:, None, None], (len(CHANNELS), len(self.bins), 1)))
 
-    def _factor(self, count: int) -> Floats:
-        """(21, count, count) that whitens a block's bins."""
-        if count not in self._factors:
+    def _factors(self, count: int) -> tuple[Floats, Floats]:
+        """What whitens a block's bins, and what colours them again, each (21, count, count)."""
+        if count not in self._known:
             shares = zip(self._shape.shared, self._shape.fading, strict=True)
-            roots = [np.linalg.cholesky(covariance(count, *both, self._step)) for both in shares]
-            self._factors[count] = np.linalg.inv(np.stack(roots))
-        return self._factors[count]
+            roots = np.stack([np.linalg.cholesky(covariance(count, *both, self._step)) for both in shares])
+            self._known[count] = np.linalg.inv(roots), roots
+        return self._known[count]
 
     def __call__(self, means: Floats) -> Floats:
         """(21, bins, k) of means (1 or 21, bins, k), counts."""
         white = np.empty((len(CHANNELS), *means.shape[1:]))
         for block in self.bins.blocks:
-            white[:, block] = self._factor(block.stop - block.start) @ means[:, block]
+            white[:, block] = self._factors(block.stop - block.start)[0] @ means[:, block]
         white *= (self._counts / self.scale[:, None])[:, :, None]
         return white

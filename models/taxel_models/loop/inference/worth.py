@@ -29,8 +29,8 @@ def held_out_error(
     """
     base = products.base
     alone, beside, weights = weights_by_fold(products, fitting, weighed)
-    for own in (alone, beside):
-        own[..., : base.not_served] = 0.0
+    served = np.arange(alone.shape[-1]) >= base.not_served
+    alone, beside = alone * served, beside * served
     before, after = base.target.values[:, :, 0].copy(), base.target.values[:, :, 0].copy()
     edges = np.searchsorted(base.target.fold, np.arange(products.folds + 1))
     for fold, (start, stop) in enumerate(pairwise(edges)):

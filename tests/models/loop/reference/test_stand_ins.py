@@ -79,6 +79,7 @@ def apart(recording: Recording, seed: int, counts: float) -> Recording:
     return replace(recording, channels=recording.channels + offsets[np.arange(len(recording)) // 100])
 
 
+@pytest.mark.usefixtures("quick_references")
 def test_what_few_contacts_leave_open_is_known_of_all(smooth: Any, make: Make) -> None:
     """Means of some contacts scatter; those of many tell better how far a recording's mean may lie."""
     few, many = apart(make(2_200, seed=8), 1, 30.0), apart(make(11_000, seed=9), 2, 30.0)
@@ -90,11 +91,12 @@ def test_what_few_contacts_leave_open_is_known_of_all(smooth: Any, make: Make) -
     assert sum(known.structure["offset"].gain) < 0.5 * sum(alone.structure["offset"].gain)
 
 
+@pytest.mark.usefixtures("quick_references")
 def test_what_only_the_model_gets_wrong_is_known_with_all_contacts(smooth: Any, make: Make) -> None:
     """Trees follow whatever is in the recordings. The model does not: its own held-out rows say so."""
     few, many = (
         replace(one, channels=one.channels + 0.002 * (one.channels - 2000.0) ** 2)
-        for one in (make(4_000, seed=8), make(9_000, seed=9))
+        for one in (make(2_500, seed=8), make(4_000, seed=9))
     )
     known = held_out_residual(smooth, [few], [many])
     alone = held_out_residual(smooth, [few])
@@ -105,19 +107,21 @@ def test_what_only_the_model_gets_wrong_is_known_with_all_contacts(smooth: Any, 
     assert all_of_it > 0.3 * own
 
 
+@pytest.mark.usefixtures("quick_references")
 def test_few_contacts_and_all_that_was_fitted_are_a_reference(smooth: Any, make: Make) -> None:
     """Training held out 5 s: too little by itself."""
-    few, many = make(500, seed=8), make(4_000, seed=9)
+    few, many = make(500, seed=8), make(2_000, seed=9)
     assert held_out_residual(smooth, [few]) is None
     known = held_out_residual(smooth, [few], [many])
     assert known is not None
     assert known.rows == len(gather(smooth, [few, many]))
 
 
+@pytest.mark.usefixtures("quick_references")
 def test_a_leak_that_only_the_model_lacks_is_known_beside_all_channels(smooth: Any, make: Make) -> None:
     """It was in all recordings: trees learned it, and the model did not."""
     rest = smooth.counts(np.zeros((1, 3)), np.zeros((1, 3)))[0]
-    recordings = [make(rows, seed=seed) for rows, seed in ((2_500, 8), (6_000, 9))]
+    recordings = [make(rows, seed=seed) for rows, seed in ((2_200, 8), (3_500, 9))]
     for recording in recordings:
         recording.channels[:, TO] += 0.5 * (recording.channels[:, FROM] - rest[FROM])
     few, many = recordings
@@ -132,13 +136,14 @@ def test_a_leak_that_only_the_model_lacks_is_known_beside_all_channels(smooth: A
     assert of_all > 0.5 * own
 
 
+@pytest.mark.usefixtures("quick_references")
 def test_of_long_recordings_some_contacts_count(
     smooth: Any, make: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    few, many = make(2_500, seed=8), make(9_000, seed=9)
-    monkeypatch.setattr(held_out, "MOST_ROWS", 4_000)
+    few, many = make(600, seed=8), make(4_000, seed=9)
+    monkeypatch.setattr(held_out, "MOST_ROWS", 2_500)
     known = held_out_residual(smooth, [few], [many])
     assert known is not None
     whole = gather(smooth, [few, many])
     longest = int(np.unique(whole.contact, return_counts=True)[1].max())
-    assert 4_000 <= known.rows < 4_000 + longest
+    assert 2_500 <= known.rows < 2_500 + longest
