@@ -109,12 +109,13 @@ def serve(
     from taxel_server.loading.loader import Loader
     from taxel_server.loading.trials import Trials
     from taxel_server.memory import limit_arenas
-    from taxel_server.processor import keep_cores_awake
+    from taxel_server.processor import allow_open_files, keep_cores_awake
     from taxel_server.runtimes import RuntimeOptions
     from taxel_server.service import Service
     from taxel_server.settings import read_settings
 
     limit_arenas()
+    allow_open_files()
     set_up_log(log_level, log_format)
     _log_errors_of_zenoh()
     settings = read_settings({name: value for name, value in given.items() if value is not None})

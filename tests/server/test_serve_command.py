@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import shlex
 import signal
 import socket
@@ -23,6 +24,7 @@ from taxel.errors import Unavailable
 from taxel.protocol import pack_infer_request, unpack_error, unpack_infer_response
 from taxel_bench.plain_client import client_config
 from taxel_server.engine import Engine
+from taxel_server.processor import most_open_files
 
 WindowMaker = Callable[..., NDArray[np.float32]]
 Starter = Callable[..., subprocess.Popen[str]]
@@ -241,6 +243,37 @@ def test_it_tells_people_what_it_serves(run: Starter, repository: Path, endpoint
         assert lines[-1], process.stderr.read()
     assert lines[-1] == f"listening on {endpoint}\n"
     assert sum("READY" in line for line in lines) == 3
+
+
+def limited(endpoint: str, repository: Path, limit: str) -> subprocess.Popen[str]:
+    """A server that a shell starts with limits of open files, as `ulimit` takes them."""
+    command = shlex.join([sys.executable, "-m", "taxel", "serve", "--repository", str(repository)])
+    return subprocess.Popen(
+        ["sh", "-c", f"{limit} && exec {command} --listen {endpoint} --json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_too_few_open_files_are_told(repository: Path, endpoint: str) -> None:
+    process = limited(endpoint, repository, "ulimit -n 20")
+    output, errors = process.communicate(timeout=HANG_S)
+    assert (process.returncode, output) == (2, "")
+    assert "this process may open 20 files: expected 64" in errors
+
+
+def test_it_opens_as_many_files_as_it_may(repository: Path, endpoint: str, engine: Engine) -> None:
+    """Shells give 1,024, or 256 on macOS; clients of a fleet take more."""
+    del engine
+    process = limited(endpoint, repository, "ulimit -S -n 100")
+    assert process.stdout is not None
+    try:
+        assert json.loads(process.stdout.readline())["listen"] == [endpoint]
+        assert resource.prlimit(process.pid, resource.RLIMIT_NOFILE)[0] == most_open_files()
+    finally:
+        process.kill()
+        process.communicate()
 
 
 def wait_until_it_serves(endpoint: str, process: subprocess.Popen[str]) -> None:

@@ -182,12 +182,12 @@ def _idle_cores() -> Check:
 
 
 def _open_files() -> Check:
-    import resource
+    from taxel_server.processor import most_open_files
 
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    found = f"{soft} open files, at most {hard}"
-    if soft < _FEW_FILES:
-        return Check("files", "note", found, "each client takes one: ulimit -n 4096, or LimitNOFILE=")
+    most = most_open_files()
+    found = f"a server may open {most}"
+    if most < _FEW_FILES:
+        return Check("files", "note", found, "each client takes two: ulimit -n 4096, or LimitNOFILE=")
     return Check("files", "good", found)
 
 
