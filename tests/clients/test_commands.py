@@ -1,5 +1,6 @@
 """The `taxel` command line: groups of commands, and what it says of missing packages."""
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -31,6 +32,15 @@ def test_bench_is_a_group_of_taxel_and_a_command_of_its_own() -> None:
     assert "nowhere" in wrong.stderr
     alone = [sys.executable, "-m", "taxel_bench", "--help"]
     assert "compare" in subprocess.run(alone, capture_output=True, text=True, check=True).stdout
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin1"])
+def test_help_is_printed_in_any_encoding(encoding: str) -> None:
+    command = [sys.executable, "-m", "taxel", "serve", "--help"]
+    environment = os.environ | {"PYTHONIOENCODING": encoding}
+    done = subprocess.run(command, capture_output=True, env=environment, check=True)
+    assert b"--repository" in done.stdout
+    assert not done.stderr
 
 
 def test_a_command_that_cannot_be_loaded_harms_no_other(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -187,6 +187,9 @@ def test_what_does_not_fit_is_told(predictor: Predictor) -> None:
         TactileObservation(once, predictor, pressed, dt=0.02, fingers=FINGERS)
     with pytest.raises(InvalidArgument, match=r"places of shape \(2, 3\): expected \(3, 3\)"):
         TactileObservation(Press(), predictor, pressed, dt=0.02, fingers=3).reset(seed=1)
+    sample = ContactSample(np.zeros((3, 3)), np.zeros((3, 3)), np.ones(3, bool), np.zeros(3), np.zeros(3))
+    with pytest.raises(InvalidArgument, match="contact gives 3 fingertips: expected 2"):
+        TactileObservation(Press(), predictor, lambda *_: sample, dt=0.02, fingers=2).reset(seed=1)
     with pytest.raises(InvalidArgument, match=r"contact gives .*: expected places and forces"):
         TactileObservation(Press(), predictor, lambda *_: 3, dt=0.02).reset(seed=1)  # type: ignore[arg-type,return-value]
     same = SyncVectorEnv([Press], autoreset_mode=AutoresetMode.SAME_STEP)

@@ -11,7 +11,7 @@ import pytest
 
 import taxel
 import taxel.mujoco
-from taxel.errors import InvalidArgument
+from taxel.errors import InputWarning, InvalidArgument
 from taxel.local import shipped_repository
 from taxel.predictor import Predictor
 
@@ -123,15 +123,121 @@ def test_another_contact_sensor_is_refused(before: str, after: str, text: str) -
 def test_a_site_that_nothing_can_touch_is_told() -> None:
     tip = '<geom name="tip" type="sphere" size="0.007" mass="0.1"/>'
     for geom in (
-        f'<body>{tip}</body><geom size="0.01" contype="0" conaffinity="0"/>',
-        f"<body>{tip}</body>",
+        f'<body><joint/>{tip}</body><geom size="0.01" contype="0" conaffinity="0"/>',
+        f'<body><joint/>{tip}</body><inertial pos="0 0 0" mass="0.1" diaginertia="1 1 1"/>',
     ):
         model = mujoco.MjModel.from_xml_string(SCENE.replace(tip, geom))
         with pytest.raises(InvalidArgument, match="site 'left' is on a body without a geom that can touch"):
             taxel.mujoco.SiteContacts(model, ["left", "right"])
-        taxel.mujoco.SiteContacts(model, ["left"], ["net"])
-    with pytest.raises(InvalidArgument, match="site 'left' is on the body of another fingertip"):
-        taxel.mujoco.SiteContacts(scene(), ["left", "left"])
+    other = SCENE.replace('<site name="right"/>', "").replace(tip, f'{tip}<site name="right"/>')
+    model = mujoco.MjModel.from_xml_string(other)
+    with pytest.raises(InvalidArgument, match="site 'right' is on the body of another fingertip"):
+        taxel.mujoco.SiteContacts(model, ["left", "right"])
+    with pytest.raises(InvalidArgument, match="site 'left' comes twice"):
+        taxel.mujoco.SiteContacts(model, ["left", "left"])
+
+
+def test_a_pad_that_is_fixed_to_the_fingertip_is_part_of_it() -> None:
+    """As where the site's own body has a nail, or nothing."""
+    tip = '<geom name="tip" type="sphere" size="0.007" mass="0.1"/>'
+    data = []
+    for geoms in (tip, f'<geom size="0.001" pos="0 0 0.006" mass="0"/><body>{tip}</body>'):
+        model = mujoco.MjModel.from_xml_string(SCENE.replace(tip, geoms))
+        data.append(mujoco.MjData(model))
+        for _ in range(300):
+            mujoco.mj_step(model, data[-1])
+        sample = taxel.mujoco.SiteContacts(model, ["left", "right"]).read(data[-1])
+        np.testing.assert_allclose(sample.force, [[0.0, 0.0, WEIGHT_N], [0.0, 0.0, 0.0]], atol=1e-3)
+    with pytest.raises(InvalidArgument, match=r"of another model, as after `spec.recompile`"):
+        taxel.mujoco.SiteContacts(model, ["left"]).read(data[0])
+
+
+HAND = """
+<mujoco>
+  <option gravity="0 0 0"/>
+  <worldbody>
+    <body name="hand"><geom size="0.01" pos="-0.1 0 0"/>
+      <body name="index"><joint type="slide" axis="0 0 1" damping="1"/>
+        <geom name="index" size="0.007" mass="0.05"/><site name="index"/>
+      </body>
+      <body name="thumb" pos="0 0 -0.0138" euler="180 0 0"><joint type="slide" axis="0 0 1" damping="1"/>
+        <geom name="thumb" size="0.007" mass="0.05"/><site name="thumb"/>
+      </body>
+    </body>
+  </worldbody>
+  <sensor>
+    <contact name="net" {objects} num="1" data="found force torque dist pos normal" reduce="netforce"/>
+  </sensor>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("objects", ['subtree1="hand" geom2="thumb"', 'body1="index" subtree2="thumb"'])
+def test_a_hand_that_a_fingertip_is_of_is_no_fingertip(objects: str) -> None:
+    model = mujoco.MjModel.from_xml_string(HAND.format(objects=objects))
+    data = mujoco.MjData(model)
+    data.xfrc_applied[2:4, 2] = -1.0, 1.0
+    for _ in range(300):
+        mujoco.mj_step(model, data)
+    read = taxel.mujoco.SiteContacts(model, ["thumb"], ["net"]).read(data)
+    np.testing.assert_allclose(read.force, [[0, 0, 1]], atol=1e-3)
+    np.testing.assert_allclose(read.force, taxel.mujoco.SiteContacts(model, ["thumb"]).read(data).force)
+    alone = mujoco.MjModel.from_xml_string(HAND.format(objects='subtree1="hand"'))
+    with pytest.raises(InvalidArgument, match="neither object"):
+        taxel.mujoco.SiteContacts(alone, ["thumb"], ["net"])
+
+
+def test_data_of_several_simulations_are_told(predictor: Predictor) -> None:
+    """In turn, each would give the other a past that it never had. One after the other, each begins."""
+    model = scene("left")
+    tips = taxel.mujoco.Fingertips(model, predictor)
+    first, second = mujoco.MjData(model), mujoco.MjData(model)
+    second.qpos[2] = 0.5
+
+    def play(data: mujoco.MjData, steps: int) -> np.ndarray:
+        for _ in range(steps):
+            mujoco.mj_step(model, data)
+            channels = tips.step(data)
+        return channels
+
+    of_first, of_second = play(first, 60), play(second, 60)
+    assert (of_first != of_second).any()
+    with pytest.raises(InvalidArgument, match="followed another MjData"):
+        play(first, 1)
+    tips.reset()
+    play(first, 1)
+    mujoco.mj_resetData(model, second)
+    second.qpos[2] = 0.5
+    np.testing.assert_array_equal(play(second, 60), of_second)
+
+
+def test_fingertips_may_step_more_rarely_than_the_simulation(predictor: Predictor) -> None:
+    """As with the frame skip of an environment. Samples come at their own times."""
+    model = scene("left")
+    channels = []
+    for rate_hz in (None, 50):
+        data, tips = mujoco.MjData(model), taxel.mujoco.Fingertips(model, predictor, rate_hz=rate_hz)
+        for _ in range(50):
+            mujoco.mj_step(model, data, 10)
+            tips.step(data)
+        channels.append(tips.fingers.channels)
+    np.testing.assert_array_equal(channels[0], channels[1])
+    with pytest.raises(InvalidArgument, match="rate_hz is 0"):
+        taxel.mujoco.Fingertips(model, predictor, rate_hz=0)
+
+
+def test_what_takes_contacts_away_is_told(predictor: Predictor) -> None:
+    asleep = SCENE.replace("<mujoco>", '<mujoco><option><flag sleep="enable"/></option>')
+    spec = mujoco.MjSpec.from_string(asleep)
+    taxel.mujoco.add_sensor(spec, "left")
+    model = spec.compile()
+    with pytest.warns(InputWarning, match="lets bodies fall asleep"):
+        taxel.mujoco.Fingertips(model, predictor)
+    with pytest.raises(InvalidArgument, match="lets bodies fall asleep"):
+        taxel.mujoco.Fingertips(model, predictor, strict=True)
+    disabled = SCENE.replace("<mujoco>", '<mujoco><option><flag sensor="disable"/></option>')
+    with pytest.raises(InvalidArgument, match="sensors disabled"):
+        taxel.mujoco.SiteContacts(mujoco.MjModel.from_xml_string(disabled), ["left"], ["net"])
 
 
 def test_short_episodes_begin_again(predictor: Predictor) -> None:
@@ -182,3 +288,9 @@ def test_the_example_runs(tmp_path: Path) -> None:
 def test_a_site_that_is_none_is_told() -> None:
     with pytest.raises(InvalidArgument, match="'thumb': expected the name of a site"):
         taxel.mujoco.SiteContacts(scene("left"), ["left", "thumb"])
+    with pytest.raises(InvalidArgument, match="site 9: expected a number below 2"):
+        taxel.mujoco.SiteContacts(scene("left"), np.array([0, 9]))
+    with pytest.raises(InvalidArgument, match="contacts is 'net': expected a list of names"):
+        taxel.mujoco.SiteContacts(scene("left"), ["left"], "net")
+    with pytest.raises(InvalidArgument, match=r"'thumb': expected the name of a site .*: left, right"):
+        taxel.mujoco.add_sensor(mujoco.MjSpec.from_string(SCENE), "thumb")

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from taxel.errors import InvalidArgument
-from taxel.windows.checks import check_finite, check_windows
+from taxel.windows.checks import check_values, check_windows
 
 FEATURES = ("x", "y", "z", "fx", "fy", "fz")
 
@@ -34,6 +34,9 @@ def test_good_float32_is_not_copied() -> None:
         (np.zeros((1, 6), complex), "datatype complex128"),
         (np.array([[0, 0, 0, 0, np.nan, 0]]), r"window\[0, 'fy'\] is nan"),
         (np.array([[0] * 6, [0, 0, 1e39, 0, 0, 0]]), r"window\[1, 'z'\] is inf"),
+        (np.array([[0, 0, 0, -1e30, 0, 0]]), r"'fx'\] is -1e\+30: expected .* at most 1e\+06"),
+        (np.where(np.arange(600) == 77, 2e6, 0.0).reshape(100, 6), r"window\[12, 'fz'\] is 2e\+06"),
+        (np.where(np.arange(600) == 77, np.nan, 0.0).reshape(100, 6), r"window\[12, 'fz'\] is nan"),
     ],
 )
 def test_what_no_model_takes_is_refused(windows: NDArray[Any], message: str) -> None:
@@ -43,4 +46,4 @@ def test_what_no_model_takes_is_refused(windows: NDArray[Any], message: str) -> 
 
 def test_minus_infinity_is_refused() -> None:
     with pytest.raises(InvalidArgument, match=r"window\[0, 'x'\] is -inf"):
-        check_finite(np.full((1, 6), -np.inf, np.float32), FEATURES)
+        check_values(np.full((1, 6), -np.inf, np.float32), FEATURES)

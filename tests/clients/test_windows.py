@@ -1,5 +1,7 @@
 """The window builder against a slow, obvious definition of the paper's eight combinations."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -178,6 +180,30 @@ class TestStreamRefuses:
         with pytest.raises(InvalidArgument, match=r"position is \(2,\): expected numbers of shape \(3,\)"):
             self.stream.push(0.01, [0, 0], [0, 0, 0])
         assert self.still_works()
+
+    def test_as_many_numbers_in_another_order(self) -> None:
+        stream = WindowStream(WindowSpec.of(3), fingers=4)
+        for values in (np.zeros((3, 4)), np.zeros(12)):
+            with pytest.raises(InvalidArgument, match=r"force is .*expected numbers of shape \(4, 3\)"):
+                stream.push(0.0, np.zeros((4, 3)), values)
+
+    def test_what_no_sensor_shows(self) -> None:
+        with pytest.raises(InvalidArgument, match=r"force is .*1e\+300.*at most 1e\+06 in size"):
+            self.stream.push(0.01, [0, 0, 0], [0, 0, 1e300])
+        assert self.still_works()
+
+    @pytest.mark.parametrize("time_s", [1.8e18, None, "soon", np.array([0.0, 1.0])])
+    def test_a_time_that_is_none(self, time_s: Any) -> None:
+        with pytest.raises(InvalidArgument, match="time_"):
+            self.stream.push(time_s, [0, 0, 0], [0, 0, 0])
+        assert self.still_works()
+
+    def test_times_of_a_type_without_a_sign(self) -> None:
+        with pytest.raises(InvalidArgument, match="is not after"):
+            for time_ns in np.array([50, 30], np.uint64):
+                self.stream.push_ns(time_ns, [0, 0, 0], [0, 0, 0])
+        with pytest.raises(InvalidArgument, match="expected whole nanoseconds"):
+            self.stream.push_ns(0.5, [0, 0, 0], [0, 0, 0])  # type: ignore[arg-type]
 
     def test_text(self) -> None:
         with pytest.raises(InvalidArgument, match="force is 'press'"):

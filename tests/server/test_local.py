@@ -12,6 +12,7 @@ import taxel
 import taxel.scaling
 import taxel_server.engine
 from taxel.errors import InvalidArgument, NotFound, Unavailable
+from taxel.windows.checks import LARGEST
 
 WindowMaker = Callable[..., NDArray[np.float32]]
 
@@ -26,6 +27,19 @@ def test_predictions_are_the_trained_models(repository: Path, make_windows: Wind
         outputs = taxel.scaling.Scaler.of(scaling.output_mean, scaling.output_std)
         expected = outputs.restore(booster.inplace_predict(inputs.normalise(windows)))
         np.testing.assert_allclose(predictor.predict(windows), expected, rtol=1e-6)
+
+
+def test_the_largest_values_that_are_taken_give_numbers() -> None:
+    with taxel.load() as source:
+        for model in source.models():
+            predictor = source.predictor(model.name, model.version)
+            signs = np.random.default_rng(0).choice(
+                [-1.0, 1.0], (40, len(predictor.manifest.window.features))
+            )
+            assert np.isfinite(predictor.predict(LARGEST * signs)).all()
+            assert np.isfinite(predictor.predict(LARGEST * signs[:1])).all()
+            with pytest.raises(InvalidArgument, match="expected a finite number, at most 1e"):
+                predictor.predict(1.01 * LARGEST * signs)
 
 
 def test_other_number_types_and_layouts_are_taken(repository: Path, make_windows: WindowMaker) -> None:

@@ -56,8 +56,10 @@ def checked_rate(rate_hz: Any) -> float:
     """A rate of samples in Hz.
 
     Raises:
-        InvalidArgument: it is not a number from 1e-9 to 1e9.
+        InvalidArgument: it is not a number from 1 to 1e9.
     """
-    if not is_real(rate_hz) or not 1e-9 <= rate_hz <= 1e9:
-        raise InvalidArgument(f"rate_hz is {rate_hz!r}: expected a positive number of samples a second")
+    if not is_real(rate_hz) or not 1.0 <= rate_hz <= 1e9:
+        interval = is_real(rate_hz) and 0.0 < rate_hz < 1.0
+        looks = f", as {1.0 / rate_hz:g} for a sample every {rate_hz:g} s" if interval else ""
+        raise InvalidArgument(f"rate_hz is {rate_hz!r}: expected samples a second, from 1{looks}")
     return float(rate_hz)

@@ -210,6 +210,10 @@ class _Touch:
         touched = self._contact(env, observation, info)
         self._last[begun] = PAD
         if isinstance(touched, ContactSample):
+            if len(touched.position) != len(self._last):
+                raise InvalidArgument(
+                    f"contact gives {len(touched.position)} fingertips: expected {len(self._last)}"
+                )
             place = np.where(touched.touched[:, None], touched.position, self._last)
             self._last = place.copy()
             return place, touched.force

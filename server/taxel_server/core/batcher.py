@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS
 from taxel.errors import Cancelled, Internal, RequestError, ResourceExhausted, Unavailable
 from taxel.protocol import InferResponse
-from taxel.windows.checks import check_finite
+from taxel.windows.checks import check_values
 from taxel_server.core.answers import Answers, tell
 from taxel_server.core.jobs import Job, Work, too_late
 from taxel_server.core.policy import Policy, Slice, Ticket
@@ -138,7 +138,7 @@ class Batcher:
             return None
         started = time.monotonic()
         try:
-            check_finite(windows, model.manifest.window.features)
+            check_values(windows, model.manifest.window.features)
             outputs = model.evaluate(windows)
         except Exception:
             return None

@@ -13,7 +13,7 @@ from taxel.channels import CHANNELS
 from taxel.errors import DeadlineExceeded, InvalidArgument, RequestError
 from taxel.protocol import InferRequest, InferResponse
 from taxel.trace_context import trace_id_of
-from taxel.windows.checks import check_finite
+from taxel.windows.checks import check_values
 from taxel_server.core.policy import Ticket
 from taxel_server.engine import LoadedModel
 
@@ -111,7 +111,7 @@ class Work:
         self._request: Final = job.decode()
         request = self._request
         check_shape(job.model, request.windows.shape)
-        check_finite(request.windows, job.model.manifest.window.features)
+        check_values(request.windows, job.model.manifest.window.features)
         if request.spread and not job.model.manifest.gives_spread:
             raise InvalidArgument(f"outputs[1]: {job.model.label} gives no spread: expected an ensemble")
         self.deadline: Final = inf if request.timeout_ms is None else job.arrived + request.timeout_ms / 1e3

@@ -79,7 +79,11 @@ def _give_way() -> None:
 
 
 def _tell(**fields: Any) -> None:
-    os.write(1, (json.dumps(fields) + "\n").encode())
+    try:
+        os.write(1, (json.dumps(fields) + "\n").encode())
+    except BrokenPipeError:
+        # The server has been stopped.
+        os._exit(1)
 
 
 def _death(number: int, task: dict[str, Any]) -> str:

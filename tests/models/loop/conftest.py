@@ -12,7 +12,7 @@ from taxel_models.loop.reference import correlated, own_structure
 
 @pytest.fixture(scope="module")
 def quick_references() -> Iterator[None]:
-    """References know nothing of moved inputs: each asks all models again and again, which takes longest."""
+    """References know nothing of moved inputs: these ask all models again and again, which takes long."""
 
     def quick(observations: Observations) -> list[Effect]:
         return [effect for effect in candidates(observations) if not effect.is_costly]

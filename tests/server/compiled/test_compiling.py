@@ -146,6 +146,20 @@ def test_on_a_full_disk_every_process_compiles(tmp_path: Path) -> None:
         assert call(tmp_path, prepare=no_room) == (22, 0, "None")
 
 
+def test_on_a_disk_that_is_nearly_full_every_process_compiles(tmp_path: Path) -> None:
+    """Unless what it needs is there already."""
+    write(tmp_path, 1)
+
+    def little_room() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2**22, 2**22))
+
+    assert call(tmp_path, prepare=little_room) == (22, 0, "None")
+    assert call(tmp_path)[:2] == (22, 0)
+    kept = next(tmp_path.rglob("*.nbc"))
+    (kept.parent / "large.nbc").write_bytes(bytes(2**24))
+    assert call(tmp_path, prepare=little_room)[:2] == (22, 1)
+
+
 def test_threads_that_compile_leave_the_users_setting() -> None:
     before = numba.config.CACHE_DIR
     together, kept = Barrier(8), []

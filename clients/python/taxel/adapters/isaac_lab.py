@@ -24,10 +24,19 @@ def contact_sample(
         mount: the sensor's frame on the body; by default, the body's own.
         last: (n * s, 3), the places of the last step.
         strict: contacts off the skin are an error, not a warning.
+
+    Raises:
+        InvalidArgument: the sensor gives none of these, as it is configured, or they have other shapes.
     """
-    quaternion = array(data.quat_w).reshape(-1, 4)[:, [3, 0, 1, 2]]
-    frames = mount.frames(array(data.pos_w).reshape(-1, 3), quaternion)
-    forces, points = array(data.force_matrix_w), array(data.contact_pos_w)
+    pose, filters = "track_pose=True", "filter_prim_paths_expr"
+    position = array("pos_w", data.pos_w, (None, None, 3), pose)
+    quaternion = array("quat_w", data.quat_w, (*position.shape[:2], 4), pose)
+    forces = array("force_matrix_w", data.force_matrix_w, (*position.shape[:2], None, 3), filters)
+    points = array(
+        "contact_pos_w", data.contact_pos_w, forces.shape, f"track_contact_points=True and {filters}"
+    )
+    quaternion = quaternion.reshape(-1, 4)[:, [3, 0, 1, 2]]
+    frames = mount.frames(position.reshape(-1, 3), quaternion)
     finger = np.repeat(np.arange(len(quaternion)), forces.shape[2])
     forces, points = forces.reshape(-1, 3), points.reshape(-1, 3)
     touching = np.isfinite(points).all(axis=1) & np.isfinite(forces).all(axis=1)

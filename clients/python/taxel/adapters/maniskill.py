@@ -32,8 +32,11 @@ def contact_sample(
         mount: the sensor's frame on the link; by default, the link's own.
         last: (n, 3), the places of the last step. strict: what looks wrong is an error.
     """
-    frames = mount.frames(array(link.pose.p), array(link.pose.q))
-    forces = np.stack([array(scene.get_pairwise_contact_forces(link, each)) for each in objects], axis=1)
+    position = array("link.pose.p", link.pose.p, (None, 3))
+    shape = position.shape
+    frames = mount.frames(position, array("link.pose.q", link.pose.q, (len(position), 4)))
+    told = [array("forces", scene.get_pairwise_contact_forces(link, each), shape) for each in objects]
+    forces = np.stack(told, axis=1)
     facing = -forces / np.maximum(np.linalg.norm(forces, axis=2, keepdims=True), np.finfo(float).tiny)
     points = (frames[0][:, None] + Fingertip.biotac_2p().radius * facing).reshape(-1, 3)
     on = np.repeat(np.arange(len(forces)), len(objects))

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from taxel.adapters.frames import ON_THE_BODY, array
 from taxel.contacts import ContactSample, fingertip_contacts
+from taxel.errors import InvalidArgument
 
 
 def contact_sample(
@@ -30,11 +31,23 @@ def contact_sample(
         site_quaternion: (b, p, 4), `entity.data.site_quat_w`, the scalar first.
         last: (b * p, 3), the places of the last step.
         strict: contacts off the skin are an error, not a warning.
+
+    Raises:
+        InvalidArgument: the sensor gives none of these, as it is configured, or they have other shapes.
     """
-    position, quaternion = array(site_position).reshape(-1, 3), array(site_quaternion).reshape(-1, 4)
-    found = array(data.found).reshape(-1) > 0
-    on = np.repeat(np.arange(len(position)), len(found) // len(position))[found]
+    position = array("site_position", site_position, (None, None, 3))
+    environments, primaries = position.shape[:2]
+    quaternion = array("site_quaternion", site_quaternion, (environments, primaries, 4))
+    fields = 'fields=("found", "force", "pos")'
+    found = array("found", data.found, (environments, None), fields) > 0
+    contacts = found.shape[1]
+    if contacts % max(primaries, 1):
+        raise InvalidArgument(
+            f"found has shape {found.shape}: expected as many slots for each of {primaries} primaries"
+        )
+    on = np.repeat(np.arange(environments * primaries), contacts // max(primaries, 1))[found.ravel()]
     # MuJoCo tells what the primary does to the other.
-    forces, points = -array(data.force).reshape(-1, 3), array(data.pos).reshape(-1, 3)
-    frames = ON_THE_BODY.frames(position, quaternion)
+    forces = -array("force", data.force, (environments, contacts, 3), fields)
+    points = array("pos", data.pos, (environments, contacts, 3), fields)
+    frames = ON_THE_BODY.frames(position.reshape(-1, 3), quaternion.reshape(-1, 4))
     return fingertip_contacts(points[found], forces[found], *frames, finger=on, last=last, strict=strict)

@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable
 from functools import wraps
 from importlib.metadata import EntryPoint, entry_points
+from io import TextIOWrapper
 from typing import Annotated, Any, Final, TextIO, TypeVar
 
 import typer
@@ -158,7 +159,12 @@ def _load(entry: EntryPoint) -> Callable[..., None] | typer.Typer:
 def main() -> None:
     """Entry point of the `taxel` command."""
     _open_closed_streams()
-    build()()
+    _print_what_can_be_printed()
+    try:
+        build()()
+    except KeyboardInterrupt:
+        # While commands are imported; each takes care of it while it runs.
+        raise SystemExit(130) from None
 
 
 def _open_closed_streams() -> None:
@@ -167,6 +173,13 @@ def _open_closed_streams() -> None:
         sys.stdout = nowhere()
     if sys.stderr is None:
         sys.stderr = nowhere()
+
+
+def _print_what_can_be_printed() -> None:
+    """Print `?` for what the terminal's encoding has no character for: our help has some beyond ASCII."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")
 
 
 def nowhere() -> TextIO:

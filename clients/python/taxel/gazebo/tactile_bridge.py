@@ -56,10 +56,13 @@ class TactileBridge:
     def __init__(self, predictor: Predictor, settings: BridgeSettings) -> None:
         self._settings = settings
         step_ns = round(1e9 / settings.rate_hz)
+        # Where ticks fall on steps, the steps between them change no window, and are left out.
         on_steps = PERIOD_NS % step_ns == 0
         self._least_ns = PERIOD_NS - step_ns // 2 if on_steps else 0
-        rate_hz = 1e9 / PERIOD_NS if on_steps else settings.rate_hz
-        self._fingers = predictor.fingers(len(settings.fingers), rate_hz=rate_hz, strict=settings.strict)
+        self._first_ns = PERIOD_NS if on_steps else step_ns
+        self._fingers = predictor.fingers(
+            len(settings.fingers), rate_hz=settings.rate_hz, strict=settings.strict
+        )
         self._links = [_scopes(finger.link) for finger in settings.fingers]
         self._names = {name for link in self._links for scope in link for name in scope}
         self._pose_payload: bytes | None = None
@@ -107,17 +110,17 @@ class TactileBridge:
             # A bridge that comes to a running world hears contacts before poses.
             self._sampled_ns = None
             return None
-        elapsed_ns = None if self._sampled_ns is None else ended_ns - self._sampled_ns
-        if elapsed_ns is not None and elapsed_ns < self._least_ns:
+        elapsed_ns = self._first_ns if self._sampled_ns is None else ended_ns - self._sampled_ns
+        if elapsed_ns < self._least_ns:
             return None
         self._sampled_ns = ended_ns
         return self._step(contacts, ended_ns, elapsed_ns)
 
-    def _step(self, contacts: dict[int, bytes], ended_ns: int, elapsed_ns: int | None) -> Prediction | None:
+    def _step(self, contacts: dict[int, bytes], ended_ns: int, elapsed_ns: int) -> Prediction | None:
         position, force = self._sample(contacts)
         before = self._fingers.channels
         try:
-            channels = self._fingers.step(position, force, elapsed_ns and elapsed_ns / 1e9)
+            channels = self._fingers.step(position, force, elapsed_ns / 1e9)
         except RequestError as error:
             # Where a server does not answer there are no channels, which is nothing to be strict about.
             if self._settings.strict and isinstance(error, InvalidArgument):

@@ -48,27 +48,25 @@ class ContactSensor(NamedTuple):
                 f"{name!r}: expected a contact sensor with num='1', reduce='netforce' and "
                 "data='found force torque dist pos normal'"
             )
+        if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_SENSOR:
+            raise InvalidArgument(f"{name!r}: the model has its sensors disabled: expected them enabled")
         # The sensor tells what its first object does to the second.
         address = int(model.sensor_adr[number])
-        if _has(model, model.sensor_objtype[number], model.sensor_objid[number], body):
+        if _is_on(model, model.sensor_objtype[number], model.sensor_objid[number], body):
             return cls(address, -1.0)
-        if _has(model, model.sensor_reftype[number], model.sensor_refid[number], body):
+        if _is_on(model, model.sensor_reftype[number], model.sensor_refid[number], body):
             return cls(address, 1.0)
         raise InvalidArgument(
             f"{name!r}: neither object of this contact sensor is a fingertip: expected a geom of "
-            f"{model.body(body).name!r}, this body, or a subtree with it"
+            f"{model.body(body).name!r}, this body, or its subtree"
         )
 
 
-def _has(model: Any, kind: int, number: int, body: int) -> bool:
-    """Whether an object of a contact sensor moves as one with a body, or is a subtree with it."""
-    if kind == mujoco.mjtObj.mjOBJ_XBODY:
-        while body not in (number, 0):
-            body = int(model.body_parentid[body])
-        return body == number
+def _is_on(model: Any, kind: int, number: int, body: int) -> bool:
+    """Whether an object of a contact sensor moves as one with a body, as the root of a subtree may."""
     if kind == mujoco.mjtObj.mjOBJ_GEOM:
         number = int(model.geom_bodyid[number])
-    elif kind != mujoco.mjtObj.mjOBJ_BODY:
+    elif not (kind == mujoco.mjtObj.mjOBJ_BODY or kind == mujoco.mjtObj.mjOBJ_XBODY):
         return False
     return _carrier(model, number) == _carrier(model, body)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from typing import Any, Final
+from weakref import ReferenceType, WeakKeyDictionary, ref
 
 import mujoco
 import numpy as np
@@ -10,12 +11,21 @@ from numpy.typing import NDArray
 from taxel.channels import CHANNELS
 from taxel.contacts import ContactSample
 from taxel.errors import InvalidArgument
+from taxel.input_checks import warn
 from taxel.mujoco.site_contacts import SiteContacts
 from taxel.predictor import Predictor
 from taxel.remote import RemotePredictor
 from taxel.windows.combinations import PERIOD_NS
 
 _TICK_S: Final = PERIOD_NS / 1e9
+
+# MuJoCo before 3.4 has no such bit.
+_SLEEP: Final = int(getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", 0))
+
+_FALLS_ASLEEP: Final = (
+    "this model lets bodies fall asleep, and MuJoCo takes their contacts away then, so that a fingertip at "
+    "rest feels nothing: expected <flag sleep='disable'/>, or a fingertip that an actuator moves"
+)
 
 
 def add_sensor(spec: Any, site: str) -> str:
@@ -27,7 +37,13 @@ def add_sensor(spec: Any, site: str) -> str:
 
     Returns:
         The sensor's name: the site's, and `_taxel`.
+
+    Raises:
+        InvalidArgument: there is no such site.
     """
+    if spec.site(site) is None:
+        known = ", ".join(one.name for one in spec.sites if one.name) or "none"
+        raise InvalidArgument(f"{site!r}: expected the name of a site of the spec; there is: {known}")
     name = f"{site}_taxel"
     spec.add_sensor(
         name=name,
@@ -42,12 +58,13 @@ def add_sensor(spec: Any, site: str) -> str:
 
 
 class Fingertips:
-    """All fingertips of a model: the sites that have a user sensor of 21 numbers.
+    """All fingertips of a model, in one simulation: the sites that have a user sensor of 21 numbers.
 
     Args:
         model: a `mujoco.MjModel`.
         predictor: local or remote; a remote one is never waited for.
         contacts: contact sensors to read instead of all contacts; see `SiteContacts`.
+        rate_hz: how often `step` is called; after each `mj_step` if not given.
         strict: what would be warned of, such as contacts off the skin, is an error.
 
     Attributes:
@@ -55,7 +72,7 @@ class Fingertips:
         fingers: their clocks, pasts and channels.
 
     Raises:
-        InvalidArgument: no site has such a sensor; or as `SiteContacts`.
+        InvalidArgument: no site has such a sensor; the rate is none; or as `SiteContacts`.
     """
 
     def __init__(
@@ -64,6 +81,7 @@ class Fingertips:
         predictor: Predictor,
         contacts: Sequence[str] | None = None,
         *,
+        rate_hz: float | None = None,
         strict: bool = False,
     ) -> None:
         users = np.flatnonzero(
@@ -80,42 +98,50 @@ class Fingertips:
         self._touching = SiteContacts(model, model.sensor_objid[users], contacts)
         self._addresses = model.sensor_adr[users]
         self._wait = not isinstance(predictor, RemotePredictor)
-        # Where ticks fall on steps, the steps between them change no window, and are left out.
-        steps = round(_TICK_S / model.opt.timestep)
-        on_steps = steps > 1 and abs(steps * model.opt.timestep - _TICK_S) < 1e-9
-        self._least_s = _TICK_S - 0.5 * model.opt.timestep if on_steps else 0.0
-        rate_hz = 1.0 / _TICK_S if on_steps else 1.0 / model.opt.timestep
+        rate_hz = 1.0 / model.opt.timestep if rate_hz is None else rate_hz
         self.fingers = predictor.fingers(len(users), rate_hz=rate_hz, strict=strict)
+        # Where ticks fall on steps, the steps between them change no window, and are left out.
+        steps = round(_TICK_S * rate_hz)
+        on_steps = steps > 1 and abs(steps / rate_hz - _TICK_S) < 1e-9
+        self._least_s = _TICK_S - 0.5 / rate_hz if on_steps else 0.0
+        self._first_s = _TICK_S if on_steps else 1.0 / rate_hz
         self._strict = strict
+        if model.opt.enableflags & _SLEEP:
+            self._tell(_FALLS_ASLEEP)
         self.contact: ContactSample | None = None
         self._time: float | None = None
-        self._seen = -np.inf
+        self._data: ReferenceType[Any] | None = None
+        self._seen: WeakKeyDictionary[Any, float] = WeakKeyDictionary()
 
     def reset(self) -> None:
         """Begin again, where time does not tell: an episode of one call, or one that begins later."""
+        self._begin()
+        self._data = None
+        self._seen.clear()
+
+    def _begin(self) -> None:
         self.fingers.reset()
         self.contact = None
         self._time = None
-        self._seen = -np.inf
 
     def step(self, data: Any) -> NDArray[np.float32]:
         """Take the contacts of a `mujoco.MjData` after `mj_step`, and put the newest channels into it.
 
         They are in `data.sensordata` until the next step, in which MuJoCo clears user sensors. If time has
-        gone back since the last call, as after `mj_resetData`, all fingertips begin again.
+        gone back since the last call, as after `mj_resetData`, or the data are others, all fingertips begin
+        again.
 
         Returns:
             (fingertips, 21) float32, counts.
 
         Raises:
+            InvalidArgument: the data are of another model, or these fingertips follow several in turn.
             RequestError: no prediction could be had; see `taxel.fingers.Fingers.step`.
         """
         now = data.time
-        if now < self._seen:
-            self.reset()
-        self._seen = now
-        elapsed = None if self._time is None else now - self._time
-        if elapsed is None or elapsed > self._least_s:
+        self._follow(data, now)
+        elapsed = self._first_s if self._time is None else now - self._time
+        if elapsed > self._least_s:
             self._time = now
             self._sense(data, elapsed)
         channels = self.fingers.channels
@@ -123,7 +149,28 @@ class Fingertips:
             data.sensordata[address : address + len(CHANNELS)] = values
         return channels
 
-    def _sense(self, data: Any, elapsed: float | None) -> None:
+    def _follow(self, data: Any, now: float) -> None:
+        """Begin again if these are other data than last time, or if their time has gone back."""
+        seen = self._seen.get(data)
+        is_other = self._data is None or self._data() is not data
+        if seen is not None and is_other and now >= seen:
+            # Each would give the other a past that it never had.
+            raise InvalidArgument(
+                "these fingertips have followed another MjData meanwhile: expected a `Fingertips` for each "
+                "MjData, or `reset()` in between"
+            )
+        if is_other or (seen is not None and now < seen):
+            self._begin()
+        if is_other:
+            self._data = ref(data)
+        self._seen[data] = now
+
+    def _tell(self, text: str) -> None:
+        if self._strict:
+            raise InvalidArgument(text)
+        warn(text)
+
+    def _sense(self, data: Any, elapsed: float) -> None:
         """Take the contacts as they are now, `elapsed` seconds after the last ones."""
         last = None if self.contact is None else self.contact.position
         self.contact = self._touching.read(data, last, strict=self._strict)

@@ -1,6 +1,6 @@
-"""The checks of windows before a model gets them: shape, datatype, and finite values."""
+"""The checks of windows before a model gets them: shape, datatype, and values that a model can take."""
 
-from math import isfinite
+from math import hypot
 from typing import Any, Final
 
 import numpy as np
@@ -10,16 +10,18 @@ from taxel.errors import InvalidArgument
 
 _FLOAT: Final = np.dtype("<f4")
 
+LARGEST: Final = 1e6
+"""No place in m, force in N or count comes near it. Products of much larger numbers leave float32."""
+
 _FEW_VALUES: Final = 72
-"""The number of values in one window of the widest combination. Their sum in Python's float is finite if
-all of them are finite, because a sum of float32 cannot overflow there."""
+"""The number of values in one window of the widest combination."""
 
 
 def check_windows(windows: NDArray[Any], features: tuple[str, ...]) -> NDArray[np.float32]:
     """Windows as a C-contiguous (n, f) float32 array.
 
     Raises:
-        InvalidArgument: wrong shape or datatype, no rows, or a value that is not finite.
+        InvalidArgument: wrong shape or datatype, no rows, or a value not finite or beyond `LARGEST`.
     """
     array = np.asarray(windows)
     if array.dtype != _FLOAT:
@@ -30,7 +32,7 @@ def check_windows(windows: NDArray[Any], features: tuple[str, ...]) -> NDArray[n
         raise InvalidArgument("window: no rows: expected at least one window")
     if not array.flags.c_contiguous:
         array = np.ascontiguousarray(array)
-    check_finite(array, features)
+    check_values(array, features)
     return array
 
 
@@ -42,17 +44,19 @@ def _as_float32(array: NDArray[Any]) -> NDArray[np.float32]:
         return array.astype(np.float32)
 
 
-def check_finite(windows: NDArray[np.float32], features: tuple[str, ...]) -> None:
-    """Refuse NaN and infinities, naming the first by row and feature.
+def check_values(windows: NDArray[np.float32], features: tuple[str, ...]) -> None:
+    """Refuse NaN and values beyond `LARGEST`, naming the first by row and feature.
 
     Raises:
-        InvalidArgument: a value is not finite.
+        InvalidArgument: there is such a value.
     """
-    # With cold caches, NumPy's way takes three times as long.
-    if windows.size <= _FEW_VALUES and isfinite(sum(map(sum, windows.tolist()))):
+    # With cold caches, NumPy's way takes three times as long. No comparison with NaN is true.
+    if windows.size <= _FEW_VALUES and hypot(*windows.ravel().tolist()) <= LARGEST:
         return
-    finite = np.isfinite(windows)
-    if not finite.all():
-        row, column = (int(index) for index in np.argwhere(~finite)[0])
-        value = windows[row, column]
-        raise InvalidArgument(f"window[{row}, {features[column]!r}] is {value}: expected a finite number")
+    if not (windows.min(initial=0.0) >= -LARGEST and windows.max(initial=0.0) <= LARGEST):
+        possible = np.abs(windows) <= LARGEST
+        row, column = (int(index) for index in np.argwhere(~possible)[0])
+        raise InvalidArgument(
+            f"window[{row}, {features[column]!r}] is {windows[row, column]:g}: expected a finite number, "
+            f"at most {LARGEST:g} in size"
+        )

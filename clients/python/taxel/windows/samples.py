@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from taxel.arguments import checked_rate
 from taxel.errors import InvalidArgument
 from taxel.windows.combinations import PERIOD_NS
 
@@ -23,11 +24,9 @@ def period_of(rate_hz: float) -> int:
     """Nanoseconds between samples at `rate_hz`.
 
     Raises:
-        InvalidArgument: the rate is not a positive, finite number.
+        InvalidArgument: as `checked_rate`.
     """
-    if not (np.isfinite(rate_hz) and 0 < rate_hz <= 1e9):
-        raise InvalidArgument(f"rate_hz is {rate_hz!r}: expected a positive number of samples a second")
-    return round(1e9 / rate_hz)
+    return round(1e9 / checked_rate(rate_hz))
 
 
 def gap_of(period_ns: int) -> int:

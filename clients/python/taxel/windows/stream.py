@@ -1,6 +1,7 @@
 """Windows of a live stream, tick by tick, for one fingertip or many that share a clock."""
 
 from collections.abc import Mapping, Sequence
+from operator import index
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from taxel.errors import InvalidArgument
 from taxel.input_checks import InputCheck
+from taxel.windows.checks import LARGEST
 from taxel.windows.combinations import PERIOD_NS, WindowSpec
 from taxel.windows.extras import ExtraFeature
 from taxel.windows.memory import Memory
@@ -19,6 +21,10 @@ _INTERVALS_CHECKED: Final = 100
 
 _RATE_TOLERANCE: Final = 0.15
 """How far that median may be off: a live one is less certain than a whole recording's."""
+
+
+_LATEST_NS: Final = 2**62
+"""A clock has 64 bits. This is in the year 2116."""
 
 
 class LiveWindow(NamedTuple):
@@ -99,9 +105,11 @@ class WindowStream:
         extras: Mapping[str, ArrayLike] | None = None,
     ) -> list[LiveWindow]:
         """Take one sample at `time_s` seconds; see `push_ns`."""
-        if not np.isfinite(time_s):
-            raise InvalidArgument(f"time_s is {time_s!r}: expected a finite number of seconds")
-        return self.push_ns(round(time_s * 1e9), position, force, extras)
+        try:
+            time_ns = round(float(time_s) * 1e9)
+        except (TypeError, ValueError, OverflowError):
+            raise InvalidArgument(f"time_s is {time_s!r}: expected a finite number of seconds") from None
+        return self.push_ns(time_ns, position, force, extras)
 
     def push_ns(
         self,
@@ -131,6 +139,7 @@ class WindowStream:
                 looks wrong and the stream is strict.
                 The stream is unchanged.
         """
+        time_ns = _nanoseconds(time_ns)
         sample = self._previous.copy()
         sample[:, :3] = self._checked("position", position)
         sample[:, 3:6] = self._checked("force", force)
@@ -162,13 +171,16 @@ class WindowStream:
             raise InvalidArgument(
                 f"{name} is {values!r}: expected a number, or one for each of {self.fingers} fingertips"
             ) from None
-        if not np.isfinite(array).all():
-            raise InvalidArgument(f"{name} is {array.tolist()}: expected finite numbers")
-        return array
+        return _possible(name, array)
 
     def _checked(self, name: str, values: ArrayLike) -> NDArray[np.float64]:
         try:
-            array = np.asarray(values, dtype=np.float64).reshape(self.fingers, 3)
+            array = np.asarray(values, dtype=np.float64)
+            # Another order of as many numbers would be taken for the places of other fingertips.
+            if self.fingers == 1 and array.shape == (3,):
+                array = array[None]
+            if array.shape != (self.fingers, 3):
+                raise ValueError(array.shape)
         except RuntimeError as error:
             # A tensor with gradients says itself what to do with it.
             raise InvalidArgument(f"{name}: {error}: expected numbers on the CPU") from None
@@ -177,9 +189,7 @@ class WindowStream:
             raise InvalidArgument(
                 f"{name} is {np.shape(values) or values!r}: expected numbers of shape {expected}"
             ) from None
-        if not np.isfinite(array).all():
-            raise InvalidArgument(f"{name} is {array.tolist()}: expected finite numbers")
-        return array
+        return _possible(name, array)
 
     def _check_time(self, time_ns: int) -> None:
         if self._previous_ns is None:
@@ -251,3 +261,22 @@ class WindowStream:
     def _slot(self, step: int) -> int:
         """Where the ring holds the tick `step` ticks after T."""
         return (self._count - 1 - self.spec.look_ahead + step) % self._depth
+
+
+def _nanoseconds(time_ns: int) -> int:
+    """A time of any whole type as Python's, whose differences have a sign."""
+    try:
+        whole = index(time_ns)
+    except TypeError:
+        raise InvalidArgument(f"time_ns is {time_ns!r}: expected whole nanoseconds") from None
+    if abs(whole) > _LATEST_NS:
+        raise InvalidArgument(f"time_ns is {whole}: expected at most {_LATEST_NS}; `push` takes seconds")
+    return whole
+
+
+def _possible(name: str, array: NDArray[np.float64]) -> NDArray[np.float64]:
+    if not (np.abs(array) <= LARGEST).all():
+        raise InvalidArgument(
+            f"{name} is {array.tolist()}: expected finite numbers, at most {LARGEST:g} in size"
+        )
+    return array

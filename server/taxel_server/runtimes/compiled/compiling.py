@@ -8,6 +8,7 @@ holds a fingerprint of all the files that may be called.
 import hashlib
 import logging
 import os
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,8 +25,11 @@ _LOG: Final = logging.getLogger(__name__)
 
 _RUNTIMES: Final = Path(__file__).parent.parent
 
-_ROOM: Final = 2**16
-"""Bytes that must fit where compiled code is kept: numba fails if it cannot write there."""
+_ROOM: Final = 2**24
+"""Bytes that must fit where compiled code is kept, with what is there already: numba fails if they do not.
+All code of a version takes half as many."""
+
+_LEAST_ROOM: Final = 2**16
 
 _DECORATING: Final = RLock()
 """Held while numba's setting is changed: several threads may load models."""
@@ -55,8 +59,11 @@ def cache_folder() -> Path | None:
     try:
         folder = _cache_parent() / f"compiled-{fingerprint(_RUNTIMES)}"
         folder.mkdir(parents=True, exist_ok=True)
+        kept = sum(path.stat().st_size for path in folder.rglob("*.nb?"))
         with tempfile.TemporaryFile(dir=folder, buffering=0) as file:
-            file.write(bytes(_ROOM))
+            file.write(bytes(_LEAST_ROOM))
+            if sys.platform == "linux":
+                os.posix_fallocate(file.fileno(), 0, max(_ROOM - kept, _LEAST_ROOM))
     except (OSError, RuntimeError):
         return None
     return folder
@@ -74,12 +81,22 @@ def _cache_parent() -> Path:
     return (Path(user) if user else Path.home() / ".cache") / "taxel"
 
 
+def _named_parent() -> str:
+    try:
+        return str(_cache_parent())
+    except RuntimeError:
+        return "a home folder"
+
+
 @cache
 def announce() -> None:
     """Tell whoever is about to wait for a compilation: once in a process, in the log."""
     folder = cache_folder()
     if folder is None:
-        _LOG.warning("no cache folder can be written: every start compiles, for about half a minute")
+        _LOG.warning(
+            "nothing can be kept in %s, or its disk is full: every start compiles, for about half a minute",
+            _named_parent(),
+        )
     elif next(folder.rglob("*.nbc"), None) is None:
         _LOG.warning("the first start of this version compiles, for about half a minute")
 
