@@ -105,7 +105,13 @@ def crossed_channels(measured: Floats, predicted: Floats, much: float = MUCH) ->
         falls = relative[:, channels, others].sum(axis=1) < relative[:, channels, channels].sum(axis=1)
         crossed = shape[channels, others].sum() * whole[channels, others].sum()
         uncrossed = shape[channels, channels].sum() * whole[channels, channels].sum()
-        return bool(crossed <= much**2 * uncrossed and falls.mean() >= NEARLY_ALL)
+        if crossed > much**2 * uncrossed or falls.mean() < NEARLY_ALL:
+            return False
+        # A few rows that jump far away are most of a sum of squares: each channel must err less without them.
+        errors = (
+            _scatter(measured[:, channels] - predicted[:, each], parts) for each in (others, channels)
+        )
+        return bool(np.less(*errors).all())
 
     found, assigned = own.copy(), own.copy()
     assigned[live] = live[linear_sum_assignment(shape[np.ix_(live, live)])[1]]
@@ -119,6 +125,12 @@ def crossed_channels(measured: Floats, predicted: Floats, much: float = MUCH) ->
             if (found[pair] == pair).all() and nearer(pair, pair[::-1]):
                 found[pair] = pair[::-1]
     return found
+
+
+def _scatter(errors: Floats, parts: list[NDArray[np.int64]]) -> Floats:
+    """(c,) mean size of errors (n, c) about the median of each stretch."""
+    sizes = [np.abs(errors[part] - np.median(errors[part], axis=0)).sum(axis=0) for part in parts]
+    return np.asarray(np.sum(sizes, axis=0) / len(errors))
 
 
 def _sums(values: tuple[Floats, Floats], parts: list[NDArray[np.int64]]) -> Floats:

@@ -49,6 +49,18 @@ def test_each_exchange_is_found(seed: int, channels: list[int], count: int) -> N
     np.testing.assert_array_equal(crossed_channels(predicted[:, holds] + noise, predicted), holds)
 
 
+def test_a_few_rows_that_jump_make_no_exchange() -> None:
+    """They are nearly all of a channel's squares, in either order; its other rows show its own signal."""
+    predicted = signals()
+    measured = predicted + np.random.default_rng(1).normal(size=predicted.shape) * 2.0
+    measured[:, 9] = predicted[:, 5]
+    measured[100::250, 5] += 60.0 * predicted[:, 5].std()
+    np.testing.assert_array_equal(crossed_channels(measured, predicted), OWN)
+    measured[:, 5] = predicted[:, 9]
+    measured[100::250, 5] += 60.0 * predicted[:, 5].std()
+    np.testing.assert_array_equal(crossed_channels(measured, predicted), exchanged(5, 9))
+
+
 def test_neighbours_of_one_shape_and_two_sizes_are_told_by_both() -> None:
     # Shapes differ by no more than what the model errs.
     predicted, random = signals(), np.random.default_rng(1)

@@ -76,7 +76,35 @@ def test_a_channel_that_a_drift_leads_to_its_limit_for_good_is_cut_off(smooth: A
     assert (drifting[share > 0.7] == COUNTS_MAX).all()
     assert forms(with_e5(given, every, drifting)) == []
     broken = np.where(share > 0.7, COUNTS_MAX, np.rint(predicted[:, E5] + noise))
-    assert forms(with_e5(given, every, broken)) == ["stuck: e5"]
+    assert forms(with_e5(given, every, broken)) == ["stuck: e5 at 4095 from 63 s on"]
+
+
+def test_a_channel_is_served_as_stuck_if_it_never_worked(smooth: Any, make: Make) -> None:
+    """One that worked before has no value that it always had."""
+    observations = observed(smooth, make)
+    every = np.ones(len(observations), bool)
+    late = np.arange(len(every)) >= 0.6 * len(every)
+    for rows, form, serves in (
+        (every, "stuck: e5 at 200", True),
+        (late, f"stuck: e5 at 200 from {observations.time_s[late][0]:.0f} s on", False),
+    ):
+        given = with_e5(observations, rows, 200.0)
+        remaining = Remaining(given.residual, every, np.ones(len(every)))
+        (candidate,) = Fault().forms(given, remaining)
+        assert candidate.form == form
+        assert candidate.online(np.ones((21, 1))).changes_something == serves
+        assert "worked before" in Fault.why_only_reported(form)
+
+
+def test_a_channel_that_keeps_what_the_model_says_is_no_fault(smooth: Any, make: Make) -> None:
+    """It had no signal in training, either."""
+    observations = observed(smooth, make)
+    predicted = observations.predicted.copy()
+    predicted[:, E5] = 1.0
+    known = replace(observations, predicted=predicted)
+    every = np.ones(len(predicted), bool)
+    assert forms(with_e5(known, every, 0.0)) == []
+    assert forms(with_e5(known, every, 40.0)) == ["stuck: e5 at 40"]
 
 
 def test_a_value_that_is_kept_once_for_a_second_is_no_fault(smooth: Any, make: Make) -> None:

@@ -7,6 +7,7 @@ from rich.console import Console
 
 from taxel.corrections import CALIBRATION_AGE, CALIBRATION_EXTRAS, Parameter
 from taxel.windows import Elapsed, ExtraFeature, Relaxation
+from taxel_models.loop.attribution import AS_USUAL
 from taxel_models.loop.findings import (
     ChannelGain,
     Findings,
@@ -251,6 +252,19 @@ def test_nothing_that_can_be_served_is_nothing_to_add() -> None:
     assert "None of this can be added to the model." in text
     assert "once corrected" not in text
     assert "Nothing was found that the model lacks." in opening(findings(), [])
+
+
+def test_what_is_not_told_from_the_models_own_error_is_told_with_its_size() -> None:
+    turned, small = (
+        RejectedEffect(name=name, form=form, alone=alone, left=alone, p_value=0.02, reason=AS_USUAL)
+        for name, form, alone in (("frame", "forces scaled", 0.13), ("load", "by force", 0.001))
+    )
+    told = opening(findings().model_copy(update={"rejected": (small, turned)}), [])
+    assert "frame (forces scaled, 13 % by itself) and load may be there, but cannot be told" in told
+    assert "Nothing was found that the model lacks" not in told
+    assert "Nothing proves itself that could be added to the model." in told
+    changed = findings().model_copy(update={"changes": ("e9 lost 73 % of its sensitivity.",)})
+    assert "Nothing was found" not in opening(changed, [])
 
 
 def test_what_raises_the_error_on_held_out_blocks_is_told() -> None:

@@ -15,7 +15,7 @@ from taxel_models.loop.effects.effect import Candidate, Effect, Fitting, Online,
 from taxel_models.loop.loose_contacts import loose_contacts
 from taxel_models.loop.observations import FEWEST_CONTACTS, Observations, runs
 from taxel_models.loop.repeated_frames import held, repeated_frames
-from taxel_models.loop.stuck_at import JUMP, Kind, StuckChannel, stuck_channels
+from taxel_models.loop.stuck_at import JUMP, WHOLE, Kind, StuckChannel, stuck_channels
 
 CLIPPED: Final = 0.01
 """A channel at a limit of the counts for less than this share of the rows is only clipped."""
@@ -125,6 +125,11 @@ def _errs_elsewhere(stuck: StuckChannel, residual: Floats) -> bool:
     return bool(stuck.kind == "intermittent" and own[stuck.rows].mean() <= own[~stuck.rows].mean())
 
 
+def _is_foretold(stuck: StuckChannel, residual: Floats) -> bool:
+    """Whether the model says what a channel keeps, which it kept in training, too."""
+    return bool(np.abs(residual[stuck.rows, stuck.channel]).max() <= ROUNDED)
+
+
 def _hardly_ever(stuck: StuckChannel) -> bool:
     """Whether a channel keeps its value once or twice for a moment: one press can do that."""
     times = np.count_nonzero(np.diff(stuck.rows.astype(np.int8), prepend=0) > 0)
@@ -174,12 +179,13 @@ class Fault(Effect):
             and not _is_cut_off(stuck, observations)
             and not _errs_elsewhere(stuck, observations.residual)
             and not _hardly_ever(stuck)
+            and not _is_foretold(stuck, observations.residual)
         ]
         kinds: tuple[Kind, ...] = ("stuck", "intermittent")
         for kind in kinds:
             some = [stuck for stuck in (*others, *loose) if stuck.kind == kind]
             if some:
-                yield self._with(some, kind, remaining.residual)
+                yield self._with(some, kind, remaining.residual, observations)
         crossed, since = crossed_since(observations.measured, observations.predicted)
         if (crossed != np.arange(len(CHANNELS))).any() and _both_sides_tell(observations.contact, since):
             yield self._crossed(crossed, since, observations)
@@ -192,6 +198,8 @@ class Fault(Effect):
     def why_only_reported(cls, form: str) -> str:
         if is_crossed(form):
             return "put the channels in their order where they are read, or in the recording"
+        if form.startswith("stuck"):
+            return "the channel worked before that; mend it, or leave out what was recorded since"
         return super().why_only_reported(form)
 
     def _crossed(self, holds: NDArray[np.int64], since: int, observations: Observations) -> Candidate:
@@ -230,17 +238,26 @@ class Fault(Effect):
             again=lambda other: self._repeating(repeated, other),
         )
 
-    def _with(self, found: Sequence[StuckChannel], kind: Kind, residual: Floats) -> Candidate:
+    def _with(
+        self, found: Sequence[StuckChannel], kind: Kind, residual: Floats, observations: Observations
+    ) -> Candidate:
         values = np.zeros((*residual.shape, 1), np.float32)
+        names, served = [], []
         for stuck in found:
             values[stuck.rows, stuck.channel, 0] = residual[stuck.rows, stuck.channel]
-
-        faults = tuple(FaultTerm(channel=CHANNELS[stuck.channel], value=stuck.value) for stuck in found)
-        online = Online(faults if kind == "stuck" else ())
-        names = ", ".join(CHANNELS[stuck.channel] for stuck in found)
+            name, share = CHANNELS[stuck.channel], float(stuck.rows.mean())
+            if kind == "stuck":
+                since = observations.time_s[int(np.argmax(stuck.rows))]
+                when = "" if share >= WHOLE else f" from {since:.0f} s on"
+                names.append(f"{name} at {stuck.value:.0f}{when}")
+                if not when:
+                    served.append(FaultTerm(channel=name, value=stuck.value))
+            else:
+                names.append(name)
+        online = Online(tuple(served))
         return Candidate(
             self.name,
-            f"{kind}: {names}",
+            f"{kind}: {', '.join(names)}",
             Own(values),
             fitting=Fitting(fixed=True),
             form_parameters={
@@ -249,5 +266,5 @@ class Fault(Effect):
             },
             online=lambda _: online,
             certain=True,
-            again=lambda _: self._with(found, kind, residual),
+            again=lambda _: self._with(found, kind, residual, observations),
         )

@@ -86,6 +86,6 @@ def bins_that_count(candidate: Candidate, bins: NDArray[np.int64], squared_chang
         bins: (folds, 1) of each fold.
         squared_change: (folds, c) that the form foretells.
     """
-    if not (candidate.ages or candidate.of_kinds):
+    if not (candidate.ages or candidate.of_kinds or candidate.moves):
         return bins.astype(np.float64)
     return np.asarray(bins.sum() * squared_change / np.maximum(squared_change.sum(axis=0), 1e-12))

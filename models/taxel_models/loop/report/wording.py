@@ -36,6 +36,9 @@ _STANDS_OUT: Final = 1.5
 
 _MOST_CHANNELS: Final = 3
 
+_MUCH: Final = 0.1
+"""An effect that would take off such a share by itself, beyond what is usual, is told with its form."""
+
 
 def headline(findings: Findings) -> str:
     """The whole report in one sentence."""
@@ -87,6 +90,8 @@ def nothing_to_add(findings: Findings) -> str:
     """Where nothing was found that a model can have."""
     if findings.effects:
         return "None of this can be added to the model."
+    if findings.changes or any(one.reason == AS_USUAL and one.alone >= _MUCH for one in findings.rejected):
+        return "Nothing proves itself that could be added to the model."
     return "Nothing was found that the model lacks."
 
 
@@ -170,7 +175,12 @@ def new_kinds(findings: Findings) -> list[str]:
 
 def anyway(findings: Findings) -> list[str]:
     """What the model got wrong from the start, as a sentence; none where there is no such effect."""
-    names = [one.name for one in findings.rejected if one.reason == AS_USUAL]
+    usual = [one for one in findings.rejected if one.reason == AS_USUAL]
+    usual.sort(key=lambda one: -one.alone)
+    names = [
+        f"{one.name} ({one.form}, {percent(one.alone)} by itself)" if one.alone >= _MUCH else one.name
+        for one in usual
+    ]
     if not names:
         return []
     return [

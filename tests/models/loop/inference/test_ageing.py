@@ -113,7 +113,7 @@ def test_a_form_has_what_is_usual_of_forms_with_at_most_its_freedom(reference: H
     assert {usual_of(earlier, ages=ages, pooled=ages) for ages in (False, True)} == {9.0}
 
 
-@pytest.mark.parametrize("acts", ["evenly", "ages", "of_kinds"])
+@pytest.mark.parametrize("acts", ["evenly", "ages", "of_kinds", "moves"])
 def test_folds_have_what_is_usual_by_their_change_or_by_their_bins(
     reference: HeldOutResidual, acts: str
 ) -> None:
@@ -122,7 +122,10 @@ def test_folds_have_what_is_usual_by_their_change_or_by_their_bins(
     change = np.random.default_rng(3).uniform(0.5, 2.0, (3, 21))
     tested = HeldOut(np.ones((3, 21)), np.ones((3, 21)), np.full(21, 0.5), change)
     candidate = Candidate("gain", "by channel", Shared(np.ones((40, 1))))
-    if acts != "evenly":
+    if acts == "moves":
+        # What is usual of a turned finger shows where it presses.
+        candidate = replace(candidate, moved=lambda observations: observations)
+    elif acts != "evenly":
         candidate = replace(candidate, **{acts: True})
     found = Usual(with_usual_gain(reference, 20.0), fold, scale).gain(candidate, tested)
     part = change / change.sum(axis=0) if acts != "evenly" else np.array([[0.25], [0.25], [0.5]])
