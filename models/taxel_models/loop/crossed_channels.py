@@ -107,7 +107,7 @@ def crossed_channels(measured: Floats, predicted: Floats, much: float = MUCH) ->
         uncrossed = shape[channels, channels].sum() * whole[channels, channels].sum()
         if crossed > much**2 * uncrossed or falls.mean() < NEARLY_ALL:
             return False
-        # A few rows that jump far away are most of a sum of squares: each channel must err less without them.
+        # A few rows that jump far away are most of a sum of squares. Each channel must err less otherwise.
         errors = (
             _scatter(measured[:, channels] - predicted[:, each], parts) for each in (others, channels)
         )
