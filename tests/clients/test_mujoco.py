@@ -226,6 +226,16 @@ def test_fingertips_may_step_more_rarely_than_the_simulation(predictor: Predicto
         taxel.mujoco.Fingertips(model, predictor, rate_hz=0)
 
 
+def test_a_simulation_that_has_diverged_is_told(predictor: Predictor) -> None:
+    model = scene("left")
+    data, tips = mujoco.MjData(model), taxel.mujoco.Fingertips(model, predictor)
+    mujoco.mj_step(model, data)
+    tips.step(data)
+    data.time = np.nan
+    with pytest.raises(InvalidArgument, match="time is nan s: the simulation has no clock"):
+        tips.step(data)
+
+
 def test_what_takes_contacts_away_is_told(predictor: Predictor) -> None:
     asleep = SCENE.replace("<mujoco>", '<mujoco><option><flag sleep="enable"/></option>')
     spec = mujoco.MjSpec.from_string(asleep)

@@ -283,3 +283,16 @@ def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="does not exist"):
         write_ruppel(small(), tmp_path / "none" / "out.csv")
     assert [path.name for path in tmp_path.iterdir()] == ["folder.csv"]
+
+
+def test_columns_without_names_are_told() -> None:
+    given = small()
+    samples = given.samples
+    with pytest.raises(RecordingError, match="auxiliary is a ndarray: expected columns by name"):
+        Recording.of(
+            samples.time_ns,
+            samples.position,
+            samples.force,
+            given.channels,
+            np.zeros((4, 3)),  # type: ignore[arg-type]
+        )

@@ -78,6 +78,12 @@ class Recording:
             samples = Samples.of(time_ns, position, force)
         except InvalidArgument as error:
             raise RecordingError(f"{name}: {error}") from None
+        for what, columns in (("auxiliary", auxiliary), ("covariates", covariates or {})):
+            if not isinstance(columns, Mapping):
+                raise RecordingError(
+                    f"{name}: {what} is a {type(columns).__name__}: expected columns by name, such as "
+                    "{'tdc': values}"
+                )
         return cls(
             samples,
             _floats(channels),

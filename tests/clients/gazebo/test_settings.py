@@ -61,6 +61,8 @@ def test_names_that_gazebo_does_not_allow_are_refused() -> None:
         GazeboFinger.parsed("ff=hand/tip:/a@b", "w")
     with pytest.raises(SettingsError, match="world '/world/my world/clock'"):
         BridgeSettings("my world", (FF,))
+    with pytest.raises(SettingsError, match="world '/world/my world': expected"):
+        GazeboFinger.parsed("ff=hand/tip/touch", "my world")
     with pytest.raises(SettingsError, match=r"topic of poses '/a\*'"):
         BridgeSettings("w", (FF,), "/a*")
 

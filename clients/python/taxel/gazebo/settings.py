@@ -36,8 +36,9 @@ class GazeboFinger:
         """From NAME=MODEL/LINK/SENSOR, or NAME=MODEL/LINK:TOPIC where the sensor has a topic of its own.
 
         Raises:
-            SettingsError: it is neither.
+            SettingsError: it is neither, or there is no such world.
         """
+        checked_name("world", f"/world/{world}")
         name, _, rest = text.partition("=")
         path, _, topic = rest.partition(":")
         parts = tuple(path.split("/"))

@@ -1,6 +1,7 @@
 """The fingertips of a MuJoCo model: from its contacts to channels in its sensor data."""
 
 from collections.abc import Sequence
+from math import isfinite
 from typing import Any, Final
 from weakref import ReferenceType, WeakKeyDictionary, ref
 
@@ -151,6 +152,8 @@ class Fingertips:
 
     def _follow(self, data: Any, now: float) -> None:
         """Begin again if these are other data than last time, or if their time has gone back."""
+        if not isfinite(now):
+            raise InvalidArgument(f"data.time is {now} s: the simulation has no clock any more")
         seen = self._seen.get(data)
         is_other = self._data is None or self._data() is not data
         if seen is not None and is_other and now >= seen:
