@@ -12,7 +12,7 @@ from taxel.channels import CHANNELS
 from taxel.errors import InvalidArgument
 from taxel.input_checks import InputCheck
 from taxel.skin import PAD
-from taxel.windows.checks import LARGEST
+from taxel.windows.checks import LARGEST, POSSIBLE
 from taxel.windows.fingers import FingerWindows
 
 if TYPE_CHECKING:
@@ -269,9 +269,7 @@ def _numbers(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[An
     if array.size and not (float(_least(array, None)) >= -LARGEST and float(_most(array, None)) <= LARGEST):
         fits = np.abs(array.astype(np.float64)) <= LARGEST
         row = int(np.argmin(fits.reshape(len(array), -1).all(axis=1)))
-        raise InvalidArgument(
-            f"{name}[{row}] is {array[row].tolist()}: expected finite numbers, at most {LARGEST:g} in size"
-        )
+        raise InvalidArgument(f"{name}[{row}] is {array[row].tolist()}: expected {POSSIBLE}")
     return array
 
 

@@ -129,7 +129,12 @@ def _compiled_code() -> Check:
     folder = cache_folder()
     if folder is None:
         remedy = "set NUMBA_CACHE_DIR to a folder that can be written, or each start takes half a minute"
-        return Check("compiled code", "note", "no cache folder can be written", remedy)
+        return Check(
+            "compiled code",
+            "note",
+            "nothing can be kept: no folder can be written, or its disk is full",
+            remedy,
+        )
     files = sum(1 for _ in folder.rglob("*.nbc"))
     state = f"{files} functions" if files else "empty: the first start compiles"
     return Check("compiled code", "good", f"{folder}: {state}")

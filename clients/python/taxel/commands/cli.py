@@ -159,7 +159,7 @@ def _load(entry: EntryPoint) -> Callable[..., None] | typer.Typer:
 def main() -> None:
     """Entry point of the `taxel` command."""
     _open_closed_streams()
-    _print_what_can_be_printed()
+    _replace_unprintable()
     try:
         build()()
     except KeyboardInterrupt:
@@ -175,7 +175,7 @@ def _open_closed_streams() -> None:
         sys.stderr = nowhere()
 
 
-def _print_what_can_be_printed() -> None:
+def _replace_unprintable() -> None:
     """Print `?` for what the terminal's encoding has no character for: our help has some beyond ASCII."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):

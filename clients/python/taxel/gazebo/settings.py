@@ -36,7 +36,7 @@ class GazeboFinger:
         """From NAME=MODEL/LINK/SENSOR, or NAME=MODEL/LINK:TOPIC where the sensor has a topic of its own.
 
         Raises:
-            SettingsError: it is neither, or there is no such world.
+            SettingsError: it is neither, or no world can be called so.
         """
         checked_name("world", f"/world/{world}")
         name, _, rest = text.partition("=")

@@ -13,7 +13,7 @@ from taxel.gazebo.settings import BridgeSettings
 from taxel.input_checks import warn
 from taxel.predictor import Predictor
 from taxel.skin import PAD, Fingertip
-from taxel.windows.combinations import PERIOD_NS
+from taxel.windows.samples import SampledSteps
 
 _POSES_WITHIN_NS: Final = 1_000_000_000
 """So much simulated time may pass until the first poses; contacts before them are not used."""
@@ -55,11 +55,7 @@ class TactileBridge:
 
     def __init__(self, predictor: Predictor, settings: BridgeSettings) -> None:
         self._settings = settings
-        step_ns = round(1e9 / settings.rate_hz)
-        # Where ticks fall on steps, the steps between them change no window, and are left out.
-        on_steps = PERIOD_NS % step_ns == 0
-        self._least_ns = PERIOD_NS - step_ns // 2 if on_steps else 0
-        self._first_ns = PERIOD_NS if on_steps else step_ns
+        self._sampled = SampledSteps.of(settings.rate_hz)
         self._fingers = predictor.fingers(
             len(settings.fingers), rate_hz=settings.rate_hz, strict=settings.strict
         )
@@ -110,8 +106,8 @@ class TactileBridge:
             # A bridge that comes to a running world hears contacts before poses.
             self._sampled_ns = None
             return None
-        elapsed_ns = self._first_ns if self._sampled_ns is None else ended_ns - self._sampled_ns
-        if elapsed_ns < self._least_ns:
+        elapsed_ns = self._sampled.first_ns if self._sampled_ns is None else ended_ns - self._sampled_ns
+        if elapsed_ns <= self._sampled.least_ns:
             return None
         self._sampled_ns = ended_ns
         return self._step(contacts, ended_ns, elapsed_ns)

@@ -16,11 +16,9 @@ from taxel.input_checks import warn
 from taxel.mujoco.site_contacts import SiteContacts
 from taxel.predictor import Predictor
 from taxel.remote import RemotePredictor
-from taxel.windows.combinations import PERIOD_NS
+from taxel.windows.samples import SampledSteps
 
-_TICK_S: Final = PERIOD_NS / 1e9
-
-# MuJoCo before 3.4 has no such bit.
+# Older versions of MuJoCo have no such bit.
 _SLEEP: Final = int(getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", 0))
 
 _FALLS_ASLEEP: Final = (
@@ -101,11 +99,7 @@ class Fingertips:
         self._wait = not isinstance(predictor, RemotePredictor)
         rate_hz = 1.0 / model.opt.timestep if rate_hz is None else rate_hz
         self.fingers = predictor.fingers(len(users), rate_hz=rate_hz, strict=strict)
-        # Where ticks fall on steps, the steps between them change no window, and are left out.
-        steps = round(_TICK_S * rate_hz)
-        on_steps = steps > 1 and abs(steps / rate_hz - _TICK_S) < 1e-9
-        self._least_s = _TICK_S - 0.5 / rate_hz if on_steps else 0.0
-        self._first_s = _TICK_S if on_steps else 1.0 / rate_hz
+        self._sampled = SampledSteps.of(rate_hz)
         self._strict = strict
         if model.opt.enableflags & _SLEEP:
             self._tell(_FALLS_ASLEEP)
@@ -141,8 +135,8 @@ class Fingertips:
         """
         now = data.time
         self._follow(data, now)
-        elapsed = self._first_s if self._time is None else now - self._time
-        if elapsed > self._least_s:
+        elapsed = self._sampled.first_ns / 1e9 if self._time is None else now - self._time
+        if elapsed > self._sampled.least_ns / 1e9:
             self._time = now
             self._sense(data, elapsed)
         channels = self.fingers.channels
@@ -153,7 +147,9 @@ class Fingertips:
     def _follow(self, data: Any, now: float) -> None:
         """Begin again if these are other data than last time, or if their time has gone back."""
         if not isfinite(now):
-            raise InvalidArgument(f"data.time is {now} s: the simulation has no clock any more")
+            raise InvalidArgument(
+                f"data.time is {now}: expected finite seconds; the simulation has diverged"
+            )
         seen = self._seen.get(data)
         is_other = self._data is None or self._data() is not data
         if seen is not None and is_other and now >= seen:

@@ -48,7 +48,7 @@ class SiteContacts:
             )
         bodies = model.site_bodyid[self.sites].tolist()
         # The fingertip of each geom, or -1; the last one stands for what has no geom, of number -1.
-        self._finger_of = np.append(fingers_of_bodies(model, bodies)[model.geom_bodyid], -1)
+        self._finger_of = np.append(_fingers_of_bodies(model, bodies)[model.geom_bodyid], -1)
         if contacts is None:
             self._nets = None
             self._check_bodies(bodies)
@@ -134,7 +134,7 @@ class SiteContacts:
         return rows[on, 8:11], rows[on, 1:4] * np.array([net.sign for net in nets])[on, None], on
 
 
-def fingers_of_bodies(model: Any, bodies: Sequence[int]) -> NDArray[np.int64]:
+def _fingers_of_bodies(model: Any, bodies: Sequence[int]) -> NDArray[np.int64]:
     """(bodies,) the fingertip that each body of a model belongs to, or -1.
 
     Args:
@@ -144,8 +144,8 @@ def fingers_of_bodies(model: Any, bodies: Sequence[int]) -> NDArray[np.int64]:
     fingers = np.full(model.nbody, -1, np.int64)
     # A parent has a lower number than its children.
     for body, (parent, joints) in enumerate(zip(model.body_parentid, model.body_jntnum, strict=True)):
-        fixed = not joints and model.body_mocapid[body] < 0
-        fingers[body] = numbers.get(body, fingers[parent] if fixed and body else -1)
+        # The world's children are no part of what stands on it.
+        fingers[body] = numbers.get(body, fingers[parent] if parent and not joints else -1)
     return fingers
 
 

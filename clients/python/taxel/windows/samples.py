@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,6 +37,27 @@ def gap_of(period_ns: int) -> int:
 def rows_are_ticks(period_ns: int) -> bool:
     """Whether samples of this nominal period are used as they stand, without resampling."""
     return abs(period_ns - PERIOD_NS) <= _TICK_TOLERANCE * PERIOD_NS
+
+
+class SampledSteps(NamedTuple):
+    """Which steps of a simulation become samples.
+
+    Where ticks fall on steps, the steps between them change no window, and are left out.
+
+    Attributes:
+        least_ns: a step that comes no later than this after the last sample is left out.
+        first_ns: for how long the first sample stands.
+    """
+
+    least_ns: int
+    first_ns: int
+
+    @classmethod
+    def of(cls, rate_hz: float) -> Self:
+        """Of a simulation that steps at this rate."""
+        step_ns = period_of(rate_hz)
+        on_steps = PERIOD_NS % step_ns == 0
+        return cls(PERIOD_NS - step_ns // 2, PERIOD_NS) if on_steps else cls(0, step_ns)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from taxel.errors import InvalidArgument
 from taxel.input_checks import InputCheck
-from taxel.windows.checks import LARGEST
+from taxel.windows.checks import LARGEST, POSSIBLE
 from taxel.windows.combinations import PERIOD_NS, WindowSpec
 from taxel.windows.extras import ExtraFeature
 from taxel.windows.memory import Memory
@@ -276,7 +276,5 @@ def _nanoseconds(time_ns: int) -> int:
 
 def _possible(name: str, array: NDArray[np.float64]) -> NDArray[np.float64]:
     if not (np.abs(array) <= LARGEST).all():
-        raise InvalidArgument(
-            f"{name} is {array.tolist()}: expected finite numbers, at most {LARGEST:g} in size"
-        )
+        raise InvalidArgument(f"{name} is {array.tolist()}: expected {POSSIBLE}")
     return array

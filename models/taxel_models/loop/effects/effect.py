@@ -138,6 +138,11 @@ class Candidate:
         """Whether it changes the model's inputs."""
         return self.moved is not None
 
+    @property
+    def acts_unevenly(self) -> bool:
+        """Whether it is of a kind that acts in some folds more than in others."""
+        return self.ages or self.of_kinds or self.moves
+
 
 def about_mean(candidate: Candidate, means: Floats) -> Candidate:
     """The same form less its mean, which the model has absorbed.

@@ -80,12 +80,12 @@ def _with_load(structure: Mapping[str, OwnStructure]) -> Mapping[str, OwnStructu
 def bins_that_count(candidate: Candidate, bins: NDArray[np.int64], squared_change: Floats) -> Floats:
     """(folds, c) how many bins of each fold have what is usual of a form.
 
-    Of a form that ages, or of which each kind has its own weights, a fold counts by how much it acts there.
+    Of a form that acts unevenly, a fold counts by how much it acts there.
 
     Args:
         bins: (folds, 1) of each fold.
         squared_change: (folds, c) that the form foretells.
     """
-    if not (candidate.ages or candidate.of_kinds or candidate.moves):
+    if not candidate.acts_unevenly:
         return bins.astype(np.float64)
     return np.asarray(bins.sum() * squared_change / np.maximum(squared_change.sum(axis=0), 1e-12))

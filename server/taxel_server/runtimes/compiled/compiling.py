@@ -30,6 +30,7 @@ _ROOM: Final = 2**24
 All code of a version takes half as many."""
 
 _LEAST_ROOM: Final = 2**16
+"""Bytes that must fit in any case."""
 
 _DECORATING: Final = RLock()
 """Held while numba's setting is changed: several threads may load models."""
