@@ -38,7 +38,7 @@ def test_the_largest_values_that_are_taken_give_numbers() -> None:
             )
             assert np.isfinite(predictor.predict(LARGEST * signs)).all()
             assert np.isfinite(predictor.predict(LARGEST * signs[:1])).all()
-            with pytest.raises(InvalidArgument, match="expected finite numbers, at most 1e"):
+            with pytest.raises(InvalidArgument, match="expected a finite number, at most 1e"):
                 predictor.predict(1.01 * LARGEST * signs)
 
 

@@ -14,7 +14,7 @@ LARGEST: Final = 1e6
 """No place in m, force in N or count comes near it. Products of much larger numbers leave float32."""
 
 POSSIBLE: Final = f"finite numbers, at most {LARGEST:g} in size"
-"""What is expected of places, forces and features, in words."""
+"""What is expected of places, forces and extra features, in words."""
 
 _FEW_VALUES: Final = 72
 """The number of values in one window of the widest combination."""
@@ -60,5 +60,6 @@ def check_values(windows: NDArray[np.float32], features: tuple[str, ...]) -> Non
         possible = np.abs(windows) <= LARGEST
         row, column = (int(index) for index in np.argwhere(~possible)[0])
         raise InvalidArgument(
-            f"window[{row}, {features[column]!r}] is {windows[row, column]:g}: expected {POSSIBLE}"
+            f"window[{row}, {features[column]!r}] is {windows[row, column]:g}: expected a finite number, "
+            f"at most {LARGEST:g} in size"
         )
