@@ -41,7 +41,7 @@ def network(name: str, combination: int = 1, **changes: Any) -> TrainingSettings
 
 
 @pytest.mark.parametrize("name", NETWORKS)
-@pytest.mark.parametrize("combination", [1, 8])
+@pytest.mark.parametrize("combination", [1, pytest.param(8, marks=pytest.mark.long)])
 def test_a_network_predicts_the_same_when_served(
     name: str, combination: int, save_trained: SaveTrained, tmp_path: Path
 ) -> None:

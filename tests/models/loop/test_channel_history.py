@@ -27,6 +27,8 @@ from taxel_models.loop.reference.held_out import held_out_residual
 from taxel_models.loop.session_change import largest_change
 from taxel_models.recordings import Recording
 
+pytestmark = pytest.mark.usefixtures("quick_references")
+
 Make = Callable[..., Recording]
 ROWS = 30_000
 CHANNEL = 12

@@ -290,7 +290,10 @@ def test_an_electrode_that_fades_while_it_is_used_ages_in_recorded_time(smooth: 
     assert told.sentence() == "e4 lost 68 % of its sensitivity over this session."
 
 
-@pytest.mark.parametrize(("relaxes_s", "name"), [(0.05, "rate"), (0.08, "rate"), (0.3, "creep")])
+@pytest.mark.parametrize(
+    ("relaxes_s", "name"),
+    [pytest.param(0.05, "rate", marks=pytest.mark.long), (0.08, "rate"), (0.3, "creep")],
+)
 def test_what_relaxes_within_a_tenth_of_a_second_is_a_rate(
     smooth: Any, make: Make, relaxes_s: float, name: str
 ) -> None:

@@ -90,7 +90,9 @@ def test_an_offset_beside_such_a_creep_is_named_too(smooth: Any) -> None:
     assert {effect.name for effect in named(smooth, both)} == {"creep", "offset"}
 
 
-@pytest.mark.parametrize(("alike", "measured"), [(True, True), (True, False), (False, True)])
+@pytest.mark.parametrize(
+    ("alike", "measured"), [(True, True), pytest.param(True, False, marks=pytest.mark.long), (False, True)]
+)
 def test_tared_electrodes_that_warm_alike_are_no_creep(smooth: Any, alike: bool, measured: bool) -> None:
     """The skin warms by 1 - exp(-t / 3 s) in each contact, whatever the force is.
 

@@ -24,6 +24,8 @@ from taxel_models.loop.reference.held_out import held_out_residual
 from taxel_models.loop.status import silent
 from taxel_models.recordings import Recording
 
+pytestmark = pytest.mark.usefixtures("quick_references")
+
 Make = Callable[..., Recording]
 Floats = NDArray[np.float64]
 FADES = CHANNELS.index("e4")

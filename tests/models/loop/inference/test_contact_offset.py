@@ -14,6 +14,8 @@ from taxel_models.loop.observations import Observations, gather
 from taxel_models.loop.pipeline import LoopSettings, run_loop
 from taxel_models.loop.reference.held_out import held_out_residual
 
+pytestmark = pytest.mark.usefixtures("quick_references")
+
 CONTACTS, LENGTH = 24, 300
 ROWS = CONTACTS * LENGTH
 

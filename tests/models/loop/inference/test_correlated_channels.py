@@ -32,6 +32,8 @@ from taxel_models.loop.pipeline import LoopSettings, run_loop
 from taxel_models.loop.reference.held_out import held_out_residual
 from taxel_models.recordings import Recording
 
+pytestmark = pytest.mark.usefixtures("quick_references")
+
 Make = Callable[..., Recording]
 Floats = NDArray[np.float64]
 
@@ -322,7 +324,9 @@ def test_gains_of_kinds_are_no_rival_of_a_gain_that_they_contain(
     assert any(name == "gain" and "e9" in form and ": only " in form for name, form in found)
 
 
-@pytest.mark.parametrize("seed", [7, 8, 9])
+@pytest.mark.parametrize(
+    "seed", [7, pytest.param(8, marks=pytest.mark.long), pytest.param(9, marks=pytest.mark.long)]
+)
 def test_an_electrode_is_weighed_beside_what_a_named_effect_may_be_in_it(
     smooth: Any, recording: Recording, reference: HeldOutResidual, seed: int
 ) -> None:

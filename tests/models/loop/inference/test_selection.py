@@ -28,6 +28,8 @@ from taxel_models.recovery.injectors import inject
 
 from .selected import ROWS, Make, add, attributed, into, names, only
 
+pytestmark = pytest.mark.usefixtures("quick_references")
+
 
 @pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_named_where_nothing_was_injected(smooth: Any, make: Make, seed: int) -> None:

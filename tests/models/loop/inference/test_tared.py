@@ -32,7 +32,7 @@ def known(tared: Tared, make: Callable[..., Recording]) -> HeldOutResidual:
     [
         (lambda age, own, other: age * 40.0, []),
         (lambda age, own, other: age * 0.5 * own, ["gain"]),
-        (lambda age, own, other: 20.0, []),
+        pytest.param(lambda age, own, other: 20.0, [], marks=pytest.mark.long),
         (lambda age, own, other: -0.3 * other, ["crosstalk"]),
     ],
     ids=["more and more counts", "a share of its signal", "counts", "a leak"],

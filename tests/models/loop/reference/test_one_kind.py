@@ -27,7 +27,10 @@ def test_recordings_of_kinds_that_scatter_stay_below_it_as_often_as_it_says(cont
     assert np.mean(recorded > limit) == pytest.approx(0.05, abs=0.004)
 
 
-@pytest.mark.parametrize(("kinds", "differ"), [(3, 0.5), (6, 1.0), (12, 0.3)])
+@pytest.mark.parametrize(
+    ("kinds", "differ"),
+    [(3, 0.5), pytest.param(6, 1.0, marks=pytest.mark.long), pytest.param(12, 0.3, marks=pytest.mark.long)],
+)
 def test_a_further_kind_stays_below_what_it_may_show(kinds: int, differ: float) -> None:
     """Gains of kinds differ by factors, and a kind more is as those are."""
     random = np.random.default_rng(7)
