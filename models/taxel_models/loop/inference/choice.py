@@ -30,7 +30,10 @@ def choose(able: Sequence[Score], untried: Sequence[Score], constants: Constants
         return constant
     if not best.effect.is_predictable:
         # Offsets of contacts contain whatever is steady within them.
-        return next((score for score in able if score.effect.is_steady), best)
+        steady = next((score for score in able if score.effect.is_steady), None)
+        if steady is None and any(_is_steady_and_carries(other, best, constants) for other in untried):
+            return choose(able[1:], untried, constants)
+        return steady or best
     best = _simplest(best, able, constants)
     return constant if constant and _is_mostly(constant, best, constants) else best
 
@@ -48,6 +51,15 @@ def casts_doubt(other: Score, best: Score, constants: Constants) -> bool:
     # What the model's own residual has, too, is no doubt about another cause.
     repeats = other.t_with_usual >= constants.least_t(other.folds)
     return likelier and simple and not repeats and bool(other.worth.mean() > 0)
+
+
+def _is_steady_and_carries(other: Score, best: Score, constants: Constants) -> bool:
+    """Whether a simpler effect that is steady within contacts removes most of what their offsets do.
+
+    It need not be proven: it may be what the model has, too, and offsets of contacts only contain it.
+    """
+    most = constants.alike * float(best.worth.mean())
+    return other.effect.is_steady and float(other.worth.mean()) >= most
 
 
 def _is_mostly(constant: Score, best: Score, constants: Constants) -> bool:

@@ -11,12 +11,12 @@ from taxel_models.loop.attribution import AS_USUAL, Named, in_order
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.findings import RejectedEffect
-from taxel_models.loop.inference.proof import is_worth_calibrating, stands
+from taxel_models.loop.inference.proof import stands
 from taxel_models.loop.inference.score import Score, Taken
 from taxel_models.loop.inference.scoring import Scoring
 from taxel_models.loop.observations import Observations
 
-DOUBTED: Final = "a likelier effect does not repeat, or was taken out again: this one may only stand for it"
+DOUBTED: Final = "an effect that does not repeat, or was taken out again, may be most of it"
 """The reason of an effect that proves itself and is not named."""
 
 
@@ -147,8 +147,6 @@ class Outcome:
         if stands(score, bool(taken), self._scoring.constants):
             further = self._scoring.raises_single_rows(score, taken)
             return "single rows are further off with it" if further else DOUBTED
-        if not score.effect.is_predictable and is_worth_calibrating(score, self._scoring.constants):
-            return AS_USUAL
         if score.worth.mean() <= 0.0:
             return "held-out blocks are further off with it"
         if score.worth.mean() >= self._scoring.constants.least_share:

@@ -18,9 +18,8 @@ def stands(score: Score, beside_others: bool, constants: Constants) -> bool:
         return False
     worth = float(score.worth.mean())
     if not score.effect.is_predictable:
-        # Offsets of contacts differ from day to day by more than how many contacts were held out tells.
-        more = score.gain.sum() >= (constants.usual_of_kind - 1.0) * score.usual.sum()
-        return bool(more and is_worth_calibrating(score, constants))
+        # Only a calibration can tell them, so they must be much of the error.
+        return worth >= constants.least_channel_share
     # A form that is not quite right leaves a little.
     share = max(constants.least_share, constants.least_channel_share if beside_others else 0.0)
     # The less an effect removes, the surer it must be.
@@ -45,11 +44,6 @@ def stands(score: Score, beside_others: bool, constants: Constants) -> bool:
     # Choosing among all channels has its price (Bonferroni).
     sure = score.channel_t >= constants.least_t(score.folds, score.chance / len(CHANNELS))
     return bool((score.weighed.changes & (score.worth >= least) & sure).any())
-
-
-def is_worth_calibrating(score: Score, constants: Constants) -> bool:
-    """Whether offsets of contacts, which only a calibration can tell, are much of the error."""
-    return bool(score.worth.mean() >= constants.least_channel_share)
 
 
 def most_of_simpler(score: Score, constants: Constants) -> float:

@@ -60,6 +60,37 @@ def test_a_constant_is_named_where_the_likeliest_effect_is_in_doubt(has_constant
     assert choose(able, [gain, *able], DECLARED) is (offset if has_constant else None)
 
 
+@pytest.mark.parametrize(("worth", "named"), [(0.1, "offset:contact"), (0.19, "gain")])
+def test_offsets_of_contacts_do_not_stand_for_a_drift_that_is_not_proven(worth: float, named: str) -> None:
+    """They contain it. The next one that proves itself may be named."""
+
+    def score(name: str, evidence: float, worth: float) -> Any:
+        effect = SimpleNamespace(
+            is_constant=False, is_predictable=name != "offset:contact", is_steady=name == "drift"
+        )
+        candidate = SimpleNamespace(certain=False, fitting=Fitting(few_channels=name == "gain"))
+        return SimpleNamespace(
+            name=name,
+            form=SimpleNamespace(candidate=candidate),
+            effect=effect,
+            freedom=21,
+            folds=8,
+            log_evidence=evidence,
+            t_with_usual=6.0,
+            worth=np.full(21, worth),
+            needs_constant=False,
+        )
+
+    contacts, drift, gain = (
+        score("offset:contact", 300.0, 0.2),
+        score("drift", 200.0, worth),
+        score("gain", 100.0, 0.05),
+    )
+    chosen = choose([contacts, gain], [contacts, drift, gain], DECLARED)
+    assert chosen is not None
+    assert chosen.name == named
+
+
 def test_a_likelier_constant_is_named_before_changes_of_a_few_channels() -> None:
     """They have fewer figures, and their gain is on another scale."""
 

@@ -169,11 +169,9 @@ def test_a_delay_that_grows_needs_a_share_as_others_do(worth: float, stands: boo
     assert proof.stands(score, False, DECLARED) is stands
 
 
-@pytest.mark.parametrize(
-    ("usual", "worth", "stands"), [(90.0, 0.06, True), (110.0, 0.06, False), (90.0, 0.04, False)]
-)
-def test_offsets_of_contacts_are_twice_as_large_as_usual(usual: float, worth: float, stands: bool) -> None:
-    """Else another day's contacts would have them."""
+@pytest.mark.parametrize(("worth", "stands"), [(0.06, True), (0.04, False)])
+def test_offsets_of_contacts_are_worth_a_calibration(worth: float, stands: bool) -> None:
+    """What is usual of them is subtracted from what they remove, and need not be as much again."""
     score = score_of(ContactOffset(), Fitting(), t=9.0, worth=np.full(21, worth))
-    score.gain, score.usual = np.full((8, 21), 100.0 / (8 * 21)), np.full((8, 21), usual / (8 * 21))
+    score.gain, score.usual = np.full((8, 21), 100.0 / (8 * 21)), np.full((8, 21), 110.0 / (8 * 21))
     assert proof.stands(score, False, DECLARED) == stands
