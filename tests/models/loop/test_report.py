@@ -165,6 +165,17 @@ def test_diagnostics_are_for_programs_too(result: LoopResult) -> None:
     assert np.abs(matrix).max() == 1.0
 
 
+def test_an_effect_that_no_half_shows_is_said(result: LoopResult) -> None:
+    stability = result.findings.stability
+    assert stability is not None
+    sentence = "On none of them: drift. Only a longer recording would show it on halves, too."
+    for chosen, said in ((stability.chosen, False), ({"offset": 1.0}, True)):
+        halves = stability.model_copy(update={"chosen": chosen})
+        findings = result.findings.model_copy(update={"stability": halves})
+        text = markdown(contents(Told(findings, result.new.extras, {"waterfall": WATERFALL})))
+        assert (sentence in text) is said
+
+
 def test_effects_that_cannot_be_told_apart_are_a_graph(result: LoopResult, tmp_path: Path) -> None:
     offset, drift = result.findings.effects
     both = (offset, drift.model_copy(update={"confounded_with": ("temperature", "gain")}))

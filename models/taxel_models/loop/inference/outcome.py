@@ -141,7 +141,7 @@ class Outcome:
             return "the residual is no likelier with it"
         least = self._scoring.constants.least_t(score.folds, score.chance)
         if score.t < least:
-            return AS_USUAL if score.t_with_usual >= least else "does not repeat over the held-out folds"
+            return AS_USUAL if score.t_with_usual >= least else _how_it_fails(score)
         if self._scoring.contradicts(score, taken):
             return "its weights differ more than its cause allows"
         if stands(score, bool(taken), self._scoring.constants):
@@ -152,3 +152,11 @@ class Outcome:
         if score.worth.mean() >= self._scoring.constants.least_share:
             return "not sure enough for how little it takes off the error"
         return "takes too little off the error to matter"
+
+
+def _how_it_fails(score: Score) -> str:
+    """Why held-out folds do not confirm what all of them together may show."""
+    by_fold = (score.gain + score.usual)[:, score.weighed.changes].sum(axis=1)
+    worse = int((by_fold < 0).sum())
+    how = f"{worse} of {score.folds} are further off with it" if worse else "few of them show most of it"
+    return f"does not repeat over the held-out folds: {how}"

@@ -191,6 +191,8 @@ def _stability(told: Told) -> list[Block]:
         "blocks, a weak effect is named less often. "
         f"{f'Named there alone: {listed(others)}.' if others else 'No other effect was named there.'}"
     )
+    if never := [name for name in named if not found.chosen.get(name)]:
+        text += f" On none of them: {listed(never)}. Only a longer recording would show it on halves, too."
     table: list[Block] = [Table(("effect", "named on"), rows)] if rows else []
     return [Heading("How often each effect is chosen"), Paragraph(text), *table]
 

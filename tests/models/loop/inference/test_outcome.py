@@ -16,7 +16,7 @@ TOO_LITTLE = "takes too little off the error to matter"
 UNSURE = "not sure enough for how little it takes off the error"
 
 
-def score(worth: float, t: float, *, predictable: bool = True, rows: bool = False) -> Any:
+def score(worth: float, t: float, *, predictable: bool = True, rows: bool = False, worse: int = 0) -> Any:
     """An effect that removes a share of the error, with so much certainty."""
     effect = SimpleNamespace(
         is_predictable=predictable,
@@ -38,7 +38,7 @@ def score(worth: float, t: float, *, predictable: bool = True, rows: bool = Fals
         t_with_usual=t,
         channel_t=np.zeros(21),
         worth=np.full(21, worth),
-        gain=np.ones((20, 21)),
+        gain=np.where(np.arange(20)[:, None] < worse, -3.0, 1.0) * np.ones(21),
         usual=np.full((20, 21), 2.0),
     )
 
@@ -53,7 +53,11 @@ def score(worth: float, t: float, *, predictable: bool = True, rows: bool = Fals
         (score(0.04, 2.6), UNSURE),
         (score(0.3, 6.0, predictable=False), DOUBTED),
         (score(0.01, 6.0, predictable=False), TOO_LITTLE),
-        (score(0.7, 1.0), "does not repeat over the held-out folds"),
+        (score(0.7, 1.0), "does not repeat over the held-out folds: few of them show most of it"),
+        (
+            score(0.7, 1.0, worse=6),
+            "does not repeat over the held-out folds: 6 of 20 are further off with it",
+        ),
     ],
 )
 def test_the_reason_is_what_decided(observations: Observations, found: Any, reason: str) -> None:
