@@ -67,7 +67,14 @@ class Drift(Effect):
             return
         drivers = elapsed(observations, evenly_filled(observations, 1))
         yield weighted(
-            observations, self.name, "line", "unit", drivers, centred=False, weight_units=("counts/s",)
+            observations,
+            self.name,
+            "line",
+            "unit",
+            drivers,
+            centred=False,
+            weight_units=("counts/s",),
+            follows_clock=True,
         )
         yield _of_pieces(observations, remaining)
         for share in WARMING:
@@ -186,4 +193,5 @@ def _along(
         weight_units=("counts",),
         fitting=fitting or Fitting(),
         form_parameters=parameters or {},
+        follows_clock=True,
     )

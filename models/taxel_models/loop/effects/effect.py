@@ -104,6 +104,8 @@ class Candidate:
         ages: whether it grows or fades over the session, so that some folds have more of it than others.
         of_kinds: whether each kind, such as a material, has its own weights: folds without a kind tell
             nothing of it.
+        follows_clock: whether it has a course over the session, which some folds lie further along than
+            others.
         contains: a simpler effect that its weights can stand for: it is no rival of that one. None without.
         moved: gives the observations with corrected inputs and new predictions; None for forms that add to
             the prediction.
@@ -124,6 +126,7 @@ class Candidate:
     mean_absorbed: bool = True
     ages: bool = False
     of_kinds: bool = False
+    follows_clock: bool = False
     contains: str | None = None
     moved: Callable[[Observations], Observations] | None = None
     again: "Callable[[Observations], Candidate] | None" = None
@@ -141,7 +144,7 @@ class Candidate:
     @property
     def acts_unevenly(self) -> bool:
         """Whether it is of a kind that acts in some folds more than in others."""
-        return self.ages or self.of_kinds or self.moves
+        return self.ages or self.of_kinds or self.follows_clock or self.moves
 
 
 def about_mean(candidate: Candidate, means: Floats) -> Candidate:

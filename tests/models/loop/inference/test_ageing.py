@@ -12,6 +12,7 @@ from taxel.channels import CHANNELS
 from taxel.held_out_residual import AGEING, ALIKE, HeldOutResidual, OwnStructure
 from taxel_models.loop.basis import Shared
 from taxel_models.loop.blocks import cut
+from taxel_models.loop.effects.drift import Drift
 from taxel_models.loop.effects.effect import Candidate, Fitting, Remaining
 from taxel_models.loop.effects.gain import Gain
 from taxel_models.loop.inference.constants import DECLARED
@@ -115,7 +116,17 @@ def test_a_form_has_what_is_usual_of_forms_with_at_most_its_freedom(reference: H
     assert {usual_of(earlier, ages=ages, pooled=ages) for ages in (False, True)} == {9.0}
 
 
-@pytest.mark.parametrize("acts", ["evenly", "ages", "of_kinds", "moves"])
+def test_what_is_usual_of_a_drift_counts_by_how_far_it_has_come(observations: Observations) -> None:
+    every = np.ones(len(observations))
+    forms = list(Drift().forms(observations, Remaining(observations.residual, every > 0, every)))
+    assert {form.form.split()[0] for form in forms} >= {"line", "6", "an", "a"}
+    for form in forms:
+        assert form.acts_unevenly
+        assert form.again is not None
+        assert form.again(observations).acts_unevenly
+
+
+@pytest.mark.parametrize("acts", ["evenly", "ages", "of_kinds", "follows_clock", "moves"])
 def test_folds_have_what_is_usual_by_their_change_or_by_their_bins(
     reference: HeldOutResidual, acts: str
 ) -> None:
