@@ -147,6 +147,11 @@ class Outcome:
         if stands(score, bool(taken), self._scoring.constants):
             further = self._scoring.raises_single_rows(score, taken)
             return "single rows are further off with it" if further else DOUBTED
+        if (
+            not score.effect.is_predictable
+            and score.worth.mean() >= self._scoring.constants.least_channel_share
+        ):
+            return AS_USUAL
         if score.worth.mean() <= 0.0:
             return "held-out blocks are further off with it"
         if score.worth.mean() >= self._scoring.constants.least_share:

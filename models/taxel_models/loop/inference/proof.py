@@ -18,8 +18,10 @@ def stands(score: Score, beside_others: bool, constants: Constants) -> bool:
         return False
     worth = float(score.worth.mean())
     if not score.effect.is_predictable:
-        # Only a calibration can tell them, so they must be much of the error.
-        return worth >= constants.least_channel_share
+        # Only a calibration can tell them, so they must be much of the error. Of 50 contacts, chance alone
+        # reaches one and a half times their variance once in 100 times.
+        more = score.gain.sum() >= (constants.usual_of_kind - 1.0) / 2.0 * score.usual.sum()
+        return bool(more) and worth >= constants.least_channel_share
     # A form that is not quite right leaves a little.
     share = max(constants.least_share, constants.least_channel_share if beside_others else 0.0)
     # The less an effect removes, the surer it must be.

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from taxel_models.loop.attribution import AS_USUAL
 from taxel_models.loop.blocks import cut
 from taxel_models.loop.effects.effect import Fitting
 from taxel_models.loop.inference.constants import DECLARED
@@ -52,6 +53,7 @@ def score(worth: float, t: float, *, predictable: bool = True, rows: bool = Fals
         (score(0.01, 6.0), TOO_LITTLE),
         (score(0.04, 2.6), UNSURE),
         (score(0.3, 6.0, predictable=False), DOUBTED),
+        (score(0.3, 6.0, predictable=False, worse=10), AS_USUAL),
         (score(0.01, 6.0, predictable=False), TOO_LITTLE),
         (score(0.7, 1.0), "does not repeat over the held-out folds: few of them show most of it"),
         (
