@@ -54,7 +54,7 @@ def casts_doubt(other: Score, best: Score, constants: Constants) -> bool:
 
 
 def _is_steady_and_carries(other: Score, best: Score, constants: Constants) -> bool:
-    """Whether a simpler effect that is steady within contacts removes most of what their offsets do.
+    """Whether an effect that is steady within contacts removes most of what their offsets do.
 
     It need not be proven: it may be what the model has, too, and offsets of contacts only contain it.
     """

@@ -35,8 +35,8 @@ class Constants:
         foretold: share of the evidence for a change of a few channels that the model's prediction alone
             must give.
         usual_of_kind: a recording of one kind may show so many times what was held out of the kind, and
-            more where few contacts were. Of waves, any recording may; of offsets of
-            contacts, half as much more.
+            more where few contacts were. Of waves, any recording may; of offsets of contacts, half as much
+            beyond it.
     """
 
     fading_s: float = 1.0
