@@ -273,6 +273,13 @@ def test_what_raises_the_error_on_held_out_blocks_is_told() -> None:
     assert told.startswith("drift raises the squared error on held-out blocks, by 433 %:")
     assert told.endswith("--exclude drift.")
     assert told in opening(findings(worse), [])
+    cancels = effect("crosstalk").model_copy(update={"explained": 4.4})
+    (told,) = unconfirmed_effects(findings(worse, cancels))
+    assert "by 433 %, and crosstalk takes that off again" in told
+    assert told.endswith("--exclude crosstalk.")
+    # One that stands above it does not take off what it adds.
+    (told,) = unconfirmed_effects(findings(cancels, worse))
+    assert told.endswith("--exclude drift.")
     little = effect("drift").model_copy(update={"explained": -0.01})
     (told,) = unconfirmed_effects(findings(little))
     assert told.startswith("drift takes nothing off the squared error on held-out blocks")

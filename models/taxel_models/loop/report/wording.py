@@ -219,11 +219,18 @@ def _named(findings: Findings, extras: Sequence[ExtraFeature]) -> list[str]:
 def unconfirmed_effects(findings: Findings) -> list[str]:
     """A sentence for each named effect that takes nothing off the error of held-out blocks."""
     sentences = []
-    for effect in findings.effects:
+    for place, effect in enumerate(findings.effects):
+        below = findings.effects[place + 1 :]
+        other = next((one.name for one in below if one.explained >= -effect.explained), None)
         raises = (
             f"{effect.name} raises the squared error on held-out blocks, by {percent(-effect.explained)}"
         )
-        if effect.explained < -HARMFUL and effect.served:
+        if effect.explained < -HARMFUL and other is not None:
+            sentences.append(
+                f"{raises}, and {other} takes that off again: they cancel in part, and neither tells a "
+                f"cause by itself. Leave one out and compare: --exclude {other}."
+            )
+        elif effect.explained < -HARMFUL and effect.served:
             sentences.append(
                 f"{raises}: the blocks that it was fitted to do not show how it goes on there. Record "
                 f"more, or leave it out: --exclude {effect.name}."
