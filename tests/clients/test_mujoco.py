@@ -226,6 +226,20 @@ def test_fingertips_may_step_more_rarely_than_the_simulation(predictor: Predicto
         taxel.mujoco.Fingertips(model, predictor, rate_hz=0)
 
 
+def test_data_that_were_never_stepped_are_told(predictor: Predictor) -> None:
+    model = scene("left")
+    data, tips = mujoco.MjData(model), taxel.mujoco.Fingertips(model, predictor)
+    with pytest.raises(InvalidArgument, match="no poses yet: expected `mj_step` or `mj_forward`"):
+        tips.step(data)
+    mujoco.mj_step(model, data)
+    tips.step(data)
+    mujoco.mj_resetData(model, data)
+    with pytest.raises(InvalidArgument, match="no poses yet"):
+        tips.step(data)
+    mujoco.mj_forward(model, data)
+    tips.step(data)
+
+
 def test_a_simulation_that_has_diverged_is_told(predictor: Predictor) -> None:
     model = scene("left")
     data, tips = mujoco.MjData(model), taxel.mujoco.Fingertips(model, predictor)

@@ -72,12 +72,18 @@ class SiteContacts:
             strict: contacts off the skin are an error, not a warning.
 
         Raises:
-            InvalidArgument: the data are of another model; or, if strict, contacts are off the skin.
+            InvalidArgument: the data are of another model, or were never stepped; or, if strict, contacts
+                are off the skin.
         """
         if data.model is not self._like:
             self._check_model(data.model)
         points, forces, on = self._contacts(data) if self._nets is None else self._net_contacts(data)
         rotations = data.site_xmat[self.sites].reshape(-1, 3, 3)
+        if not rotations.any():
+            raise InvalidArgument(
+                "the data have no poses yet: expected `mj_step` or `mj_forward` after they were made or "
+                "reset"
+            )
         return fingertip_contacts(
             points, forces, data.site_xpos[self.sites], rotations, finger=on, last=last, strict=strict
         )
