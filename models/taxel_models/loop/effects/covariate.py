@@ -47,7 +47,7 @@ def _both(offsets: Candidate, gains: Candidate) -> Candidate:
             *(f"gain, {name}" for name in gains.weight_names),
         ),
         weight_units=(*("counts",) * size, *("relative",) * gains.basis.size),
-        of_kinds=True,
+        uneven=True,
         contains=gains.contains,
         online=online,
         again=again,
@@ -124,7 +124,7 @@ class Covariate(Effect):
             drivers,
             rows=fit,
             weight_units=("counts",),
-            of_kinds=True,
+            uneven=True,
         )
 
     def _gains(self, observations: Observations, kinds: Floats) -> Candidate:
@@ -137,7 +137,7 @@ class Covariate(Effect):
             self._are(observations, kinds),
             centred=False,
             weight_units=("relative",),
-            of_kinds=True,
+            uneven=True,
             contains=Gain.name,
         )
 

@@ -74,7 +74,7 @@ class Drift(Effect):
             drivers,
             centred=False,
             weight_units=("counts/s",),
-            follows_clock=True,
+            uneven=True,
         )
         yield _of_pieces(observations, remaining)
         for share in WARMING:
@@ -193,5 +193,5 @@ def _along(
         weight_units=("counts",),
         fitting=fitting or Fitting(),
         form_parameters=parameters or {},
-        follows_clock=True,
+        uneven=True,
     )

@@ -102,10 +102,8 @@ class Candidate:
         certain: whether chance cannot cause its signature. Then it needs no test.
         mean_absorbed: whether a trained model may have absorbed its mean.
         ages: whether it grows or fades over the session, so that some folds have more of it than others.
-        of_kinds: whether each kind, such as a material, has its own weights: folds without a kind tell
-            nothing of it.
-        follows_clock: whether it has a course over the session, which some folds lie further along than
-            others.
+        uneven: whether some folds have more of it than others for another reason: each kind, such as a
+            material, has its own weights, or it has a course over the session.
         contains: a simpler effect that its weights can stand for: it is no rival of that one. None without.
         moved: gives the observations with corrected inputs and new predictions; None for forms that add to
             the prediction.
@@ -125,8 +123,7 @@ class Candidate:
     certain: bool = False
     mean_absorbed: bool = True
     ages: bool = False
-    of_kinds: bool = False
-    follows_clock: bool = False
+    uneven: bool = False
     contains: str | None = None
     moved: Callable[[Observations], Observations] | None = None
     again: "Callable[[Observations], Candidate] | None" = None
@@ -144,7 +141,7 @@ class Candidate:
     @property
     def acts_unevenly(self) -> bool:
         """Whether it is of a kind that acts in some folds more than in others."""
-        return self.ages or self.of_kinds or self.follows_clock or self.moves
+        return self.ages or self.uneven or self.moves
 
 
 def about_mean(candidate: Candidate, means: Floats) -> Candidate:

@@ -1,7 +1,6 @@
 """The motion of a model's inputs that explains most of a residual: they are turned, shifted or scaled."""
 
 from collections.abc import Callable, Sequence
-from functools import cache
 from itertools import product
 from typing import Any, Final, NamedTuple
 
@@ -94,16 +93,6 @@ class MotionKind(NamedTuple):
     frame: Callable[[Floats], Frame]
     parameters: Callable[[Floats], Parameters]
     by_spread: bool = False
-
-    def frames(self, vectors: Floats) -> Sequence[Frame]:
-        """The motions of vectors (k, 3) or (k, 1). Those of the starts are made once."""
-        return _start_frames(self.name) if vectors is self.starts else [self.frame(one) for one in vectors]
-
-
-@cache
-def _start_frames(kind_name: str) -> Sequence[Frame]:
-    (kind,) = (kind for kind in MOTION_KINDS if kind.name == kind_name)
-    return [kind.frame(vector) for vector in kind.starts]
 
 
 def _turn(name: str, *parts: str) -> MotionKind:
@@ -211,7 +200,7 @@ def fit_motion(observations: Observations, remaining: Remaining) -> Motion | Non
     every, few, scan = (Misfit(observations, remaining, rows[::step]) for step in (1, FEW, FEW * SCANNED))
     rough: list[Motion] = []
     for kind in MOTION_KINDS:
-        starts = kind.starts * every.unit(kind) if kind.by_spread else kind.starts
+        starts = kind.starts * every.unit(kind)
         if len(starts) > BEST_STARTS:
             starts = starts[np.argsort(scan.of(scan.changes(kind, starts)))[:BEST_STARTS]]
         near = [_gauss_newton(few, kind, start, ROUGH_STEPS) for start in starts]
@@ -258,7 +247,7 @@ class Misfit:
     def changes(self, kind: MotionKind, vectors: Floats) -> Floats:
         """(k, n, 21) the change by each motion (k, 3) or (k, 1) of a kind, weighted as the target is."""
         spec = self._observations.manifest.spec
-        turned = np.concatenate([frame.turn(self._windows, spec) for frame in kind.frames(vectors)])
+        turned = np.concatenate([kind.frame(vector).turn(self._windows, spec) for vector in vectors])
         answers = predict_all(self._observations.model.predict, turned)
         return self.weighted(answers.reshape(len(vectors), *self._still.shape) - self._still)
 

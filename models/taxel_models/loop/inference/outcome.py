@@ -11,7 +11,7 @@ from taxel_models.loop.attribution import AS_USUAL, Named, in_order
 from taxel_models.loop.basis import Floats
 from taxel_models.loop.blocks import Blocks
 from taxel_models.loop.findings import RejectedEffect
-from taxel_models.loop.inference.proof import stands
+from taxel_models.loop.inference.proof import is_worth_calibrating, stands
 from taxel_models.loop.inference.score import Score, Taken
 from taxel_models.loop.inference.scoring import Scoring
 from taxel_models.loop.observations import Observations
@@ -147,10 +147,7 @@ class Outcome:
         if stands(score, bool(taken), self._scoring.constants):
             further = self._scoring.raises_single_rows(score, taken)
             return "single rows are further off with it" if further else DOUBTED
-        if (
-            not score.effect.is_predictable
-            and score.worth.mean() >= self._scoring.constants.least_channel_share
-        ):
+        if not score.effect.is_predictable and is_worth_calibrating(score, self._scoring.constants):
             return AS_USUAL
         if score.worth.mean() <= 0.0:
             return "held-out blocks are further off with it"

@@ -18,10 +18,9 @@ def stands(score: Score, beside_others: bool, constants: Constants) -> bool:
         return False
     worth = float(score.worth.mean())
     if not score.effect.is_predictable:
-        # Only a calibration can tell them, so they must be much of the error. Of 50 contacts, chance alone
-        # reaches one and a half times their variance once in 100 times.
+        # The variance of 50 contacts is by chance one and a half times as large once in 100 times.
         more = score.gain.sum() >= (constants.usual_of_kind - 1.0) / 2.0 * score.usual.sum()
-        return bool(more) and worth >= constants.least_channel_share
+        return bool(more and is_worth_calibrating(score, constants))
     # A form that is not quite right leaves a little.
     share = max(constants.least_share, constants.least_channel_share if beside_others else 0.0)
     # The less an effect removes, the surer it must be.
@@ -46,6 +45,11 @@ def stands(score: Score, beside_others: bool, constants: Constants) -> bool:
     # Choosing among all channels has its price (Bonferroni).
     sure = score.channel_t >= constants.least_t(score.folds, score.chance / len(CHANNELS))
     return bool((score.weighed.changes & (score.worth >= least) & sure).any())
+
+
+def is_worth_calibrating(score: Score, constants: Constants) -> bool:
+    """Whether offsets of contacts, which only a calibration can tell, are much of the error."""
+    return bool(score.worth.mean() >= constants.least_channel_share)
 
 
 def most_of_simpler(score: Score, constants: Constants) -> float:

@@ -126,7 +126,7 @@ def test_what_is_usual_of_a_drift_counts_by_how_far_it_has_come(observations: Ob
         assert form.again(observations).acts_unevenly
 
 
-@pytest.mark.parametrize("acts", ["evenly", "ages", "of_kinds", "follows_clock", "moves"])
+@pytest.mark.parametrize("acts", ["evenly", "ages", "uneven", "moves"])
 def test_folds_have_what_is_usual_by_their_change_or_by_their_bins(
     reference: HeldOutResidual, acts: str
 ) -> None:
