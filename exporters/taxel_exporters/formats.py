@@ -31,7 +31,7 @@ class ExportedModel:
 
 
 def _xgboost_json(trained: TrainedModel) -> ExportedModel:
-    from taxel_exporters.merge import merge
+    from taxel_models.families.merge import merge
     from taxel_models.families.xgb import XgbModel
 
     assert isinstance(trained.fitted, XgbModel)

@@ -15,7 +15,7 @@ from taxel_bench.operations.of_trees import count_tree_operations, leaf_depths
 
 
 class Regressors:
-    """Splits a merged forest into its boosters, without loss: the inverse of `taxel_exporters.merge`.
+    """Splits a merged forest into its boosters, without loss: the inverse of `taxel_models.families.merge`.
 
     Args:
         model_path: XGBoost's JSON of a model with one output a tree.

@@ -95,6 +95,11 @@ class BaseModel:
             taxel_version=__version__,
         )
 
+    @cached_property
+    def _many_times(self) -> TrainedModel:
+        """The trained model, to ask it for few rows again and again."""
+        return replace(self.trained, fitted=self._fitted.as_one_booster())
+
     @property
     def _fitted(self) -> XgbModel:
         if not isinstance(self.trained.fitted, XgbModel):
@@ -103,7 +108,7 @@ class BaseModel:
 
     def predict(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
         """(n, 21) counts of windows (n, f)."""
-        return self.trained.predict(windows) + self.shift.astype(np.float32)
+        return self._many_times.predict(windows) + self.shift.astype(np.float32)
 
     def predict_base(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
         """The same as `predict`: the model has no effects."""

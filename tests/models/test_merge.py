@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from taxel.errors import ArtifactError
-from taxel_exporters.merge import merge
+from taxel_models.families.merge import merge
 
 
 def fit(
