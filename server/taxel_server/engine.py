@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taxel import artifacts
+from taxel.arguments import checked_version
 from taxel.channels import CHANNELS
 from taxel.errors import ArtifactError, NotFound, TaxelError, Unavailable
 from taxel.manifest import Manifest
@@ -253,8 +254,9 @@ class Engine:
         Raises:
             NotFound: there is no such model or version; the text lists those there are.
             Unavailable: it cannot be loaded; the text says why.
+            InvalidArgument: the version is no text.
         """
-        versions = self._versions_of(name, version)
+        versions = self._versions_of(name, checked_version(version))
         reasons = []
         for candidate in reversed(versions):
             if version is None and (name, candidate) in self._shadows:

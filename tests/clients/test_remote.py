@@ -358,6 +358,14 @@ def test_a_name_that_no_model_can_have_is_not_found(
     assert asked == []
 
 
+def test_a_version_that_is_no_text_is_told(connected: Callable[[Answer], RemoteSource]) -> None:
+    asked: list[zenoh.Query] = []
+    client = connected(asked.append)
+    with pytest.raises(InvalidArgument, match="version is 1: expected a text such as '1', or None"):
+        client.predictor("skin", 1)  # type: ignore[arg-type]
+    assert asked == []
+
+
 def test_a_closed_client_is_unavailable(connected: Callable[[Answer], RemoteSource]) -> None:
     client = connected(turning_away)
     client.close()

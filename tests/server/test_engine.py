@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taxel.errors import ArtifactError, MissingDependency, NotFound, Unavailable
+from taxel.errors import ArtifactError, InvalidArgument, MissingDependency, NotFound, Unavailable
 from taxel_models.shipped import shipped_repository
 from taxel_server import engine as engine_module
 from taxel_server.engine import Engine, load_model
@@ -78,6 +78,11 @@ def test_the_newest_version_is_meant_where_none_is_named(engine: Engine) -> None
 def test_what_is_not_there_is_not_found(engine: Engine, name: str, version: str | None, text: str) -> None:
     with pytest.raises(NotFound, match=text):
         engine.model(name, version)
+
+
+def test_a_version_that_is_no_text_is_told(engine: Engine) -> None:
+    with pytest.raises(InvalidArgument, match="version is 2: expected a text such as '1', or None"):
+        engine.model("skin", 2)  # type: ignore[arg-type]
 
 
 def truncate(folder: Path) -> None:

@@ -41,6 +41,19 @@ def checked_flag(name: str, value: Any) -> bool:
     return value
 
 
+def checked_version(version: Any) -> str | None:
+    """The version of a model, or None for the newest.
+
+    Raises:
+        InvalidArgument: it is neither a text nor None.
+    """
+    if not (version is None or isinstance(version, str)):
+        raise InvalidArgument(
+            f"version is {version!r}: expected a text such as '1', or None for the newest"
+        )
+    return version
+
+
 def checked_microseconds(name: str, value: Any) -> int:
     """An argument in microseconds.
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from taxel.arguments import checked_flag, checked_timeout
+from taxel.arguments import checked_flag, checked_timeout, checked_version
 from taxel.artifacts import is_name, is_version
 from taxel.errors import (
     Internal,
@@ -157,7 +157,9 @@ class RemoteCore(Generic[LaneT]):
 
         Raises:
             NotFound: there is no such model or version.
+            InvalidArgument: the version is no text.
         """
+        checked_version(version)
         if not is_name(name) or not (version is None or is_version(version)):
             raise NotFound(f"no model can be called {name!r}, version {version!r}")
         model = await self._read(
