@@ -67,6 +67,19 @@ def test_a_stand_in_predicts_moved_inputs(some: Observations) -> None:
     assert np.abs(found.with_windows(windows, shift_ticks=0).predicted - found.predicted).max() > 1.0
 
 
+def test_of_few_contacts_a_stand_in_sees_three_quarters(some: Observations) -> None:
+    """Half of few contacts tell much less than all, so that stand-ins would err by more than the model."""
+    few = without_their_contact(some)
+    many = without_their_contact(replace(some, segment=np.arange(len(some)) // 20))
+    groups = [] if few is None or many is None else [_groups(few), _groups(many)]
+    assert groups == [4, 2]
+
+
+def _groups(observations: Observations) -> int:
+    """How many groups of contacts are left out, one after the other."""
+    return len(np.unique(observations.windows[:, -1]))
+
+
 def test_few_contacts_have_no_stand_ins(some: Observations) -> None:
     few = some.kept(some.contact <= np.unique(some.contact)[3])
     assert without_their_contact(few) is None
