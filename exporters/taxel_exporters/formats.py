@@ -31,8 +31,8 @@ class ExportedModel:
 
 
 def _xgboost_json(trained: TrainedModel) -> ExportedModel:
-    from taxel_models.families.merge import merge
     from taxel_models.families.xgb import XgbModel
+    from taxel_models.families.xgb_merge import merge
 
     assert isinstance(trained.fitted, XgbModel)
     content = merge(trained.fitted.boosters)

@@ -15,7 +15,9 @@ from taxel_bench.operations.of_trees import count_tree_operations, leaf_depths
 
 
 class Regressors:
-    """Splits a merged forest into its boosters, without loss: the inverse of `taxel_models.families.merge`.
+    """Splits a merged forest into its boosters, without loss.
+
+    The inverse of `taxel_models.families.xgb_merge`.
 
     Args:
         model_path: XGBoost's JSON of a model with one output a tree.

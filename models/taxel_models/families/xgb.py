@@ -23,8 +23,8 @@ from taxel_models.families.family import (
     Hyperparameters,
     Progress,
 )
-from taxel_models.families.merge import merge
 from taxel_models.families.published import published
+from taxel_models.families.xgb_merge import merge
 
 Share = Annotated[float, Field(gt=0, le=1)]
 
@@ -64,7 +64,7 @@ class XgbModel(FittedModel):
         self.boosters, self._merged = boosters, merged
 
     def as_one_booster(self) -> "XgbModel":
-        """The same model, to the bit. It takes a second to make, and half the time for 300 rows."""
+        """The same model, with all trees in one booster: it predicts few rows faster, to the same bit."""
         merged = xgboost.Booster({"nthread": 1})
         merged.load_model(bytearray(merge(self.boosters)))
         return XgbModel(self.boosters, merged)
@@ -79,7 +79,9 @@ class XgbModel(FittedModel):
         self, windows: NDArray[np.float32], extras: Mapping[str, NDArray[np.float32]] = NO_EXTRAS
     ) -> NDArray[np.float32]:
         if self._merged is not None:
-            return np.asarray(self._merged.inplace_predict(windows), np.float32)
+            # Of no rows, XGBoost forgets how many outputs there are.
+            answers = self._merged.inplace_predict(windows).reshape(len(windows), len(self.boosters))
+            return np.asarray(answers, np.float32)
         columns = [booster.inplace_predict(windows, iteration_range=(0, 0)) for booster in self.boosters]
         return np.stack(columns, axis=1).astype(np.float32, copy=False)
 

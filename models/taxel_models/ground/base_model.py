@@ -61,6 +61,8 @@ class BaseModel:
             jobs=jobs,
         )
         trained, kept = train([recording], settings)
+        # The loop asks for few rows, some hundred times.
+        trained = replace(trained, fitted=_as_trees(trained).as_one_booster())
         (reference,), (fitted,) = kept.reference, kept.fitted
         unshifted = cls(trained, np.zeros(len(CHANNELS)), reference, fitted)
         # A mean needs many rows, and trees are as skewed on those that they were fitted to.
@@ -77,7 +79,7 @@ class BaseModel:
         """As the model's artifact would have it."""
         record, layout = self.trained.record, self.trained.layout
         inputs, outputs = tensors(layout)
-        weights = b"".join(bytes(booster.save_raw()) for booster in self._fitted.boosters)
+        weights = b"".join(bytes(booster.save_raw()) for booster in _as_trees(self.trained).boosters)
         return Manifest(
             name="base",
             version="1",
@@ -95,21 +97,16 @@ class BaseModel:
             taxel_version=__version__,
         )
 
-    @cached_property
-    def _many_times(self) -> TrainedModel:
-        """The trained model, to ask it for few rows again and again."""
-        return replace(self.trained, fitted=self._fitted.as_one_booster())
-
-    @property
-    def _fitted(self) -> XgbModel:
-        if not isinstance(self.trained.fitted, XgbModel):
-            raise TypeError(f"{type(self.trained.fitted).__name__}: expected XgbModel")
-        return self.trained.fitted
-
     def predict(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
         """(n, 21) counts of windows (n, f)."""
-        return self._many_times.predict(windows) + self.shift.astype(np.float32)
+        return self.trained.predict(windows) + self.shift.astype(np.float32)
 
     def predict_base(self, windows: NDArray[np.float32]) -> NDArray[np.float32]:
         """The same as `predict`: the model has no effects."""
         return self.predict(windows)
+
+
+def _as_trees(trained: TrainedModel) -> XgbModel:
+    if not isinstance(trained.fitted, XgbModel):
+        raise TypeError(f"{type(trained.fitted).__name__}: expected XgbModel")
+    return trained.fitted

@@ -8,6 +8,8 @@ import pytest
 
 from taxel.channels import CHANNELS
 from taxel.errors import RecordingError
+from taxel_models.families.xgb import XgbModel
+from taxel_models.ground.base_model import BaseModel
 from taxel_models.ground.ground import Clean, predicted
 from taxel_models.ground.real import SLIDE, STRETCH, RealGround, estimated_place, read_lasa
 from taxel_models.ground.twins import StoredModel
@@ -87,6 +89,18 @@ def test_the_base_model_fits_what_it_did_not_see(slide: RealGround, lasa: RealGr
         counts, rows = predicted(clean.model, part)
         errors.append(part.channels[rows] - counts)
     np.testing.assert_allclose(np.concatenate(errors).mean(axis=0), 0.0, atol=0.05)
+
+
+def test_a_base_model_answers_as_its_boosters_do(lasa: RealGround) -> None:
+    """It predicts with all of them in one."""
+    clean = lasa.clean(0)
+    assert isinstance(clean.model, BaseModel)
+    fitted = clean.model.trained.fitted
+    assert isinstance(fitted, XgbModel)
+    rows = np.random.default_rng(0).normal(size=(300, len(clean.model.manifest.window.features)))
+    windows = rows.astype(np.float32)
+    for some in (windows, windows[:1], windows[:0]):
+        np.testing.assert_array_equal(fitted.predict(some), XgbModel(fitted.boosters).predict(some))
 
 
 def test_rounds_take_turns_over_base_models(data_folder: Path, lasa: RealGround) -> None:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from taxel.errors import ArtifactError
-from taxel_models.families.merge import merge
+from taxel_models.families.xgb_merge import merge
 
 
 def fit(
